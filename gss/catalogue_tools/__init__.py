@@ -1,0 +1,1 @@
+"""From a published catalogue to verified bytes on board. Pure."""

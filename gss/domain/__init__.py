@@ -1,0 +1,1 @@
+"""The words everyone uses: angles, rotations, frames, cameras, stars, results. numpy and the standard library only."""

@@ -1,0 +1,47 @@
+"""Angles on the sphere. Radians everywhere; degrees only where a name says so."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ARCSEC_RAD = np.pi / 648_000.0
+TWO_PI_RAD = 2.0 * np.pi
+
+
+def wrap_two_pi_rad(angle_rad: Array | float) -> Array | float:
+    """Angle in [0, 2π)."""
+    return np.mod(angle_rad, TWO_PI_RAD)
+
+
+def wrap_pi_rad(angle_rad: Array | float) -> Array | float:
+    """Angle in [−π, π)."""
+    return np.mod(np.asarray(angle_rad) + np.pi, TWO_PI_RAD) - np.pi
+
+
+def unit_from_ra_dec(ra_rad: Array | float, dec_rad: Array | float) -> Array:
+    """(…, 3) unit vectors from right ascension and declination."""
+    ra, dec = np.broadcast_arrays(np.asarray(ra_rad, float), np.asarray(dec_rad, float))
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
+
+def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
+    """Right ascension [0, 2π) and declination of (…, 3) vectors; any length but zero.
+
+    atan2 keeps full precision at the poles, where arcsin of z loses half the digits.
+    """
+    x, y, z = np.moveaxis(np.asarray(unit, float), -1, 0)
+    return np.mod(np.arctan2(y, x), TWO_PI_RAD), np.arctan2(z, np.hypot(x, y))
+
+
+def separation_rad(a: Array, b: Array) -> Array:
+    """Angle between (…, 3) unit vectors, by the chord.
+
+    Jacobs 1995 eq. C.7 takes the arccosine of the dot product, which loses 1e-8 rad for small
+    angles; 2·arcsin(chord/2) does not, and near 180° the sum takes over.
+    """
+    chord = np.linalg.norm(np.asarray(a) - b, axis=-1)
+    total = np.linalg.norm(np.asarray(a) + b, axis=-1)
+    return 2.0 * np.arctan2(chord, total)

@@ -1,0 +1,275 @@
+"""Camera geometry: unit vectors in the camera frame ↔ pixels, exact both ways.
+
+Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. One direction of each model is a closed formula,
+the other is its Newton inverse, so that ``undistort(distort(p)) == p`` to rounding inside the model's domain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+NEWTON_STEPS = 25
+CONVERGED = 1e-14
+
+
+class Distortion(Protocol):
+    """Maps (n, 2) tangent-plane points from ideal to measured and back; NaN outside the model's domain."""
+
+    def distort(self, ideal: Array) -> Array: ...
+
+    def undistort(self, measured: Array) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """No distortion."""
+
+    def distort(self, ideal: Array) -> Array:
+        return ideal
+
+    def undistort(self, measured: Array) -> Array:
+        return measured
+
+
+@dataclass(frozen=True)
+class Brown:
+    """Brown–Conrady model as OpenCV writes it: closed form from ideal to measured.
+
+    Erlank 2013 eq. 4.1.3–4 uses the same polynomial in the other direction with inverted signs, an approximation;
+    :class:`BrownUndistort` is that form.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def distort(self, ideal: Array) -> Array:
+        x, y = ideal[..., 0], ideal[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        dx = 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
+        dy = self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
+        return np.stack([x * radial + dx, y * radial + dy], axis=-1)
+
+    def _jacobian(self, p: Array) -> tuple[Array, Array, Array, Array]:
+        x, y = p[..., 0], p[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))
+        cross = x * y * slope + 2 * self.p1 * x + 2 * self.p2 * y
+        xx = radial + x * x * slope + 2 * self.p1 * y + 6 * self.p2 * x
+        yy = radial + y * y * slope + 6 * self.p1 * y + 2 * self.p2 * x
+        return xx, cross, cross, yy
+
+    def undistort(self, measured: Array) -> Array:
+        p = np.array(measured, float)
+        for _ in range(NEWTON_STEPS):
+            error = self.distort(p) - measured
+            a, b, c, d = self._jacobian(p)
+            det = a * d - b * c
+            step = np.stack([d * error[..., 0] - b * error[..., 1], a * error[..., 1] - c * error[..., 0]], axis=-1)
+            step = step / det[..., None]
+            # A damped step keeps far points from jumping over the fold of a strong barrel polynomial.
+            length = np.linalg.norm(step, axis=-1, keepdims=True)
+            p = p - step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
+            if not np.any(length > CONVERGED):
+                break
+        bad = np.linalg.norm(self.distort(p) - measured, axis=-1) > 1e-9
+        p[bad] = np.nan
+        return p
+
+
+@dataclass(frozen=True)
+class BrownUndistort:
+    """Brown's polynomial from measured to ideal (Erlank 2013 eq. 4.1.3–4), the form a small processor evaluates once."""
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    def _forward(self) -> Brown:
+        return Brown(self.k1, self.k2, self.p1, self.p2)
+
+    def undistort(self, measured: Array) -> Array:
+        return self._forward().distort(np.asarray(measured, float))
+
+    def distort(self, ideal: Array) -> Array:
+        return self._forward().undistort(np.asarray(ideal, float))
+
+
+@dataclass(frozen=True)
+class RadialTilt:
+    """Tilted detector and radial polynomial (Jacobs 1995 eq. 6.13–6.16): closed form from measured to ideal.
+
+    ``tilt_max_rad`` is the largest tilt, met in the direction ``tilt_direction_rad`` (from camera +x towards +y).
+    ``radial`` holds k₁…k₄ of Δr = k₁ r + k₂ r² + …, r and Δr in millimetres on the detector as the source prints
+    them, hence ``focal_mm``.
+    """
+
+    focal_mm: float
+    tilt_max_rad: float = 0.0
+    tilt_direction_rad: float = 0.0
+    radial: tuple[float, ...] = ()
+
+    def _tilt_rad(self, x: Array, y: Array) -> Array:
+        phi = np.arctan2(y, x)
+        return np.asarray(np.arcsin(np.sin(self.tilt_max_rad) * np.cos(phi - self.tilt_direction_rad)))
+
+    def _aberration(self, r_mm: Array) -> tuple[Array, Array]:
+        """Δr and its slope at radius r."""
+        powers = np.arange(1, len(self.radial) + 1)
+        k = np.asarray(self.radial)
+        r = np.asarray(r_mm)[..., None]
+        return np.sum(k * r**powers, axis=-1), np.sum(k * powers * r ** (powers - 1), axis=-1)
+
+    def undistort(self, measured: Array) -> Array:
+        x, y = measured[..., 0], measured[..., 1]
+        r = np.hypot(x, y)
+        tilt = self._tilt_rad(x, y)
+        delta_mm, _ = self._aberration(r * self.focal_mm)
+        ideal_r = np.cos(tilt) * (r - delta_mm / self.focal_mm) / (1 + r * np.sin(tilt))
+        scale = np.where(r > 0, ideal_r / np.where(r > 0, r, 1.0), 1.0)
+        return np.asarray(measured) * scale[..., None]
+
+    def distort(self, ideal: Array) -> Array:
+        x, y = ideal[..., 0], ideal[..., 1]
+        ideal_r = np.hypot(x, y)
+        tilt = self._tilt_rad(x, y)
+        r = ideal_r.copy()
+        for _ in range(NEWTON_STEPS):
+            delta_mm, slope = self._aberration(r * self.focal_mm)
+            value = np.cos(tilt) * (r - delta_mm / self.focal_mm) - ideal_r * (1 + r * np.sin(tilt))
+            derivative = np.cos(tilt) * (1 - slope) - ideal_r * np.sin(tilt)
+            step = value / derivative
+            r = r - step
+            if not np.any(np.abs(step) > CONVERGED):
+                break
+        scale = np.where(ideal_r > 0, r / np.where(ideal_r > 0, ideal_r, 1.0), 1.0)
+        return np.asarray(ideal) * scale[..., None]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Geometry of one camera. Pixel centres at integer (col, row), 0-based; focal lengths in pixels per axis,
+    so that non-square pixels need no special care."""
+
+    columns: int
+    rows: int
+    focal_col_px: float
+    focal_row_px: float
+    centre_col_px: float
+    centre_row_px: float
+    distortion: Distortion = field(default_factory=Pinhole)
+
+    def __post_init__(self) -> None:
+        if self.columns < 1 or self.rows < 1 or not (self.focal_col_px > 0 and self.focal_row_px > 0):
+            raise BadInput(
+                "camera is impossible",
+                expected="at least 1 x 1 pixels and positive focal lengths",
+                got=f"{self.columns} x {self.rows}, f = {self.focal_col_px}, {self.focal_row_px} px",
+            )
+
+    @classmethod
+    def from_optics(
+        cls, columns: int, rows: int, pitch_col_mm: float, pitch_row_mm: float, focal_mm: float, distortion: Distortion
+    ) -> Camera:
+        """Camera with its optical axis in the middle of the detector."""
+        return cls(
+            columns,
+            rows,
+            focal_mm / pitch_col_mm,
+            focal_mm / pitch_row_mm,
+            (columns - 1) / 2,
+            (rows - 1) / 2,
+            distortion,
+        )
+
+    @classmethod
+    def from_fov(cls, columns: int, rows: int, fov_col_rad: float) -> Camera:
+        """Pinhole with square pixels and the given horizontal field of view."""
+        if not 0 < fov_col_rad < np.pi:
+            raise BadInput(
+                "field of view is impossible", expected="between 0° and 180°", got=f"{np.degrees(fov_col_rad):g}°"
+            )
+        focal_px = columns / 2 / np.tan(fov_col_rad / 2)
+        return cls(columns, rows, focal_px, focal_px, (columns - 1) / 2, (rows - 1) / 2)
+
+    def with_focal_scaled(self, factor: float) -> Camera:
+        """The same camera with both focal lengths multiplied."""
+        return replace(self, focal_col_px=self.focal_col_px * factor, focal_row_px=self.focal_row_px * factor)
+
+    def project(self, unit_cam: Array) -> Array:
+        """(n, 2) pixels (col, row) of (n, 3) camera-frame vectors; NaN behind the camera or outside the distortion's domain."""
+        v = np.asarray(unit_cam, float)
+        z = np.where(v[..., 2] > 1e-6, v[..., 2], np.nan)
+        measured = self.distortion.distort(v[..., :2] / z[..., None])
+        return measured * self._focal() + self._centre()
+
+    def unproject(self, pixels: Array) -> Array:
+        """(n, 3) camera-frame unit vectors of (n, 2) pixels (col, row)."""
+        measured = (np.asarray(pixels, float) - self._centre()) / self._focal()
+        ideal = self.distortion.undistort(measured)
+        v = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
+        return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+    def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
+        """Which (n, 2) pixels lie on the detector, at least ``margin_px`` inside its edge. NaN is outside."""
+        col, row = pixels[..., 0], pixels[..., 1]
+        low = margin_px - 0.5
+        return np.asarray((col >= low) & (row >= low) & (col <= self.columns - 1 - low) & (row <= self.rows - 1 - low))
+
+    def corners(self) -> Array:
+        """(4, 3) camera-frame unit vectors of the detector's outer corners, in order round the edge."""
+        c, r = self.columns - 0.5, self.rows - 0.5
+        return self.unproject(np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r]]))
+
+    def outline(self, per_side: int = 16) -> Array:
+        """(4·per_side, 3) camera-frame unit vectors round the detector's edge."""
+        c, r = self.columns - 0.5, self.rows - 0.5
+        s = np.linspace(0, 1, per_side, endpoint=False)
+        corners = np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r], [-0.5, -0.5]])
+        points = [a + s[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+        return self.unproject(np.concatenate(points))
+
+    @property
+    def half_diagonal_rad(self) -> float:
+        """Largest angle from boresight to a corner."""
+        z = np.clip(self.corners()[:, 2], -1, 1)
+        return float(np.max(np.arctan2(np.sqrt(1 - z * z), z)))
+
+    @property
+    def diagonal_rad(self) -> float:
+        """Largest angle between two corners: no pair of stars in one frame is further apart."""
+        c = self.corners()
+        return float(np.max(2 * np.arcsin(np.linalg.norm(c[:, None] - c[None], axis=-1) / 2)))
+
+    @property
+    def fov_rad(self) -> tuple[float, float]:
+        """Full (horizontal, vertical) fields of view through the optical centre."""
+        mid_col, mid_row = self.centre_col_px, self.centre_row_px
+        edges = np.array([[-0.5, mid_row], [self.columns - 0.5, mid_row], [mid_col, -0.5], [mid_col, self.rows - 0.5]])
+        e = self.unproject(edges)
+        h = np.arccos(np.clip(e[0] @ e[1], -1, 1))
+        v = np.arccos(np.clip(e[2] @ e[3], -1, 1))
+        return float(h), float(v)
+
+    @property
+    def pixel_rad(self) -> float:
+        """Mean angle of one pixel at the optical centre."""
+        return 1.0 / float(np.sqrt(self.focal_col_px * self.focal_row_px))
+
+    def _focal(self) -> Array:
+        return np.array([self.focal_col_px, self.focal_row_px])
+
+    def _centre(self) -> Array:
+        return np.array([self.centre_col_px, self.centre_row_px])

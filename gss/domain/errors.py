@@ -1,0 +1,40 @@
+"""What can go wrong, with what was expected, what came and what to try. "No solution" is not an error: see ``Outcome``."""
+
+from __future__ import annotations
+
+
+class GssError(Exception):
+    """A broken contract or a broken world. ``expected``, ``got`` and ``hint`` end up on the page and on the terminal."""
+
+    def __init__(self, message: str, *, expected: str = "", got: str = "", hint: str = "") -> None:
+        super().__init__(message)
+        self.message, self.expected, self.got, self.hint = message, expected, got, hint
+
+    def __str__(self) -> str:
+        parts = [self.message]
+        if self.expected:
+            parts.append(f"expected {self.expected}")
+        if self.got:
+            parts.append(f"got {self.got}")
+        text = "; ".join(parts)
+        return f"{text}. Try: {self.hint}" if self.hint else text
+
+
+class BadInput(GssError):
+    """The caller gave something that cannot be used; nothing was changed."""
+
+
+class NotFound(GssError):
+    """The thing asked for does not exist."""
+
+
+class Conflict(GssError):
+    """The request is fine but not in the present state."""
+
+
+class LinkDown(GssError):
+    """The device cannot be reached."""
+
+
+class CorruptData(GssError):
+    """Stored or received bytes fail their own check."""

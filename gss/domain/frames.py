@@ -1,0 +1,59 @@
+"""Named frames and the rotations between them. The drawing is in ``docs/conventions.md``.
+
+icrs   the catalogue's axes.
+cam    +z boresight, +x to higher columns, +y to higher rows; right-handed, seen from inside the sphere.
+body   the spacecraft's axes; the mounting matrix is ``body_from_cam``.
+orbit  Sunsat's: z away from the Earth's centre's opposite (nadir), x along velocity, y against the orbit normal
+       (Jacobs 1995 §1.4); built by :func:`orbit_from_icrs`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array, unit_from_ra_dec
+
+
+def cam_from_icrs(ra_rad: float, dec_rad: float, roll_rad: float) -> Array:
+    """(3, 3) rotation of a camera whose boresight is at (ra, dec) with celestial north ``roll_rad``
+    counter-clockwise from image up (−y), as tetra3 and cedar-solve print it."""
+    boresight = unit_from_ra_dec(ra_rad, dec_rad)
+    east = np.array([-np.sin(ra_rad), np.cos(ra_rad), 0.0])
+    north = np.cross(boresight, east)
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    return np.stack([-c * east - s * north, s * east - c * north, boresight])
+
+
+def ra_dec_roll_rad(cam_from_icrs: Array) -> tuple[float, float, float]:
+    """Boresight right ascension [0, 2π), declination and roll [0, 2π) of a (3, 3) camera attitude.
+
+    At an exact pole right ascension is taken as that of −x, which keeps ra and roll together consistent.
+    """
+    m = np.asarray(cam_from_icrs, float)
+    bx, by, bz = m[2]
+    in_plane = np.hypot(bx, by)
+    ra_rad = np.arctan2(by, bx) if in_plane > 1e-12 else 0.0
+    east = np.array([-np.sin(ra_rad), np.cos(ra_rad), 0.0])
+    north_cam = m @ np.cross(m[2], east)
+    roll_rad = np.arctan2(-north_cam[0], -north_cam[1])
+    return float(ra_rad % (2 * np.pi)), float(np.arctan2(bz, in_plane)), float(roll_rad % (2 * np.pi))
+
+
+def pointing_difference_rad(a_from_icrs: Array, b_from_icrs: Array) -> tuple[float, float]:
+    """(cross-boresight, about-boresight) angles of camera ``a`` relative to camera ``b``; the first is ≥ 0,
+    the second signed, right-handed about +z."""
+    a_from_b = np.asarray(a_from_icrs) @ np.asarray(b_from_icrs).T
+    cross_rad = np.arctan2(np.hypot(a_from_b[0, 2], a_from_b[1, 2]), a_from_b[2, 2])
+    about_rad = np.arctan2(a_from_b[0, 1] - a_from_b[1, 0], a_from_b[0, 0] + a_from_b[1, 1])
+    return float(cross_rad), float(about_rad)
+
+
+def orbit_from_icrs(raan_rad: float, inclination_rad: float, argument_of_latitude_rad: float) -> Array:
+    """(3, 3) rotation into Sunsat's orbit axes: +z to nadir, +x along a circular orbit's velocity, +y = z × x,
+    against the orbit normal (Jacobs 1995 §1.4)."""
+    co, so = np.cos(raan_rad), np.sin(raan_rad)
+    ci, si = np.cos(inclination_rad), np.sin(inclination_rad)
+    cu, su = np.cos(argument_of_latitude_rad), np.sin(argument_of_latitude_rad)
+    zenith = np.array([co * cu - so * su * ci, so * cu + co * su * ci, su * si])
+    velocity = np.array([-co * su - so * cu * ci, -so * su + co * cu * ci, cu * si])
+    return np.stack([velocity, np.cross(-zenith, velocity), -zenith])

@@ -1,0 +1,162 @@
+"""What comes out of a pipeline run, and out of the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+
+
+class Outcome(StrEnum):
+    """Did the chain find an attitude?"""
+
+    SOLVED = "solved"
+    NONE = "none"
+
+
+class Verdict(StrEnum):
+    """A result against truth. WRONG is the number that must be zero."""
+
+    CORRECT = "correct"
+    IMPRECISE = "imprecise"
+    WRONG = "wrong"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Region:
+    """A connected set of pixels above threshold. Bounds are inclusive. ``rejected`` is "" or says why it is no star."""
+
+    col_min: int
+    row_min: int
+    col_max: int
+    row_max: int
+    area_px: int
+    peak_dn: float
+    sum_dn: float
+    rejected: str = ""
+
+
+@dataclass(frozen=True)
+class Centroids:
+    """n measured stars, brightest first. Positions in pixels (pixel centres at integers), flux above background."""
+
+    col_px: Array
+    row_px: Array
+    flux_dn: Array
+    peak_dn: Array
+    area_px: NDArray[np.int32]
+    sigma_px: Array
+
+    def __len__(self) -> int:
+        return len(self.col_px)
+
+    @property
+    def pixels(self) -> Array:
+        """(n, 2) array of (col, row)."""
+        return np.column_stack([self.col_px, self.row_px])
+
+    def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> Centroids:
+        """The rows of a mask or an index array."""
+        return Centroids(
+            self.col_px[index],
+            self.row_px[index],
+            self.flux_dn[index],
+            self.peak_dn[index],
+            self.area_px[index],
+            self.sigma_px[index],
+        )
+
+    @classmethod
+    def from_pixels(cls, pixels: Array, flux_dn: Array | None = None, sigma_px: float = 0.2) -> Centroids:
+        """Centroids that came without their pixels, for example from a device's telemetry."""
+        p = np.asarray(pixels, float).reshape(-1, 2)
+        n = len(p)
+        flux = np.ones(n) if flux_dn is None else np.asarray(flux_dn, float)
+        return cls(p[:, 0], p[:, 1], flux, flux.copy(), np.zeros(n, np.int32), np.full(n, sigma_px))
+
+
+@dataclass(frozen=True)
+class Matches:
+    """m identified stars. ``centroid``: row in Centroids. ``residual_px``: (m, 2) measured − predicted, NaN if no attitude.
+    ``weight``: as the attitude used it; 0 = identified but left out."""
+
+    centroid: NDArray[np.int32]
+    hip: NDArray[np.int32]
+    weight: Array
+    residual_px: Array
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Camera attitude. ``quaternion``: scalar-last, cam_from_icrs. ``covariance_rad2``: (3, 3) of the small rotation
+    vector in the camera frame (x, y cross-boresight, z about it), NaN where a chain gives none."""
+
+    quaternion: Array
+    covariance_rad2: Array
+
+    @property
+    def cam_from_icrs(self) -> Array:
+        """(3, 3) rotation matrix."""
+        return matrix_from_quaternion(self.quaternion)
+
+    @property
+    def ra_dec_roll_rad(self) -> tuple[float, float, float]:
+        """Boresight right ascension, declination, and roll."""
+        return ra_dec_roll_rad(self.cam_from_icrs)
+
+    @property
+    def sigma_rad(self) -> tuple[float, float]:
+        """Standard deviations (cross-boresight per axis: rms of x and y; about boresight)."""
+        c = self.covariance_rad2
+        return float(np.sqrt((c[0, 0] + c[1, 1]) / 2)), float(np.sqrt(c[2, 2]))
+
+
+@dataclass(frozen=True)
+class SolveResult:
+    """One chain on one frame, with everything needed to look inside.
+
+    ``camera`` is the geometry in force at the end (refined on foreign images). ``reason`` says why there is no solution.
+    ``false_match_probability`` bounds the chance that the identification is accidental; NaN where the chain has no such
+    figure. ``timing_s`` by stage, empty without a clock. ``notes``: plain sentences for the reader.
+    """
+
+    chain: str
+    outcome: Outcome
+    reason: str
+    camera: Camera
+    regions: tuple[Region, ...]
+    centroids: Centroids
+    matches: Matches | None
+    attitude: Attitude | None
+    false_match_probability: float
+    timing_s: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def residual_rms_px(self) -> float:
+        """Root mean square residual length per axis of the used matches; NaN without a solution."""
+        if self.matches is None or not len(self.matches):
+            return float("nan")
+        used = self.matches.weight > 0
+        return float(np.sqrt(np.mean(self.matches.residual_px[used] ** 2))) if used.any() else float("nan")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the renderer knows: attitude, and the stars on the detector with their undisturbed positions."""
+
+    quaternion: Array
+    hip: NDArray[np.int32]
+    pixels: Array
+    v_mag: Array

@@ -1,0 +1,78 @@
+"""Rotation matrices and scalar-last quaternions.
+
+A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. The quaternion
+``(x, y, z, w)`` of the same name stands for the same matrix. scipy's ``Rotation`` is the outside check.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array
+
+
+def rotation_x(angle_rad: float) -> Array:
+    """Coordinate change to axes turned by ``angle_rad`` about x (Jacobs 1995 eq. 1.10)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]], float)
+
+
+def rotation_y(angle_rad: float) -> Array:
+    """Coordinate change to axes turned by ``angle_rad`` about y (Jacobs 1995 eq. 1.11)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]], float)
+
+
+def rotation_z(angle_rad: float) -> Array:
+    """Coordinate change to axes turned by ``angle_rad`` about z (Jacobs 1995 eq. 1.12)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], float)
+
+
+def matrix_from_quaternion(quaternion: Array) -> Array:
+    """(…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any length but zero."""
+    q = np.asarray(quaternion, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_from_matrix(matrix: Array) -> Array:
+    """(4,) scalar-last quaternion with w ≥ 0, from a (3, 3) rotation matrix (Shepperd: divide by the largest term)."""
+    m = np.asarray(matrix, float)
+    diagonal = np.array([m[0, 0], m[1, 1], m[2, 2], np.trace(m)])
+    k = int(np.argmax(diagonal))
+    q = np.empty(4)
+    if k == 3:
+        q[:] = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], 1 + diagonal[3]
+    else:
+        i, j = (k + 1) % 3, (k + 2) % 3
+        q[k] = 1 + diagonal[k] - diagonal[i] - diagonal[j]
+        q[i], q[j] = m[i, k] + m[k, i], m[j, k] + m[k, j]
+        q[3] = m[j, i] - m[i, j]
+    q /= np.linalg.norm(q)
+    return -q if q[3] < 0 else q
+
+
+def rotation_from_vector(vector_rad: Array) -> Array:
+    """(3, 3) active rotation by the length of a (3,) rotation vector about its direction (Rodrigues)."""
+    v = np.asarray(vector_rad, float)
+    angle_rad = float(np.linalg.norm(v))
+    half_sinc = 0.5 * np.sinc(angle_rad / (2 * np.pi))
+    return matrix_from_quaternion(np.array([*(v * half_sinc), np.cos(angle_rad / 2)]))
+
+
+def rotation_angle_rad(a: Array, b: Array) -> float:
+    """Angle of the rotation that takes one (3, 3) rotation into the other."""
+    return 2.0 * float(np.arcsin(min(1.0, np.linalg.norm(np.asarray(a) - b) / np.sqrt(8.0))))
+
+
+def random_quaternion(rng: np.random.Generator) -> Array:
+    """(4,) quaternion, uniform over all rotations."""
+    q = rng.normal(size=4)
+    return np.asarray(q / np.linalg.norm(q))

@@ -1,0 +1,1 @@
+"""From image to attitude and back. Pure numpy and scipy."""

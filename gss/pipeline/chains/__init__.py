@@ -1,0 +1,1 @@
+"""One file per system: its stages, its order, its limits."""

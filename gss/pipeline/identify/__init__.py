@@ -1,0 +1,1 @@
+"""Which catalogue star is which centroid."""

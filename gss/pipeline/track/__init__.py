@@ -1,0 +1,1 @@
+"""Following stars from frame to frame."""

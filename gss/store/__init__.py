@@ -1,0 +1,1 @@
+"""SQLAlchemy models and one repository per aggregate. All SQL is here."""
