@@ -1,0 +1,16 @@
+"""``python -m gss`` and the ``gss`` script."""
+
+from __future__ import annotations
+
+import sys
+
+from gss.cli import main as run
+
+
+def main() -> None:
+    """Entry point of the installed script."""
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+"""The command line: parse, call, print. One file per group of commands, each with ``register(subparsers)``.
+
+A command's function takes the parsed arguments and returns the exit code: 0 done, 2 bad input, 3 no solution.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from gss import __version__
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+GROUPS = ("serve", "simulate", "catalogue", "solve", "export")
+BAD_INPUT_EXIT = 2
+FAILED_EXIT = 1
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    parser = argparse.ArgumentParser(prog="gss", description="Ground-support system for star trackers.")
+    parser.add_argument("--version", action="version", version=f"gss {__version__}")
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for group in GROUPS:
+        importlib.import_module(f"gss.cli.{group}").register(subparsers)
+    arguments = parser.parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except GssError as error:
+        print(f"gss: {error}", file=sys.stderr)
+        return BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound | Conflict) else FAILED_EXIT
+    except KeyboardInterrupt:
+        print("gss: interrupted", file=sys.stderr)
+        return 130
