@@ -1,0 +1,39 @@
+"""The base of everything that travels: strict in, documented out."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, PlainSerializer
+
+
+class In(BaseModel):
+    """A request body: unknown fields and silent conversions are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Out(BaseModel):
+    """A response body, built from attributes of rows and records."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+
+def _iso_z(value: datetime) -> str:
+    moment = value if value.tzinfo else value.replace(tzinfo=UTC)
+    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+Utc = Annotated[datetime, PlainSerializer(_iso_z, return_type=str)]
+"""UTC, ISO 8601 with Z, milliseconds."""
+
+
+class ProblemOut(Out):
+    """Every error: what happened, what was expected, what came, what to try, and an id that is in the server's log."""
+
+    id: str
+    message: str
+    expected: str = ""
+    got: str = ""
+    hint: str = ""

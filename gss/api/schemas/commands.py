@@ -1,0 +1,144 @@
+"""Commands, from the dictionary to the history."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+
+StageName = Literal["queued", "released", "sent", "accepted", "started", "progress", "completed"]
+StageState = Literal["passed", "now", "failed", "unknown", "to_come", "skipped"]
+
+
+class ChoiceOut(Out):
+    """One value of an enumerated argument."""
+
+    name: str
+    value: int
+    hazard: str
+    note: str
+
+
+class ArgumentOut(Out):
+    """One argument of a command."""
+
+    name: str
+    type: str
+    unit: str
+    purpose: str
+    min: float | None
+    max: float | None
+    default: float | str | bool | None
+    choices: list[ChoiceOut]
+
+
+class PreconditionOut(Out):
+    """One condition on the device's state, with the value that decides it now."""
+
+    text: str
+    met: bool | None
+    value: str
+
+
+class CommandDefinitionOut(Out):
+    """One command of the dictionary."""
+
+    name: str
+    code: int
+    subsystem: str
+    purpose: str
+    hazard: Literal["none", "watch", "warning", "critical"]
+    hazard_reason: str
+    idempotent: bool
+    role: str
+    favourite: bool
+    arguments: list[ArgumentOut]
+    preconditions: list[PreconditionOut]
+    accept_within_s: float
+    complete_within_s: float
+
+
+class FieldDefinitionOut(Out):
+    """One telemetry field."""
+
+    name: str
+    packet: str
+    page: str
+    title: str
+    unit: str
+    decimals: int
+    watch: tuple[float | None, float | None]
+    warning: tuple[float | None, float | None]
+    critical: tuple[float | None, float | None]
+    stale_after_s: float
+
+
+class DictionaryOut(Out):
+    """The whole dictionary."""
+
+    hash: str
+    commands: list[CommandDefinitionOut]
+    telemetry: list[FieldDefinitionOut]
+
+
+class CommandIn(In):
+    """A command to check or to send. ``confirm`` must repeat the name of a critical command, and be "yes" for a warning one."""
+
+    name: str
+    arguments: dict[str, float | int | str | bool] = Field(default_factory=dict)
+    confirm: str = ""
+
+
+class ByteGroupOut(Out):
+    """A run of bytes of the packet, before framing."""
+
+    label: str
+    hex: str
+    argument: bool
+
+
+class CheckOut(Out):
+    """What would be sent, and what stands in the way."""
+
+    problems: list[str]
+    preconditions: list[PreconditionOut]
+    bytes: list[ByteGroupOut]
+    size: int
+
+
+class StageOut(Out):
+    """One point of the stage lights."""
+
+    name: StageName
+    state: StageState
+    at: Utc | None
+
+
+class CommandOut(Out):
+    """A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown."""
+
+    id: int
+    request_id: int
+    name: str
+    arguments: dict[str, Any]
+    text: str
+    user: str
+    source: str
+    created: Utc
+    finished: Utc | None
+    duration_s: float | None
+    stages: list[StageOut]
+    result: str
+    detail: str
+    late: bool
+    attempts: int
+    resolved_note: str
+    values: dict[str, Any]
+
+
+class ResolveIn(In):
+    """How an operator settles an unknown command."""
+
+    note: str = Field(min_length=1, max_length=500)

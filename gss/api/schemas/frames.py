@@ -1,0 +1,198 @@
+"""Frames, and what chains make of them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+
+
+class AttitudeOut(Out):
+    """Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null where not known)."""
+
+    ra_deg: float
+    dec_deg: float
+    roll_deg: float
+    quaternion: tuple[float, float, float, float]
+    sigma_cross_arcsec: float | None
+    sigma_roll_arcsec: float | None
+
+
+class FrameOut(Out):
+    """One frame in the store."""
+
+    id: int
+    number: int | None
+    slot: int | None
+    source: Literal["device", "import"]
+    name: str
+    taken: Utc
+    received: Utc
+    columns: int
+    rows: int
+    bits: int
+    exposure_s: float | None
+    profile: str | None
+    mode: str | None
+    sha256: str
+    complete: bool
+    rows_held: list[tuple[int, int]]
+    contact_id: int | None
+    verdict: str | None
+    outcome: str | None
+    chain: str | None
+    matched: int | None
+    centroids: int | None
+    attitude: AttitudeOut | None
+
+
+class FramePage(Out):
+    """A page of the frame list, newest first."""
+
+    total: int
+    frames: list[FrameOut]
+
+
+class RegionOut(Out):
+    """A detected region; ``rejected`` is empty for a star."""
+
+    col_min: int
+    row_min: int
+    col_max: int
+    row_max: int
+    area_px: int
+    peak_dn: float
+    rejected: str
+
+
+class StarOut(Out):
+    """A centroid, with its match where there is one. ``dx/dy_arcsec``: measured − predicted."""
+
+    index: int
+    col_px: float
+    row_px: float
+    flux_dn: float
+    peak_dn: float
+    area_px: int
+    hip: int | None
+    name: str | None
+    v_mag: float | None
+    dx_px: float | None
+    dy_px: float | None
+    dx_arcsec: float | None
+    dy_arcsec: float | None
+    weight: float | None
+
+
+class PredictedOut(Out):
+    """A catalogue star that the attitude puts on the detector."""
+
+    hip: int
+    name: str
+    v_mag: float
+    col_px: float
+    row_px: float
+    detected: bool
+
+
+class GridLineOut(Out):
+    """One line of the RA/Dec grid across the frame, as pixel points."""
+
+    label: str
+    points: list[tuple[float, float]]
+
+
+class SolutionOut(Out):
+    """One chain's (or the device's) result on one frame."""
+
+    id: int
+    frame_id: int
+    origin: Literal["on board", "ground"]
+    chain: str
+    version: str
+    created: Utc
+    outcome: Literal["solved", "none"]
+    reason: str
+    attitude: AttitudeOut | None
+    found: int
+    matched: int
+    rejected: int
+    rms_px: float | None
+    rms_arcsec: float | None
+    false_match_probability: float | None
+    fov_deg: tuple[float, float] | None
+    timing_ms: dict[str, float]
+    verdict: Literal["correct", "imprecise", "wrong", "none"] | None
+    error_axis_arcsec: float | None
+    error_roll_arcsec: float | None
+    replay: str | None
+    notes: list[str]
+
+
+class SolutionDetailOut(SolutionOut):
+    """A result with everything the overlays draw."""
+
+    regions: list[RegionOut]
+    stars: list[StarOut]
+    predicted: list[PredictedOut]
+    grid: list[GridLineOut]
+    north: tuple[float, float] | None
+    field: list[tuple[float, float]]
+
+
+class ComparisonOut(Out):
+    """On board against ground, arcseconds."""
+
+    d_ra_arcsec: float
+    d_dec_arcsec: float
+    d_roll_arcsec: float
+    cross_arcsec: float
+    agree: bool
+    text: str
+
+
+class FrameDetailOut(FrameOut):
+    """A frame with its solutions (newest first) and the comparison of the two that matter."""
+
+    solutions: list[SolutionOut]
+    on_board: SolutionDetailOut | None
+    ground: SolutionDetailOut | None
+    comparison: ComparisonOut | None
+    truth: AttitudeOut | None
+
+
+class SolveIn(In):
+    """Run a chain on a stored frame. Give ``profile`` or ``fov_deg``, or neither for what the frame says (else blind)."""
+
+    chain: str = "reference"
+    profile: str | None = None
+    fov_deg: float | None = Field(default=None, gt=0.2, lt=120)
+    blind: bool = False
+
+
+class DownloadIn(In):
+    """Bring a frame from a slot of the device's image memory."""
+
+    slot: int = Field(ge=0, le=255)
+    kind: Literal["frame", "thumbnail"] = "frame"
+
+
+class PixelsOut(Out):
+    """A rectangle of raw values for the pixel inspector."""
+
+    col: int
+    row: int
+    columns: int
+    rows: int
+    values: list[list[float | None]]
+
+
+class HistogramOut(Out):
+    """Counts of pixel values, and a stretch that shows stars."""
+
+    edges: list[float]
+    counts: list[int]
+    low: float
+    high: float

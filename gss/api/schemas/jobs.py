@@ -1,0 +1,22 @@
+"""Long work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gss.api.schemas.base import Out, Utc
+
+
+class JobOut(Out):
+    """A job. ``state``: queued, running, done, failed, cancelled."""
+
+    id: int
+    kind: str
+    title: str
+    state: str
+    done: int
+    total: int
+    text: str
+    created: Utc
+    finished: Utc | None
+    result: dict[str, Any]

@@ -1,0 +1,77 @@
+"""The link and the device behind it, as the header bar shows them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from gss.api.schemas.base import In, Out, Utc
+
+Level = Literal["ok", "watch", "warning", "critical", "unknown"]
+
+
+class DirectionOut(Out):
+    """One direction of the line."""
+
+    state: Literal["up", "noisy", "down"]
+    age_s: float | None
+    error_rate: float
+    bytes: int
+    frames: int
+    bad: int
+
+
+class BankOut(Out):
+    """One flash bank as the device reports it, joined with what the ground knows of its content."""
+
+    bank: str
+    state: str
+    active: bool
+    catalogue_id: int | None
+    catalogue_name: str | None
+    stars: int | None
+    pairs: int | None
+    sha256: str | None
+    valid_to: Utc | None
+    days_left: float | None
+
+
+class AlarmOut(Out):
+    """A value outside its limits, or a state of the link that wants attention."""
+
+    id: str
+    level: Level
+    text: str
+    since: Utc
+
+
+class LinkOut(Out):
+    """Everything of the header bar."""
+
+    device: str
+    profile: str
+    firmware: str
+    simulated: bool
+    url: str
+    connected: bool
+    reason: str
+    tx: DirectionOut
+    rx: DirectionOut
+    mode: str | None
+    cycle_running: bool
+    active_bank: BankOut | None
+    banks: list[BankOut]
+    dictionary_hash: str
+    device_dictionary_hash: str | None
+    dictionary_match: bool | None
+    alarms: list[AlarmOut]
+    contact_id: int | None
+    user: str
+    role: str
+    authority: str | None
+    utc: Utc
+
+
+class LinkOpenIn(In):
+    """Where the device is: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port."""
+
+    url: str
