@@ -1,0 +1,29 @@
+"""The record of events."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from gss.store.models import Event
+
+
+def add(session: Session, at: datetime, kind: str, severity: str, text: str, data: dict[str, Any]) -> Event:
+    """Append one event."""
+    row = Event(at=at, kind=kind, severity=severity, text=text, data=data)
+    session.add(row)
+    session.flush()
+    return row
+
+
+def after(session: Session, seq: int, limit: int) -> list[Event]:
+    """Events after ``seq``, oldest first."""
+    return list(session.scalars(select(Event).where(Event.seq > seq).order_by(Event.seq).limit(limit)))
+
+
+def last_seq(session: Session) -> int:
+    """The newest event's number; 0 before the first."""
+    return session.scalar(select(func.max(Event.seq))) or 0

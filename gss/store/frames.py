@@ -1,0 +1,101 @@
+"""Frames and their solutions."""
+
+from __future__ import annotations
+
+from sqlalchemy import Select, func, select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Frame, Solution
+
+
+def add(session: Session, frame: Frame) -> Frame:
+    """Store a frame's row and give it its id."""
+    session.add(frame)
+    session.flush()
+    return frame
+
+
+def get(session: Session, frame_id: int) -> Frame:
+    """The frame of that id."""
+    row = session.get(Frame, frame_id)
+    if row is None:
+        raise NotFound("no such frame", got=str(frame_id))
+    return row
+
+
+def latest(session: Session) -> Frame | None:
+    """The frame received last."""
+    return session.scalar(select(Frame).order_by(Frame.id.desc()).limit(1))
+
+
+def by_number(session: Session, contact_id: int | None, number: int) -> Frame | None:
+    """The device's frame of that number in that contact."""
+    query = select(Frame).where(Frame.contact_id == contact_id, Frame.number == number).order_by(Frame.id.desc())
+    return session.scalar(query.limit(1))
+
+
+def page(
+    session: Session,
+    limit: int,
+    offset: int,
+    *,
+    source: str = "",
+    outcome: str = "",
+    mode: str = "",
+    contact_id: int | None = None,
+) -> tuple[int, list[Frame]]:
+    """Total and one page of frames, newest first. ``outcome`` is that of the newest ground solution."""
+    query: Select[tuple[Frame]] = select(Frame)
+    if source:
+        query = query.where(Frame.source == source)
+    if mode:
+        query = query.where(Frame.mode == mode)
+    if contact_id is not None:
+        query = query.where(Frame.contact_id == contact_id)
+    if outcome:
+        newest_ground = (
+            select(func.max(Solution.id))
+            .where(Solution.frame_id == Frame.id, Solution.origin == "ground")
+            .scalar_subquery()
+        )
+        query = query.join(Solution, Solution.id == newest_ground).where(Solution.outcome == outcome)
+    total = session.scalar(select(func.count()).select_from(query.subquery())) or 0
+    rows = session.scalars(query.order_by(Frame.id.desc()).limit(limit).offset(offset))
+    return total, list(rows)
+
+
+def add_solution(session: Session, solution: Solution) -> Solution:
+    """Store a solution and give it its id."""
+    session.add(solution)
+    session.flush()
+    return solution
+
+
+def get_solution(session: Session, solution_id: int) -> Solution:
+    """The solution of that id."""
+    row = session.get(Solution, solution_id)
+    if row is None:
+        raise NotFound("no such solution", got=str(solution_id))
+    return row
+
+
+def solutions_of(session: Session, frame_id: int) -> list[Solution]:
+    """All solutions of a frame, newest first."""
+    return list(session.scalars(select(Solution).where(Solution.frame_id == frame_id).order_by(Solution.id.desc())))
+
+
+def newest_solution(session: Session, frame_id: int, origin: str) -> Solution | None:
+    """The newest solution of a frame from that origin."""
+    query = select(Solution).where(Solution.frame_id == frame_id, Solution.origin == origin)
+    return session.scalar(query.order_by(Solution.id.desc()).limit(1))
+
+
+def newest_solutions(session: Session, frame_ids: list[int], origin: str) -> dict[int, Solution]:
+    """The newest solution from that origin of each frame, in one query."""
+    newest = (
+        select(func.max(Solution.id))
+        .where(Solution.frame_id.in_(frame_ids), Solution.origin == origin)
+        .group_by(Solution.frame_id)
+    )
+    return {row.frame_id: row for row in session.scalars(select(Solution).where(Solution.id.in_(newest)))}

@@ -1,0 +1,34 @@
+"""Jobs."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Job
+
+
+def add(session: Session, job: Job) -> Job:
+    """Store a job's row and give it its id."""
+    session.add(job)
+    session.flush()
+    return job
+
+
+def get(session: Session, job_id: int) -> Job:
+    """The job of that id."""
+    row = session.get(Job, job_id)
+    if row is None:
+        raise NotFound("no such job", got=str(job_id))
+    return row
+
+
+def newest(session: Session, limit: int) -> list[Job]:
+    """Newest first."""
+    return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
+
+
+def unfinished(session: Session) -> list[Job]:
+    """Jobs that the last server left open."""
+    return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))

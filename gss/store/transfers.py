@@ -1,0 +1,36 @@
+"""Transfers."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Transfer
+
+ENDED = ("verified", "committed", "active", "failed", "aborted", "done")
+
+
+def add(session: Session, transfer: Transfer) -> Transfer:
+    """Store a transfer's row and give it its id."""
+    session.add(transfer)
+    session.flush()
+    return transfer
+
+
+def get(session: Session, transfer_id: int) -> Transfer:
+    """The transfer of that id."""
+    row = session.get(Transfer, transfer_id)
+    if row is None:
+        raise NotFound("no such transfer", got=str(transfer_id))
+    return row
+
+
+def newest(session: Session, limit: int) -> list[Transfer]:
+    """Newest first."""
+    return list(session.scalars(select(Transfer).order_by(Transfer.id.desc()).limit(limit)))
+
+
+def unfinished(session: Session) -> list[Transfer]:
+    """Transfers that the last server left open, oldest first."""
+    return list(session.scalars(select(Transfer).where(Transfer.state.not_in(ENDED)).order_by(Transfer.id)))
