@@ -11,7 +11,14 @@ from gss.store.models import Command, Contact, Device, Frame
 
 
 def remember(
-    session: Session, now: datetime, *, name: str, profile: str, firmware: str, simulated: bool, dictionary_hash: str
+    session: Session,
+    now: datetime,
+    *,
+    name: str,
+    profile: str,
+    firmware: str,
+    simulated: bool,
+    dictionary_hash: str,
 ) -> Device:
     """The device of that name, created or brought up to date."""
     device = session.scalar(select(Device).where(Device.name == name))

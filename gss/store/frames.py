@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
@@ -46,7 +46,7 @@ def page(
     contact_id: int | None = None,
 ) -> tuple[int, list[Frame]]:
     """Total and one page of frames, newest first. ``outcome`` is that of the newest ground solution."""
-    query: Select[tuple[Frame]] = select(Frame)
+    query = select(Frame)
     if source:
         query = query.where(Frame.source == source)
     if mode:

@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, ClassVar
 
-from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, LargeBinary, MetaData, String, Text, TypeDecorator
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Dialect,
+    ForeignKey,
+    Index,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    TypeDecorator,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 
@@ -37,7 +49,12 @@ class Base(DeclarativeBase):
             "pk": "pk_%(table_name)s",
         }
     )
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[Any]: JSON, bytes: LargeBinary}
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        datetime: UtcDateTime,
+        dict[str, Any]: JSON,
+        list[Any]: JSON,
+        bytes: LargeBinary,
+    }
 
 
 class Device(Base):
@@ -74,7 +91,7 @@ class Command(Base):
     __tablename__ = "commands"
     id: Mapped[int] = mapped_column(primary_key=True)
     contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
-    request_id: Mapped[int] = mapped_column(index=True)
+    request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # 32 bits unsigned on the wire
     name: Mapped[str] = mapped_column(String(60))
     arguments: Mapped[dict[str, Any]]
     user: Mapped[str] = mapped_column(String(60))
@@ -112,7 +129,7 @@ class TelemetryPacket(Base):
     packet: Mapped[str] = mapped_column(String(40))
     received: Mapped[datetime]
     device_time_s: Mapped[float]
-    request_id: Mapped[int]
+    request_id: Mapped[int] = mapped_column(BigInteger)
     values: Mapped[dict[str, Any]]
     __table_args__ = (Index("ix_telemetry_packets_packet_received", "packet", "received"),)
 
@@ -245,4 +262,4 @@ class Event(Base):
     severity: Mapped[str] = mapped_column(String(10))
     text: Mapped[str] = mapped_column(Text)
     data: Mapped[dict[str, Any]] = mapped_column(default=dict)
-    __table_args__ = {"sqlite_autoincrement": True}
+    __table_args__: ClassVar[dict[str, Any]] = {"sqlite_autoincrement": True}
