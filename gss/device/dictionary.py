@@ -1,0 +1,283 @@
+"""What can be said to the device and what it says: commands, telemetry, events, services as records.
+
+The content is ``dictionary.yaml``; :mod:`gss.device.dictionary_file` reads and checks it. Codec, forms, the interface
+document and the simulator are driven by these records, so that a new command is a new row and nothing else.
+Units are those of the wire and the screen (deg, ms, °C), as the file's header says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.limits import Limits
+
+Value = int | float | bool | str | bytes
+Values = Mapping[str, Value]
+
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    "u8": (0, 0xFF),
+    "u16": (0, 0xFFFF),
+    "u32": (0, 0xFFFF_FFFF),
+    "i8": (-0x80, 0x7F),
+    "i16": (-0x8000, 0x7FFF),
+    "i32": (-0x8000_0000, 0x7FFF_FFFF),
+}
+FLOATS = ("f32", "f64")
+
+
+class Hazard(StrEnum):
+    """How much a command can hurt. WARNING wants a yes, CRITICAL its name typed."""
+
+    NONE = "none"
+    WATCH = "watch"
+    WARNING = "warning"
+    CRITICAL = "critical"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One value of an enumeration."""
+
+    name: str
+    value: int
+    hazard: Hazard = Hazard.NONE
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One value on the wire. ``size``: bytes of ``bytes`` and ``str``. ``choices``: of ``enum``, whose values are the names."""
+
+    name: str
+    type: str
+    size: int = 0
+    unit: str = ""
+    purpose: str = ""
+    choices: tuple[Choice, ...] = ()
+
+    def choice(self, name: str) -> Choice:
+        """The choice of that name; BadInput lists what there is."""
+        for choice in self.choices:
+            if choice.name == name:
+                return choice
+        expected = " | ".join(c.name for c in self.choices)
+        raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
+
+    def choice_name(self, value: int) -> str | None:
+        """Name of a numeric choice, None where the enumeration has no such value."""
+        return next((c.name for c in self.choices if c.value == value), None)
+
+
+@dataclass(frozen=True)
+class Argument(Item):
+    """An argument of a command, inclusive range."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+    default: Value | None = None
+
+    @property
+    def range_text(self) -> str:
+        """ "0 – 255", or the names of the choices."""
+        if self.choices:
+            return " | ".join(c.name for c in self.choices)
+        if self.type == "bool":
+            return "true | false"
+        return f"{self.minimum:g} – {self.maximum:g}" if self.minimum is not None and self.maximum is not None else ""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Raw to engineering: Σ cᵢ·rawⁱ. Without coefficients the raw value is the engineering value."""
+
+    coefficients: tuple[float, ...] = ()
+
+    def engineering(self, raw: Value) -> Value:
+        """The value in the field's unit."""
+        if not self.coefficients or not isinstance(raw, int | float):
+            return raw
+        total = 0.0
+        for c in reversed(self.coefficients):
+            total = total * raw + c
+        return total
+
+
+@dataclass(frozen=True)
+class TelemetryField(Item):
+    """One telemetered value. ``stale_after_s`` 0 = never stale. ``page``: where the console shows it."""
+
+    title: str = ""
+    page: str = ""
+    decimals: int = 0
+    conversion: Conversion = field(default_factory=Conversion)
+    limits: Limits = field(default_factory=Limits)
+    stale_after_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Group:
+    """A list: u8 count, then that many times the items."""
+
+    name: str
+    items: tuple[Item, ...]
+    purpose: str = ""
+
+
+Layout = tuple[Item | Group, ...]
+
+
+@dataclass(frozen=True)
+class Precondition:
+    """A condition on the latest housekeeping: ``field`` ``op`` ``value``, op one of eq ne lt le gt ge."""
+
+    field: str
+    op: str
+    value: Value
+    text: str
+
+    def met(self, housekeeping: Values | None) -> bool | None:
+        """Does it hold? None where nothing is known yet."""
+        if housekeeping is None or self.field not in housekeeping:
+            return None
+        left, right = housekeeping[self.field], self.value
+        if self.op in ("eq", "ne"):
+            return (left == right) == (self.op == "eq")
+        if isinstance(left, str | bytes) or isinstance(right, str | bytes):
+            return None
+        return {"lt": left < right, "le": left <= right, "gt": left > right, "ge": left >= right}[self.op]
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command. ``any_dictionary``: the device takes it even when the dictionaries differ."""
+
+    name: str
+    code: int
+    subsystem: str
+    purpose: str
+    arguments: tuple[Argument, ...]
+    returns: Layout
+    hazard: Hazard
+    hazard_reason: str
+    preconditions: tuple[Precondition, ...]
+    idempotent: bool
+    role: str
+    favourite: bool
+    accept_s: float
+    complete_s: float
+    any_dictionary: bool
+
+    def argument(self, name: str) -> Argument:
+        """The argument of that name."""
+        for argument in self.arguments:
+            if argument.name == name:
+                return argument
+        raise NotFound(f"{self.name} has no argument {name}", expected=", ".join(a.name for a in self.arguments) or "none")
+
+
+@dataclass(frozen=True)
+class Packet:
+    """One telemetry packet."""
+
+    name: str
+    code: int
+    purpose: str
+    fields: Layout
+    stale_after_s: float
+    simulator_only: bool
+
+    @property
+    def values(self) -> tuple[TelemetryField, ...]:
+        """The fields that are no lists."""
+        return tuple(f for f in self.fields if isinstance(f, TelemetryField))
+
+
+@dataclass(frozen=True)
+class EventDefinition:
+    """One event. ``severity``: ok, watch, warning, critical."""
+
+    name: str
+    code: int
+    severity: str
+    purpose: str
+
+
+@dataclass(frozen=True)
+class Service:
+    """One message of the machinery below commands: ``packet`` is report, event or transfer."""
+
+    name: str
+    packet: str
+    code: int
+    purpose: str
+    fields: Layout
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """Everything, with look-up by name and by code. ``hash``: SHA-256 of the canonical content."""
+
+    version: int
+    device_model: str
+    commands: tuple[Command, ...]
+    telemetry: tuple[Packet, ...]
+    events: tuple[EventDefinition, ...]
+    services: tuple[Service, ...]
+    hash: bytes
+
+    @property
+    def hash_hex(self) -> str:
+        """The hash as 64 hexadecimal digits."""
+        return self.hash.hex()
+
+    @property
+    def prefix(self) -> int:
+        """First two bytes of the hash, as every packet carries them."""
+        return int.from_bytes(self.hash[:2], "big")
+
+    def command(self, name: str) -> Command:
+        """The command of that name; NotFound otherwise."""
+        for command in self.commands:
+            if command.name == name:
+                return command
+        raise NotFound("unknown command", expected=", ".join(c.name for c in self.commands), got=name)
+
+    def command_of_code(self, code: int) -> Command | None:
+        """The command with that code, None where there is none: codes come from the line."""
+        return next((c for c in self.commands if c.code == code), None)
+
+    def packet(self, name: str) -> Packet:
+        """The telemetry packet of that name; NotFound otherwise."""
+        for packet in self.telemetry:
+            if packet.name == name:
+                return packet
+        raise NotFound("unknown telemetry packet", expected=", ".join(p.name for p in self.telemetry), got=name)
+
+    def packet_of_code(self, code: int) -> Packet | None:
+        """The telemetry packet with that code."""
+        return next((p for p in self.telemetry if p.code == code), None)
+
+    def event_named(self, name: str) -> EventDefinition:
+        """The event of that name; NotFound otherwise."""
+        for event in self.events:
+            if event.name == name:
+                return event
+        raise NotFound("unknown event", expected=", ".join(e.name for e in self.events), got=name)
+
+    def event_of_code(self, code: int) -> EventDefinition | None:
+        """The event with that code."""
+        return next((e for e in self.events if e.code == code), None)
+
+    def service(self, name: str) -> Service:
+        """The service message of that name; NotFound otherwise."""
+        for service in self.services:
+            if service.name == name:
+                return service
+        raise NotFound("unknown service message", expected=", ".join(s.name for s in self.services), got=name)
+
+    def service_of_code(self, packet: str, code: int) -> Service | None:
+        """The service message of a packet type with that code."""
+        return next((s for s in self.services if s.packet == packet and s.code == code), None)
