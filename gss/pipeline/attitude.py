@@ -1,0 +1,199 @@
+"""Attitude from matched directions: TRIAD, QUEST, q-method, SVD, FOAM, and what their answer is worth.
+
+All take ``observed`` (n, 3) unit vectors in the camera frame, ``reference`` (n, 3) unit vectors in ICRS and
+``weights`` (n,) ≥ 0 of any scale, and minimise Wahba's loss ½ Σ w |observed − cam_from_icrs · reference|²
+(Erlank 2013 eq. 4.4.8). At least two directions that are not parallel are needed, otherwise :class:`BadInput`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+NEWTON_STEPS = 8
+NEWTON_CONVERGED = 1e-15
+RAYLEIGH_STEPS = 2
+PARALLEL = 1e-9
+
+# Half turns about x, y, z and none: what multiplying the columns of the profile matrix by these signs means.
+_HALF_TURN_SIGNS = np.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0], [1.0, 1.0, 1.0]])
+_HALF_TURN_QUATERNIONS = np.eye(4)
+
+
+def triad(observed: ArrayLike, reference: ArrayLike) -> Array:
+    """(3, 3) cam_from_icrs from two directions; the first is met exactly (Erlank 2013 eq. 4.4.1–7)."""
+    b, r, _ = _checked(observed, reference, None)
+    return np.asarray(_triad_axes(b).T @ _triad_axes(r))
+
+
+def _triad_axes(v: Array) -> Array:
+    """Rows t1, t2, t3 of the intermediate frame."""
+    across = np.cross(v[0], v[1])
+    across /= np.linalg.norm(across)
+    return np.stack([v[0], across, np.cross(v[0], across)])
+
+
+def profile_matrix(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """(3, 3) attitude profile matrix B = Σ w observed referenceᵀ, weights scaled to sum one."""
+    b, r, w = _checked(observed, reference, weights)
+    return np.asarray((w[:, None] * b).T @ r)
+
+
+def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """(4,) scalar-last quaternion cam_from_icrs by QUEST (Erlank 2013 eq. 4.4.9–10).
+
+    The document takes λ = Σw. That estimate is refined on the characteristic quartic by Newton's method as Shuster
+    does, then by two Rayleigh quotients, because the quartic loses digits when all stars are close together. A turn near
+    180°, where the Rodrigues parameters are infinite, is avoided by first turning the reference half round about
+    the axis that leaves the smallest rotation.
+    """
+    profile = profile_matrix(observed, reference, weights)
+    turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
+    q = _quest_near_identity(profile * _HALF_TURN_SIGNS[turn])
+    q = _product(q, _HALF_TURN_QUATERNIONS[turn])
+    return -q if q[3] < 0 else q
+
+
+def _quest_near_identity(profile: Array) -> Array:
+    """Quaternion that maximises qᵀKq when its scalar part is not small; ``profile`` from unit-sum weights."""
+    s, z, sigma = _davenport_parts(profile)
+    k = _davenport(s, z, sigma)
+    largest = _largest_root(s, z, sigma)
+    q = _from_rodrigues(s, z, sigma, largest)
+    for _ in range(RAYLEIGH_STEPS):
+        q = _from_rodrigues(s, z, sigma, float(q @ k @ q))
+    return q
+
+
+def _from_rodrigues(s: Array, z: Array, sigma: float, largest: float) -> Array:
+    """Solve [(λ + σ)1 − S] p = Z and normalise (p, 1) (Erlank 2013 eq. 4.4.9–10)."""
+    p = np.linalg.solve((largest + sigma) * np.eye(3) - s, z)
+    q = np.append(p, 1.0)
+    return np.asarray(q / np.linalg.norm(q))
+
+
+def _largest_root(s: Array, z: Array, sigma: float) -> float:
+    """Largest eigenvalue of Davenport's matrix from its characteristic quartic, Newton from λ = Σw = 1 downwards."""
+    minors = 0.5 * (np.trace(s) ** 2 - np.sum(s * s))
+    a, b = sigma**2 - minors, sigma**2 + z @ z
+    c, d = np.linalg.det(s) + z @ s @ z, z @ s @ s @ z
+    x = 1.0
+    for _ in range(NEWTON_STEPS):
+        value = ((x * x - a - b) * x - c) * x + (a * b + c * sigma - d)
+        slope = (4 * x * x - 2 * (a + b)) * x - c
+        step = value / slope if slope > 0 else 0.0
+        x = min(1.0, x - step)
+        if abs(step) < NEWTON_CONVERGED:
+            break
+    return float(x)
+
+
+def q_method(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """(4,) scalar-last quaternion cam_from_icrs: eigenvector of Davenport's matrix (Huffman 2006 eq. 6.21–6.24)."""
+    parts = _davenport_parts(profile_matrix(observed, reference, weights))
+    q = np.linalg.eigh(_davenport(*parts))[1][:, -1]
+    return np.asarray(-q if q[3] < 0 else q)
+
+
+def svd(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """(3, 3) cam_from_icrs by singular value decomposition (Huffman 2006 eq. 6.50)."""
+    u, _, vt = np.linalg.svd(profile_matrix(observed, reference, weights))
+    sign = np.linalg.det(u) * np.linalg.det(vt)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(sign)]) @ vt)
+
+
+def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """(3, 3) cam_from_icrs by Markley's FOAM with signed singular values (Huffman 2006 eq. 6.54)."""
+    b = profile_matrix(observed, reference, weights)
+    s1, s2, s3 = np.linalg.svd(b, compute_uv=False) * [1, 1, np.sign(np.linalg.det(b)) or 1.0]
+    kappa, largest = s2 * s3 + s3 * s1 + s1 * s2, s1 + s2 + s3
+    zeta = (s2 + s3) * (s3 + s1) * (s1 + s2)
+    return np.asarray(((kappa + np.sum(b * b)) * b + largest * _cofactors(b) - b @ b.T @ b) / zeta)
+
+
+def _cofactors(m: Array) -> Array:
+    """Transposed adjugate of a (3, 3) matrix, by cross products of its rows so that singular ones are fine."""
+    return np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
+
+
+def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
+    """(3, 3) covariance of the small rotation vector, camera frame, rad²: inverse Fisher information.
+
+    ``sigma_rad_per_star``: scalar or (n,), standard deviation per axis of each measured direction. It is the QUEST
+    covariance (Huffman 2006 eq. 6.34, times four for angles) when the weights are 1/σ². Infinite where the
+    directions leave an axis free.
+    """
+    b = np.asarray(observed_cam, float).reshape(-1, 3)
+    sigma = np.broadcast_to(np.asarray(sigma_rad_per_star, float), len(b))
+    return _inverse(_information(b, 1.0 / sigma**2))
+
+
+def weighted_covariance_rad2(observed_cam: ArrayLike, weights: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
+    """As :func:`covariance_rad2`, for an attitude whose ``weights`` (n,) are not 1/σ², for example votes."""
+    b = np.asarray(observed_cam, float).reshape(-1, 3)
+    w = np.asarray(weights, float)
+    sigma = np.broadcast_to(np.asarray(sigma_rad_per_star, float), len(b))
+    gain = _inverse(_information(b, w))
+    return np.asarray(gain @ _information(b, (w * sigma) ** 2) @ gain) if np.isfinite(gain).all() else gain
+
+
+def _information(b: Array, weight: Array) -> Array:
+    """Σ w (1 − b bᵀ)."""
+    return np.asarray(np.sum(weight) * np.eye(3) - (weight[:, None] * b).T @ b)
+
+
+def _inverse(information: Array) -> Array:
+    values = np.linalg.eigvalsh(information)
+    if not values[0] > 1e-15 * max(values[-1], 1e-300):
+        return np.full((3, 3), np.inf)
+    return np.asarray(np.linalg.inv(information))
+
+
+def _davenport_parts(profile: Array) -> tuple[Array, Array, float]:
+    """S, Z and σ of eq. 4.4.9. Z has the opposite sign of the document's, whose quaternion is that of Shuster
+    (coordinates turn); ours is the one of ``gss.domain.rotation``."""
+    z = np.array([profile[2, 1] - profile[1, 2], profile[0, 2] - profile[2, 0], profile[1, 0] - profile[0, 1]])
+    return profile + profile.T, z, float(np.trace(profile))
+
+
+def _davenport(s: Array, z: Array, sigma: float) -> Array:
+    """(4, 4) matrix K whose largest eigenvector is the quaternion."""
+    k = np.empty((4, 4))
+    k[:3, :3] = s - sigma * np.eye(3)
+    k[:3, 3] = k[3, :3] = z
+    k[3, 3] = sigma
+    return k
+
+
+def _product(p: Array, q: Array) -> Array:
+    """Scalar-last quaternion of matrix(p) @ matrix(q)."""
+    vector = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])
+    return np.append(vector, p[3] * q[3] - p[:3] @ q[:3])
+
+
+def _checked(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
+    """Arrays of equal length, weights scaled to sum one; a broken contract is refused."""
+    b, r = np.asarray(observed, float), np.asarray(reference, float)
+    w = np.ones(len(b)) if weights is None else np.asarray(weights, float)
+    if b.ndim != 2 or b.shape != r.shape or b.shape[1] != 3 or w.shape != (len(b),):
+        raise BadInput(
+            "directions do not pair up",
+            expected="(n, 3) observed, (n, 3) reference and (n,) weights",
+            got=f"{b.shape}, {r.shape} and {w.shape}",
+        )
+    if np.any(w < 0) or not (np.isfinite(b).all() and np.isfinite(r).all() and np.isfinite(w).all()):
+        raise BadInput("directions or weights are unusable", expected="finite numbers, weights ≥ 0")
+    used = w > 0
+    if np.count_nonzero(used) < 2 or _all_parallel(b[used]) or _all_parallel(r[used]):
+        raise BadInput(
+            "an attitude needs two directions that are not parallel", got=f"{np.count_nonzero(used)} with weight"
+        )
+    return b, r, w / np.sum(w)
+
+
+def _all_parallel(v: Array) -> bool:
+    across = np.cross(v[0], v[1:])
+    return bool(np.max(np.sum(across * across, axis=-1)) < PARALLEL**2)
