@@ -1,0 +1,247 @@
+"""From stars to a frame, with the truth beside it: the eye of the simulator and of every statistical test.
+
+Light first (electrons expected per pixel), then what the detector does to it. A star's light is a Gaussian integrated
+over each pixel. Everything random comes from the caller's generator, so a seed names a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.results import Truth
+from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
+from gss.domain.sensor import Sensor
+from gss.domain.stars import StarTable
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+STAMP_SIGMAS = 5.0
+BLUR_STEP_SIGMAS = 0.5
+MAX_BLUR_STEPS = 400
+FAINTEST_E = 0.05
+
+
+@dataclass(frozen=True)
+class HotPixel:
+    """A pixel with ``rate_e_s`` electrons per second of its own."""
+
+    col: int
+    row: int
+    rate_e_s: float
+
+
+@dataclass(frozen=True)
+class FalseStar:
+    """A star-like spot that is in no catalogue: a planet, debris, a reflection."""
+
+    col_px: float
+    row_px: float
+    v_mag: float
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """What differs from pixel to pixel and stays: relative response, and offset in digital numbers. The seed is the chip."""
+
+    seed: int
+    response_sigma: float = 0.01
+    offset_sigma_dn: float = 0.3
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A frame, (rows, columns) of uint8 up to eight bits and uint16 above, and what is in it."""
+
+    pixels: Image
+    truth: Truth
+
+
+def render(
+    stars: StarTable,
+    camera: Camera,
+    sensor: Sensor,
+    cam_from_icrs: Array,
+    exposure_s: float,
+    rng: np.random.Generator,
+    *,
+    rate_rad_s: ArrayLike = (0.0, 0.0, 0.0),
+    noise: bool = True,
+    hot_pixels: Sequence[HotPixel] = (),
+    false_stars: Sequence[FalseStar] = (),
+    fixed_pattern: FixedPattern | None = None,
+) -> Rendered:
+    """One exposure of the ``stars`` (their ``icrs`` as given, no propagation) at an attitude.
+
+    ``rate_rad_s``: angular velocity of the camera against ICRS in camera axes; ``cam_from_icrs`` holds at mid-exposure.
+    Without ``noise`` the frame is the rounded expectation. Truth lists, brightest first, the stars whose mid-exposure
+    position lies on the detector, however faint.
+    """
+    if not exposure_s > 0:
+        raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s} s")
+    rate = np.asarray(rate_rad_s, float)
+    near = stars_near(
+        stars, camera, cam_from_icrs, STAMP_SIGMAS * sensor.psf_sigma_px, float(np.linalg.norm(rate)) * exposure_s
+    )
+    light = _expected_light(near, camera, sensor, cam_from_icrs, exposure_s, rate, false_stars)
+    pixels = expose(light, sensor, exposure_s, rng, noise=noise, hot_pixels=hot_pixels, fixed_pattern=fixed_pattern)
+    return Rendered(pixels, truth_of(near, camera, cam_from_icrs))
+
+
+def stars_near(
+    stars: StarTable, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0, margin_rad: float = 0.0
+) -> StarTable:
+    """The stars inside the cone round the detector's corners, widened. Keeps far stars, which a distortion
+    polynomial may fold back onto the detector, out of the picture."""
+    radius_rad = min(camera.half_diagonal_rad + 2 * margin_px * camera.pixel_rad + margin_rad, np.pi / 2 - 1e-3)
+    return stars.take(np.flatnonzero(stars.icrs @ np.asarray(cam_from_icrs)[2] > np.cos(radius_rad)))
+
+
+def truth_of(stars: StarTable, camera: Camera, cam_from_icrs: Array) -> Truth:
+    """Where the given stars (already near the field) fall, undisturbed, brightest first."""
+    pixels = camera.project(stars.icrs @ np.asarray(cam_from_icrs).T)
+    index = np.flatnonzero(camera.contains(pixels))
+    index = index[np.argsort(stars.v_mag[index], kind="stable")]
+    return Truth(quaternion_from_matrix(cam_from_icrs), stars.hip[index], pixels[index], stars.v_mag[index])
+
+
+def _expected_light(
+    stars: StarTable,
+    camera: Camera,
+    sensor: Sensor,
+    cam_from_icrs: Array,
+    exposure_s: float,
+    rate_rad_s: Array,
+    false_stars: Sequence[FalseStar],
+) -> Array:
+    """(rows, columns) expected electrons of starlight."""
+    paths = _paths(stars, camera, cam_from_icrs, exposure_s, rate_rad_s, BLUR_STEP_SIGMAS * sensor.psf_sigma_px)
+    star_e = sensor.star_e(stars.v_mag, exposure_s)
+    places = [paths.reshape(-1, 2)]
+    portions = [np.repeat(star_e / paths.shape[1], paths.shape[1])]
+    if false_stars:
+        places.append(np.array([[f.col_px, f.row_px] for f in false_stars], float))
+        portions.append(sensor.star_e(np.array([f.v_mag for f in false_stars]), exposure_s))
+    return spots(camera.rows, camera.columns, np.concatenate(places), np.concatenate(portions), sensor.psf_sigma_px)
+
+
+def _paths(
+    stars: StarTable, camera: Camera, cam_from_icrs: Array, exposure_s: float, rate_rad_s: Array, step_px: float
+) -> Array:
+    """(stars, steps, 2) pixel positions at the middles of equal parts of the exposure, close enough to look continuous."""
+    sweep_px = float(np.linalg.norm(rate_rad_s)) * exposure_s * max(camera.focal_col_px, camera.focal_row_px)
+    if sweep_px < 1e-6:
+        return camera.project(stars.icrs @ np.asarray(cam_from_icrs).T)[:, None]
+    # Off axis the plate scale grows by up to 1/cos² of the field angle.
+    steps = int(np.ceil(sweep_px / np.cos(camera.half_diagonal_rad) ** 2 / step_px)) + 1
+    if steps > MAX_BLUR_STEPS:
+        raise BadInput(
+            "the camera turns too fast to draw",
+            expected=f"at most {MAX_BLUR_STEPS * step_px:.0f} px of smear",
+            got=f"{steps * step_px:.0f} px",
+            hint="a shorter exposure",
+        )
+    times_s = ((np.arange(steps) + 0.5) / steps - 0.5) * exposure_s
+    turns = np.stack([rotation_from_vector(-rate_rad_s * t) for t in times_s])
+    at_middle = stars.icrs @ np.asarray(cam_from_icrs).T
+    return camera.project(np.einsum("tij,nj->nti", turns, at_middle))
+
+
+def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: float) -> Array:
+    """(rows, columns) sum of Gaussian spots, each integrated over the pixels; ``pixels`` (n, 2) col, row; NaN is nowhere."""
+    half = int(np.ceil(STAMP_SIGMAS * sigma_px))
+    seen = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
+    seen &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
+    pixels, electrons = pixels[seen], electrons[seen]
+    corner = np.rint(pixels).astype(np.intp) - half
+    offsets = np.arange(2 * half + 1)
+    across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], sigma_px)
+    down = _pixel_shares(corner[:, 1:] + offsets - pixels[:, 1:], sigma_px) * electrons[:, None]
+    # Padded by a stamp on every side, so that no spot needs clipping.
+    pad = 2 * half + 2
+    width = columns + 2 * pad
+    first = (corner[:, 1] + pad) * width + corner[:, 0] + pad
+    index = first[:, None, None] + (offsets * width)[:, None] + offsets
+    stamps = down[:, :, None] * across[:, None, :]
+    flat = np.bincount(index.ravel(), stamps.ravel(), (rows + 2 * pad) * width).astype(float, copy=False)
+    return np.ascontiguousarray(flat.reshape(-1, width)[pad : pad + rows, pad : pad + columns])
+
+
+def _pixel_shares(distance_px: Array, sigma_px: float) -> Array:
+    """Share of a one-dimensional Gaussian that falls into the pixel whose centre is at that distance."""
+    scale = 1.0 / (np.sqrt(2.0) * sigma_px)
+    return np.asarray(0.5 * (erf((distance_px + 0.5) * scale) - erf((distance_px - 0.5) * scale)))
+
+
+def expose(
+    light_e: Array,
+    sensor: Sensor,
+    exposure_s: float,
+    rng: np.random.Generator,
+    *,
+    noise: bool = True,
+    hot_pixels: Sequence[HotPixel] = (),
+    fixed_pattern: FixedPattern | None = None,
+) -> Image:
+    """What the detector reads out for (rows, columns) expected electrons of light.
+
+    Shot noise of light is Poisson. Dark current, sky and read-out, the same everywhere, are one normal deviate: at their
+    15 e and more the difference is a skewness of a few hundredths.
+    """
+    rows, columns = light_e.shape
+    even_e = (sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
+    extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
+    response, offset_dn = _pattern(fixed_pattern, rows, columns)
+    expected_e = (extra_e * response).ravel()
+    lit = np.flatnonzero(expected_e > 1e-3)
+    if noise:
+        spread_e = np.float32(np.sqrt(even_e + sensor.read_noise_e**2))
+        signal_e = rng.standard_normal(rows * columns, dtype=np.float32)
+        signal_e *= spread_e
+        signal_e += np.float32(even_e)
+        signal_e[lit] += rng.poisson(expected_e[lit]).astype(np.float32)
+    else:
+        signal_e = np.full(rows * columns, even_e, np.float32)
+        signal_e[lit] += expected_e[lit].astype(np.float32)
+    return _digitise(signal_e.reshape(rows, columns), offset_dn, sensor)
+
+
+def _with_hot_pixels(light_e: Array, hot_pixels: Sequence[HotPixel], exposure_s: float) -> Array:
+    if not hot_pixels:
+        return light_e
+    hot = light_e.copy()
+    rows, columns = hot.shape
+    for pixel in hot_pixels:
+        if not (0 <= pixel.row < rows and 0 <= pixel.col < columns):
+            raise BadInput(
+                "hot pixel is not on the detector", expected=f"{columns} x {rows}", got=f"{pixel.col}, {pixel.row}"
+            )
+        hot[pixel.row, pixel.col] += pixel.rate_e_s * exposure_s
+    return hot
+
+
+def _pattern(
+    pattern: FixedPattern | None, rows: int, columns: int
+) -> tuple[Array | float, NDArray[np.float32] | np.float32]:
+    if pattern is None:
+        return 1.0, np.float32(0)
+    chip = np.random.default_rng(pattern.seed)
+    response = np.maximum(0.0, 1.0 + pattern.response_sigma * chip.standard_normal((rows, columns)))
+    return response, np.float32(pattern.offset_sigma_dn) * chip.standard_normal((rows, columns), dtype=np.float32)
+
+
+def _digitise(signal_e: NDArray[np.float32], offset_dn: NDArray[np.float32] | np.float32, sensor: Sensor) -> Image:
+    """Full well, gain, bias, rounding, converter range."""
+    dn = np.minimum(signal_e, np.float32(sensor.full_well_e), out=signal_e)
+    dn *= np.float32(1.0 / sensor.gain_e_per_dn)
+    dn += np.float32(sensor.bias_dn + 0.5) + offset_dn
+    # Truncation after adding a half is rounding for what is left: negative values are clipped to zero first.
+    np.clip(dn, 0, sensor.saturation_dn, out=dn)
+    return dn.astype(np.uint8) if sensor.bits <= 8 else dn.astype(np.uint16)
