@@ -1,0 +1,119 @@
+"""The sky under the stars: a mesh of robust levels and noises, read anywhere by bilinear interpolation.
+
+Each tile is described by the clipped mean and standard deviation of a regular subset of its pixels, so stars, hot
+pixels and cosmic rays do not lift it; a 3x3 median over the tiles removes what still stands out (Moon glow, clouds
+and vignetting survive, single bright tiles do not). SExtractor's mesh (Bertin & Arnouts 1996 §4) is the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from gss.domain.angles import Array
+
+TILE_PX = 32
+SAMPLES_PER_TILE = 100  # enough for a level good to a sixth of the noise, few enough to cost nothing
+CLIP_SIGMA = 3.0
+CLIP_ROUNDS = 3
+FLAT_PER_SIGMA = 0.08  # a tile's level is itself only known to about a tenth of the noise
+
+
+@dataclass(frozen=True)
+class Background:
+    """Mesh of sky level and of the noise of one pixel, both in the unit of the image. ``tile_px``: side of a tile."""
+
+    level: Array
+    noise: Array
+    tile_px: int
+
+    def at(self, col: Array, row: Array) -> tuple[Array, Array]:
+        """(level, noise) at pixel positions, bilinear between the middles of tiles, constant outside them."""
+        r = np.clip((row + 0.5) / self.tile_px - 0.5, 0, self.level.shape[0] - 1)
+        c = np.clip((col + 0.5) / self.tile_px - 0.5, 0, self.level.shape[1] - 1)
+        r0, c0 = r.astype(np.intp), c.astype(np.intp)
+        r1, c1 = np.minimum(r0 + 1, self.level.shape[0] - 1), np.minimum(c0 + 1, self.level.shape[1] - 1)
+        fr, fc = r - r0, c - c0
+        both = []
+        for mesh in (self.level, self.noise):
+            top = mesh[r0, c0] * (1 - fc) + mesh[r0, c1] * fc
+            bottom = mesh[r1, c0] * (1 - fc) + mesh[r1, c1] * fc
+            both.append(top * (1 - fr) + bottom * fr)
+        return both[0], both[1]
+
+    def lowest_threshold(self, sigma: float) -> Array:
+        """Per tile a value that ``level + sigma·noise`` nowhere inside the tile falls below."""
+        return np.asarray(ndimage.minimum_filter(self.level + sigma * self.noise, size=3, mode="nearest"))
+
+
+def _clipped(samples: Array) -> tuple[Array, Array]:
+    """Clipped mean and standard deviation of each row; NaN samples do not count."""
+    middle = np.nanmedian(samples, axis=1) if np.isnan(samples).any() else np.median(samples, axis=1)
+    deviation = np.abs(samples - middle[:, None])
+    spread = 1.4826 * (np.nanmedian(deviation, axis=1) if np.isnan(deviation).any() else np.median(deviation, axis=1))
+    # Coarsely quantised frames can have a zero median deviation although they are noisy.
+    spread = np.maximum(spread, np.minimum(np.nanmean(deviation, axis=1), 0.5))
+    mean = middle
+    for _ in range(CLIP_ROUNDS):
+        keep = np.abs(samples - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12
+        count = np.maximum(keep.sum(axis=1), 1)
+        filled = np.where(keep, samples, 0.0)
+        mean = np.where(keep.any(axis=1), filled.sum(axis=1) / count, middle)
+        squares = np.where(keep, (samples - mean[:, None]) ** 2, 0.0).sum(axis=1) / count
+        spread = np.sqrt(squares) * 1.014  # what clipping a normal distribution at 3 sigma takes away
+    return mean, spread
+
+
+def _tile_samples(image: NDArray[np.generic], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
+    """(tiles, samples) of every ``step``-th pixel, the mesh's shape. Pixels past the last whole tile make short tiles."""
+    rows, cols = image.shape
+    shape = (-(-rows // tile_px), -(-cols // tile_px))
+    per = -(-tile_px // step)
+    picked = image[step // 2 :: step, step // 2 :: step].astype(np.float32)
+    side = (shape[0] * per, shape[1] * per)
+    if tile_px % step == 0 and picked.shape == side:
+        padded = picked
+    else:
+        padded = np.full(side, np.nan, np.float32)
+        at = [np.arange(step // 2, n, step) for n in (rows, cols)]
+        index = [(a // tile_px) * per + (a % tile_px) // step for a in at]
+        padded[np.ix_(index[0], index[1])] = picked
+    tiles = padded.reshape(shape[0], per, shape[1], per).transpose(0, 2, 1, 3).reshape(shape[0] * shape[1], per * per)
+    return np.asarray(tiles), shape
+
+
+def measure_background(image: NDArray[np.generic], tile_px: int = TILE_PX) -> Background:
+    """Mesh of an image of any real type. Tiles of equal level within their own error become one plane (all equal)."""
+    tile = int(min(tile_px, *image.shape))
+    step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
+    step = next(s for s in range(step, 0, -1) if tile % s == 0)
+    samples, shape = _tile_samples(image, tile, step)
+    short = np.isnan(samples).mean(axis=1) > 0.7  # slivers at the far edges: too few pixels to say anything
+    with np.errstate(invalid="ignore"):
+        usable = samples[~short] if (~short).any() else samples
+        level_ok, noise_ok = _clipped(usable)
+    level, noise = np.full(len(samples), np.nan), np.full(len(samples), np.nan)
+    level[~short] = level_ok
+    noise[~short] = noise_ok
+    level_mesh, noise_mesh = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
+    level_mesh = ndimage.median_filter(level_mesh, size=3, mode="nearest")
+    noise_mesh = ndimage.median_filter(noise_mesh, size=3, mode="nearest")
+    typical = float(np.median(noise_mesh))
+    if np.std(level_mesh) < FLAT_PER_SIGMA * typical:
+        level_mesh = np.full(shape, float(np.mean(level_mesh)))
+    # A tile of dead or clipped pixels has no noise of its own; nothing may divide by it.
+    return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
+
+
+def _fill(mesh: Array) -> Array:
+    """Give tiles without a value that of the nearest one with."""
+    bad = ~np.isfinite(mesh)
+    if not bad.any():
+        return mesh
+    if bad.all():
+        return np.zeros_like(mesh)
+    nearest = ndimage.distance_transform_edt(bad, return_distances=False, return_indices=True)
+    return np.asarray(mesh[tuple(nearest)])

@@ -1,0 +1,398 @@
+"""Which pixels are stars: a matched filter against the local sky, then tests that a point-spread function must pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.results import Centroids, Region
+from gss.pipeline.background import Background, measure_background
+from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours
+
+THRESHOLD_SIGMA = 5.0
+MAX_PEAKS = 4000  # counted budget: brightest first, the rest is said to be left out
+MAX_STARS = 400
+STREAK_RATIO = 1.7
+SIGMA_RANGE_PX = (0.45, 6.0)
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Stars found in one frame, and how the frame looked.
+
+    ``psf_covariance_px2``: (2, 2), shared by the stars. ``streak_px``: length of the trail in px (0 for round stars) and
+    its direction from +col towards +row.
+    """
+
+    centroids: Centroids
+    regions: tuple[Region, ...]
+    background: Background
+    psf_covariance_px2: Array
+    streak_px: float
+    streak_direction_rad: float
+    notes: tuple[str, ...]
+
+    @property
+    def psf_sigma_px(self) -> float:
+        """Width of the round point-spread function of the same area."""
+        return float(np.linalg.det(self.psf_covariance_px2) ** 0.25)
+
+
+def find_stars(
+    pixels: NDArray[np.generic],
+    *,
+    psf_sigma_px: float | None = None,
+    saturation_dn: float | None = None,
+    e_per_dn: float = 0.0,
+    threshold_sigma: float = THRESHOLD_SIGMA,
+    max_stars: int = MAX_STARS,
+) -> Detections:
+    """Stars of a (rows, cols) frame of any real type, brightest first.
+
+    ``psf_sigma_px`` None: the width is estimated from the frame itself (foreign images), trails included.
+    ``saturation_dn``: values from here on are clipped and not fitted; None: the frame's own ceiling if it touches it.
+    """
+    image = _checked(pixels)
+    ceiling = _ceiling(image) if saturation_dn is None else saturation_dn
+    notes: list[str] = []
+    known = psf_sigma_px is not None
+    sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
+    covariance = np.eye(2) * (sigma**2 + 1 / 12)
+    pass_one = _peaks(image, covariance, ceiling, threshold_sigma, notes)
+    if not known:
+        measured = _measure_psf(image, pass_one, ceiling)
+        if measured is not None:
+            moved = np.abs(np.log(np.linalg.eigvalsh(measured) / covariance[0, 0])).max()
+            covariance = measured
+            if moved > 0.8:
+                notes.clear()
+                pass_one = _peaks(image, covariance, ceiling, threshold_sigma, notes)
+    return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes)
+
+
+def _checked(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
+    image = np.asarray(pixels)
+    if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "uif":
+        raise BadInput(
+            "this array is not a frame",
+            expected="two axes of at least 8 real pixels",
+            got=f"{image.dtype} {image.shape}",
+        )
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
+        raise BadInput("the frame holds values that are not numbers", expected="finite pixels", got="NaN or infinity")
+    return image
+
+
+def _ceiling(image: NDArray[np.generic]) -> float:
+    """Lowest value that counts as clipped: the frame's maximum where several pixels share it, as only clipping does."""
+    top = image.max()
+    floor_ = np.median(image[::8, ::8])
+    enough = int((image == top).sum()) >= 6 and float(top) > float(floor_) + 20
+    return float(top) if enough else float("inf")
+
+
+def _binomial_sum(image: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat."""
+    kind = np.uint16 if image.dtype == np.uint8 else np.float32
+    wide = np.empty((image.shape[0] + 4, image.shape[1] + 4), kind)
+    wide[2:-2, 2:-2] = image
+    wide[:2, 2:-2], wide[-2:, 2:-2] = image[0], image[-1]
+    wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
+    for _ in range(4):
+        wide = wide[:, :-1] + wide[:, 1:]
+    for _ in range(4):
+        wide = wide[:-1] + wide[1:]
+    return wide
+
+
+def _filtered(image: NDArray[np.generic], covariance: Array) -> NDArray[np.generic]:
+    """The frame under a filter close to its point-spread function. Any gain: noise is measured on the result."""
+    low, high = np.sqrt(np.linalg.eigvalsh(covariance))
+    if high < 1.6:
+        return _binomial_sum(image)
+    if high / low < STREAK_RATIO:
+        return np.asarray(ndimage.gaussian_filter(image.astype(np.float32), float(np.sqrt(low * high)), mode="nearest"))
+    half = int(np.ceil(2.5 * high))
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    q = np.linalg.inv(covariance)
+    kernel = np.exp(-0.5 * (q[0, 0] * x * x + 2 * q[0, 1] * x * y + q[1, 1] * y * y))
+    from scipy.signal import oaconvolve
+
+    wide = np.pad(image.astype(np.float32), half, mode="edge")
+    return np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid"))
+
+
+@dataclass(frozen=True)
+class _Peaks:
+    """Local maxima of the filtered frame, brightest first: position, significance; backgrounds of raw and filtered."""
+
+    col: NDArray[np.intp]
+    row: NDArray[np.intp]
+    snr: Array
+    sky: Array
+    noise: Array
+    single: NDArray[np.bool_]
+    background: Background
+
+
+def _peaks(
+    image: NDArray[np.generic], covariance: Array, ceiling: float, threshold_sigma: float, notes: list[str]
+) -> _Peaks:
+    smooth = _filtered(image, covariance)
+    background = measure_background(smooth)
+    raw_background = measure_background(image)
+    row, col = _above(smooth, background, threshold_sigma)
+    level, noise = background.at(col, row)
+    snr = (smooth[row, col] - level) / noise
+    keep = np.flatnonzero((snr > threshold_sigma) & _is_maximum(smooth, row, col))
+    keep = keep[np.argsort(-snr[keep], kind="stable")]
+    if len(keep) > MAX_PEAKS:
+        notes.append(f"{len(keep)} peaks above threshold; the brightest {MAX_PEAKS} were looked at")
+        keep = keep[:MAX_PEAKS]
+    row, col, snr = row[keep], col[keep], snr[keep]
+    sky, raw_noise = raw_background.at(col, row)
+    single = _is_single_pixel(image, row, col, sky, raw_noise, covariance)
+    return _Peaks(col, row, snr, sky, raw_noise, single, raw_background)
+
+
+def _above(
+    smooth: NDArray[np.generic], background: Background, sigma: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pixels that may be above threshold: each tile against its own lowest threshold."""
+    tile = background.tile_px
+    lowest = background.lowest_threshold(sigma)
+    if smooth.dtype.kind == "u":
+        lowest = np.clip(np.floor(lowest), 0, np.iinfo(smooth.dtype).max)
+    per_col = np.repeat(lowest, tile, axis=1)[:, : smooth.shape[1]].astype(smooth.dtype)
+    hit = np.empty(smooth.shape, bool)
+    for k in range(len(lowest)):
+        np.greater(smooth[k * tile : (k + 1) * tile], per_col[k], out=hit[k * tile : (k + 1) * tile])
+    flat = np.flatnonzero(hit)
+    return np.divmod(flat, smooth.shape[1])
+
+
+def _is_maximum(smooth: NDArray[np.generic], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """No neighbour is higher; of equal ones the first in reading order counts."""
+    rows, cols = smooth.shape
+    here = smooth[row, col]
+    best = np.ones(len(row), bool)
+    for dr, dc in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+        there = smooth[np.clip(row + dr, 0, rows - 1), np.clip(col + dc, 0, cols - 1)]
+        outside = (row + dr < 0) | (row + dr >= rows) | (col + dc < 0) | (col + dc >= cols)
+        earlier = (dr, dc) < (0, 0)
+        best &= outside | ((here > there) if earlier else (here >= there))
+    return best
+
+
+def _is_single_pixel(
+    image: NDArray[np.generic],
+    row: NDArray[np.intp],
+    col: NDArray[np.intp],
+    sky: Array,
+    noise: Array,
+    covariance: Array,
+) -> NDArray[np.bool_]:
+    """Light that stands in one pixel, one row or one column only: a hot pixel, cosmic ray or column defect, no lens makes it.
+
+    A star of covariance C leaves its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star;
+    half of that is asked for, along columns and along rows separately, within the noise.
+    """
+    rows, cols = image.shape
+    side = np.arange(-1, 2)
+    r = np.clip(row[:, None, None] + side[:, None], 0, rows - 1)
+    c = np.clip(col[:, None, None] + side, 0, cols - 1)
+    box = image[r, c].astype(float) - sky[:, None, None]
+    # The raw maximum may sit next to the filtered one.
+    k = box.reshape(len(row), 9).argmax(1) if len(row) else np.zeros(0, int)
+    r2, c2 = row + k // 3 - 1, col + k % 3 - 1
+    r = np.clip(r2[:, None, None] + side[:, None], 0, rows - 1)
+    c = np.clip(c2[:, None, None] + side, 0, cols - 1)
+    box = image[r, c].astype(float) - sky[:, None, None]
+    peak = box[:, 1, 1]
+    across, along = box[:, 1, [0, 2]].sum(1), box[:, [0, 2], 1].sum(1)
+    expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], 0.25))
+    expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], 0.25))
+    doubt = 1.5 * noise
+    return np.asarray((across + doubt < 0.4 * expected_col * peak) | (along + doubt < 0.4 * expected_row * peak))
+
+
+def _measure_psf(image: NDArray[np.generic], peaks: _Peaks, ceiling: float) -> Array | None:
+    """Covariance (2, 2) of the typical bright star, None where too few stars say anything."""
+    pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:60]
+    if len(pick) < 3:
+        return None
+    half = 9
+    stamps = cut_stamps(image, peaks.col[pick], peaks.row[pick], peaks.sky[pick], half, float("inf"))
+    shapes = adaptive_shapes(stamps, 1.5)
+    touched = np.any(
+        (
+            image[
+                np.clip(stamps.row[:, None] + stamps.dy.astype(int), 0, image.shape[0] - 1),
+                np.clip(stamps.col[:, None] + stamps.dx.astype(int), 0, image.shape[1] - 1),
+            ]
+            >= ceiling
+        ),
+        axis=1,
+    )
+    good = shapes.good & ~touched if (shapes.good & ~touched).sum() >= 3 else shapes.good
+    if good.sum() < 3:
+        return None
+    middle = np.median(shapes.covariance[good], axis=0)
+    values, vectors = np.linalg.eigh(middle)
+    values = np.clip(values, SIGMA_RANGE_PX[0] ** 2, SIGMA_RANGE_PX[1] ** 2)
+    if values[1] / values[0] < STREAK_RATIO**2 / 1.3:
+        return np.asarray(np.eye(2) * np.sqrt(values[0] * values[1]))
+    return np.asarray(vectors @ np.diag(values) @ vectors.T)
+
+
+def _measure(
+    image: NDArray[np.generic],
+    peaks: _Peaks,
+    covariance: Array,
+    ceiling: float,
+    e_per_dn: float,
+    max_stars: int,
+    notes: list[str],
+) -> Detections:
+    low, high = np.sqrt(np.linalg.eigvalsh(covariance))
+    half = int(np.clip(np.ceil(2.6 * high), 2, 14))
+    stars = np.flatnonzero(~peaks.single)
+    stars = stars[_not_shoulders(image, peaks, stars, high, ceiling)][: 3 * max_stars]
+    stamps = cut_stamps(image, peaks.col[stars], peaks.row[stars], peaks.sky[stars], half, ceiling)
+    stamps = _blown_kept(stamps, image, peaks, stars, half)
+    noise = peaks.noise[stars]
+    fit = fit_stars(stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn)
+    cleaned, touched = subtract_neighbours(stamps, fit, covariance)
+    if touched.any():
+        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn)
+    reasons = _reasons(image, fit, stamps, high)
+    inside = np.array([r == "" for r in reasons], bool)
+    order = np.flatnonzero(inside)[np.argsort(-fit.flux[inside], kind="stable")]
+    if len(order) > max_stars:
+        notes.append(f"{len(order)} stars found; the brightest {max_stars} were kept")
+        order = order[:max_stars]
+    area = (stamps.value > 2 * noise[:, None]).sum(1).astype(np.int32)
+    peak = np.where(stamps.use, stamps.value, -np.inf).max(1, initial=0.0)
+    centroids = Centroids(fit.col, fit.row, fit.flux, peak, area, fit.sigma_px * (1 + 0.5 * touched)).take(order)
+    n_single = int(peaks.single.sum())
+    if n_single > 20:
+        notes.append(f"{n_single} single bright pixels were left out as hot pixels")
+    is_streak = high / low >= STREAK_RATIO
+    _, vectors = np.linalg.eigh(covariance)
+    return Detections(
+        centroids,
+        _regions(peaks, stars, order, area, peak, fit, reasons, half),
+        peaks.background,
+        covariance,
+        float(np.sqrt(12 * (high**2 - low**2))) if is_streak else 0.0,
+        float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi) if is_streak else 0.0,
+        tuple(notes),
+    )
+
+
+def _not_shoulders(
+    image: NDArray[np.generic], peaks: _Peaks, stars: NDArray[np.intp], width: float, ceiling: float
+) -> NDArray[np.intp]:
+    """Rows of ``stars`` that are not mere bumps on a brighter neighbour: no dip in between, or swamped by its wings."""
+    col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
+    reach = max(3.0, 2.2 * width)
+    if len(stars) < 2:
+        return np.arange(len(stars))
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(np.column_stack([col, row])).query_pairs(3 * reach, output_type="ndarray")
+    drop = np.zeros(len(stars), bool)
+    for i, j in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+        if drop[i]:
+            continue
+        distance = np.hypot(col[i] - col[j], row[i] - row[j])
+        ratio = peaks.snr[stars[j]] / peaks.snr[stars[i]]
+        if (
+            distance < reach * 0.8
+            or (distance < reach and ratio < 0.5)
+            or ratio < 0.02
+            or (distance < 2 * reach and ratio < 0.05)
+        ):
+            drop[j] = True
+            continue
+        t = np.linspace(0, 1, int(distance) + 2)[1:-1]
+        path = image[
+            np.rint(row[i] + t * (row[j] - row[i])).astype(int), np.rint(col[i] + t * (col[j] - col[i])).astype(int)
+        ]
+        lower = float(image[int(row[j]), int(col[j])]) - peaks.sky[stars[j]]
+        if float(path.min()) - peaks.sky[stars[j]] > 0.8 * lower:
+            drop[j] = True
+    return np.flatnonzero(~drop)
+
+
+def _blown_kept(
+    stamps: Stamps, image: NDArray[np.generic], peaks: _Peaks, stars: NDArray[np.intp], half: int
+) -> Stamps:
+    """Stars so saturated that fewer than a third of their pixels are left are fitted with the clipped values."""
+    blown = stamps.use.mean(1) < 0.34
+    if not blown.any():
+        return stamps
+    use = stamps.use.copy()
+    inside = (
+        (stamps.row[:, None] + stamps.dy >= 0)
+        & (stamps.row[:, None] + stamps.dy < image.shape[0])
+        & (stamps.col[:, None] + stamps.dx >= 0)
+        & (stamps.col[:, None] + stamps.dx < image.shape[1])
+    )
+    use[blown] = inside[blown]
+    return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)
+
+
+def _reasons(image: NDArray[np.generic], fit: PsfFit, stamps: Stamps, width: float) -> list[str]:
+    rows, cols = image.shape
+    outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > cols - 0.5) | (fit.row > rows - 0.5)
+    return [
+        "no star shape" if not good else "outside the detector" if out else ""
+        for good, out in zip(fit.good, outside, strict=True)
+    ]
+
+
+def _regions(
+    peaks: _Peaks,
+    stars: NDArray[np.intp],
+    order: NDArray[np.intp],
+    area: NDArray[np.int32],
+    peak: Array,
+    fit: PsfFit,
+    reasons: list[str],
+    half: int,
+    limit: int = 200,
+) -> tuple[Region, ...]:
+    """Windows of kept stars, then of what was rejected and why (the brightest of them)."""
+
+    def window(col: float, row: float, a: int, p: float, s: float, why: str) -> Region:
+        c, r = int(col), int(row)
+        return Region(c - half, r - half, c + half, r + half, a, p, s, why)
+
+    kept = [
+        window(peaks.col[stars[k]], peaks.row[stars[k]], int(area[k]), float(peak[k]), float(fit.flux[k]), "")
+        for k in order
+    ]
+    chosen = set(order.tolist())
+    left = [
+        window(
+            peaks.col[stars[k]],
+            peaks.row[stars[k]],
+            int(area[k]),
+            float(peak[k]),
+            float(np.nan_to_num(fit.flux[k])),
+            reasons[k],
+        )
+        for k in range(len(stars))
+        if k not in chosen and reasons[k]
+    ]
+    hot = [
+        window(peaks.col[k], peaks.row[k], 1, float(peaks.snr[k] * peaks.noise[k]), 0.0, "single pixel, row or column")
+        for k in np.flatnonzero(peaks.single)[:limit]
+    ]
+    return tuple(kept + left[:limit] + hot)

@@ -1,0 +1,108 @@
+"""Geometric voting (Kolomenkin 2008 as Erlank 2013 §4.3.3 and Algorithm 2 use it).
+
+Each pair of imaged stars asks the distance table for catalogue pairs of its length; both imaged stars get a vote from both
+catalogue stars. The most voted name of each is then checked against the others: a verification vote for every pair whose
+assumed names are as far apart as the stars are. All counts are integers and ties go to the lower row number,
+so the same input gives the same answer on any machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.stars import DistanceTable, OnboardCatalogue
+
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Ballot:
+    """First round. ``row``: (n,) most voted catalogue row of each imaged star, −1 where none got a vote;
+    ``votes``: (n,) how many; ``hits``: table entries met by all pairs together."""
+
+    row: Rows
+    votes: Rows
+    hits: int
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """All pairs i < j of n imaged stars and their distances."""
+
+    i: Rows
+    j: Rows
+    distance_rad: Array
+
+
+def pairs_of(unit_cam: Array) -> Pairs:
+    """Pairs of (n, 3) unit vectors. Chords instead of eq. 4.3.1's arccosine, which is coarse at small angles."""
+    i, j = np.triu_indices(len(unit_cam), 1)
+    return Pairs(i, j, _angle_rad(unit_cam[i] - unit_cam[j]))
+
+
+def _angle_rad(chord: Array) -> Array:
+    half = 0.5 * np.sqrt(np.einsum("ij,ij->i", chord, chord))
+    return np.asarray(2.0 * np.arcsin(np.minimum(half, 1.0)))
+
+
+def reduced_table(table: DistanceTable, allowed: Mask) -> DistanceTable:
+    """The pairs of which both stars are in the reduced catalogue (Erlank 2013 §4.3.4)."""
+    keep = np.flatnonzero(allowed[table.first] & allowed[table.second])
+    return DistanceTable(table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, table.max_rad)
+
+
+def vote(pairs: Pairs, stars: int, table: DistanceTable, rows: int, tolerance_rad: float) -> Ballot:
+    """First round of ``stars`` imaged stars over a catalogue of ``rows`` stars, by binary search in the table."""
+    low = np.searchsorted(table.distance_rad, pairs.distance_rad - tolerance_rad, side="left")
+    high = np.searchsorted(table.distance_rad, pairs.distance_rad + tolerance_rad, side="right")
+    count = high - low
+    pair = np.repeat(np.arange(len(count)), count)
+    entry = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
+    first, second = table.first[entry], table.second[entry]
+    i, j = pairs.i[pair] * rows, pairs.j[pair] * rows
+    lists = np.bincount(np.concatenate([i + first, i + second, j + first, j + second]), minlength=stars * rows)
+    votes = lists.reshape(stars, rows)
+    row = np.argmax(votes, axis=1) if rows else np.full(stars, -1)
+    most = votes[np.arange(stars), row] if rows else np.zeros(stars, np.intp)
+    return Ballot(np.where(most > 0, row, -1), most, len(pair))
+
+
+def agreement(pairs: Pairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
+    """(n, n) symmetric 0/1: the assumed names of the two stars are as far apart as the stars are. Two stars with one
+    name never agree."""
+    agree = np.zeros((len(row), len(row)), np.int64)
+    a, b = row[pairs.i], row[pairs.j]
+    known = np.flatnonzero((a >= 0) & (b >= 0) & (a != b))
+    icrs = catalogue.icrs.astype(float)
+    apart_rad = _angle_rad(icrs[a[known]] - icrs[b[known]])
+    ok = known[np.abs(apart_rad - pairs.distance_rad[known]) <= tolerance_rad]
+    agree[pairs.i[ok], pairs.j[ok]] = agree[pairs.j[ok], pairs.i[ok]] = 1
+    return agree
+
+
+def cluster(verification: NDArray[np.int64], margin: int) -> Rows:
+    """Stars whose verification votes are within ``margin`` of the most (Kolomenkin; Erlank 2013 §4.3.3 takes one)."""
+    most = int(verification.max(initial=0))
+    return np.flatnonzero(verification >= max(1, most - margin))
+
+
+def mutually_consistent(agree: NDArray[np.int64], chosen: Rows) -> Rows:
+    """The part of ``chosen`` in which every pair agrees: the star that disagrees most is left out until none does.
+
+    Not in the document: there a false star that gets near the most votes by accident goes into the attitude.
+    """
+    chosen = chosen.copy()
+    while len(chosen) > 1:
+        friends = agree[np.ix_(chosen, chosen)].sum(axis=1)
+        if friends.min() == len(chosen) - 1:
+            break
+        # Ties: the one with fewer votes over all; then the later, fainter one.
+        total = agree[chosen].sum(axis=1)
+        worst = np.lexsort((-np.arange(len(chosen)), total, friends))[0]
+        chosen = np.delete(chosen, worst)
+    return chosen

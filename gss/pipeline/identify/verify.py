@@ -1,0 +1,147 @@
+"""The proof of an identification: predict the whole field from it, and see how much of that is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import Centroids
+from gss.pipeline.attitude import svd
+from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, false_match_probability
+
+RADIUS_SIGMA = 3.5
+ROUNDS = 3
+MAX_RADIUS_PX = 25.0
+MIN_RADIUS_PX = 0.35
+
+
+@dataclass(frozen=True)
+class Sky:
+    """The stars a camera can show, brightest first: (n,) Hipparcos numbers, (n, 3) ICRS unit vectors, (n,) V."""
+
+    hip: NDArray[np.int32]
+    icrs: Array
+    v_mag: Array
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+
+@dataclass(frozen=True)
+class Field:
+    """What one frame shows, brightest first: rows in Centroids, (n, 2) pixels, (n, 3) camera vectors, their errors, and
+    magnitudes of any zero point."""
+
+    centroid: NDArray[np.intp]
+    pixels: Array
+    unit: Array
+    sigma_px: Array
+    sigma_rad: Array
+    magnitude: Array
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> Field:
+    """Centroids as a camera of known geometry sees them. Positions outside the distortion's domain are left out."""
+    pixels = centroids.pixels
+    sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
+    n = len(pixels)
+    steps = np.concatenate([pixels, pixels + [0.5, 0], pixels + [0, 0.5]])
+    unit = camera.unproject(steps) if n else np.zeros((0, 3))
+    here, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
+    px_rad = 2 * np.maximum(np.linalg.norm(right - here, axis=1), np.linalg.norm(below - here, axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        magnitude = np.nan_to_num(-2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12)))
+    ok = np.isfinite(here).all(axis=1) & np.isfinite(px_rad)
+    return Field(np.flatnonzero(ok), pixels[ok], here[ok], sigma_px[ok], (px_rad * sigma_px)[ok], magnitude[ok])
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A verified hypothesis: rows of the field with the rows of the sky they are, attitude, and how it could be wrong."""
+
+    rows: NDArray[np.intp]
+    stars: NDArray[np.intp]
+    cam_from_icrs: Array
+    predicted: int
+    false_match_probability: float
+
+
+def in_view(sky: Sky, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0) -> tuple[NDArray[np.intp], Array]:
+    """Rows of the sky on the detector, and their (m, 2) pixels."""
+    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
+    pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
+    inside = camera.contains(pixels, -margin_px)
+    return near[inside], pixels[inside]
+
+
+def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Mutually nearest (predicted row, measured row) within the predicted star's radius (p,) px."""
+    if not len(predicted) or not len(measured):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    d2 = ((predicted[:, None] - measured[None]) ** 2).sum(-1)
+    to = d2.argmin(1)
+    back = d2.argmin(0)
+    p = np.arange(len(predicted))
+    ok = (back[to] == p) & (d2[p, to] <= radius**2)
+    return p[ok], to[ok]
+
+
+def verify(
+    field: Field,
+    sky: Sky,
+    camera: Camera,
+    *,
+    rows: NDArray[np.intp],
+    stars: NDArray[np.intp],
+    hypotheses: float,
+    calibration_px: float = 0.0,
+) -> Evidence | None:
+    """Predict and count, starting from a few identified stars; None where that does not even hold together.
+
+    Two stars fix the hypothesis; each further match is evidence. The chance of a coincidence uses the radius of the
+    first prediction, before any fit could pull stars together.
+    """
+    chance = 1.0
+    for round_ in range(ROUNDS):
+        weights = 1 / field.sigma_rad[rows] ** 2
+        cam_from_icrs = svd(field.unit[rows], sky.icrs[stars], weights)
+        seen, predicted = in_view(sky, camera, cam_from_icrs)
+        if len(seen) < 2:
+            return None
+        radius = _radius(field, camera, sky.icrs[seen] @ cam_from_icrs.T, field.unit[rows], weights, calibration_px)
+        if round_ == 0:
+            chance = _chance(camera, radius)
+        p, m = pair_up(predicted, field.pixels, radius)
+        if len(m) < 3:
+            return None
+        rows, stars = m, seen[p]
+    position = binomial_tail(len(rows) - 2, len(field) - 2, chance)
+    spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(field.magnitude)))
+    brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
+    order = np.argsort(rows)
+    return Evidence(
+        rows[order], stars[order], cam_from_icrs, len(seen), false_match_probability(hypotheses, position, brightness)
+    )
+
+
+def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float) -> Array:
+    """Acceptance radius of each predicted star, px: centroid error and what the attitude's own error adds there."""
+    information = np.sum(weights) * np.eye(3) - (used * weights[:, None]).T @ used
+    covariance = np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(3))
+    lever2 = np.maximum(np.trace(covariance) - np.einsum("ij,jk,ik->i", unit, covariance, unit), 0) * 0.75 / camera.pixel_rad**2
+    own = float(np.median(field.sigma_px)) if len(field) else 0.1
+    radius = RADIUS_SIGMA * np.sqrt(own**2 + lever2) + calibration_px
+    return np.asarray(np.clip(radius, MIN_RADIUS_PX, MAX_RADIUS_PX))
+
+
+def _chance(camera: Camera, radius: Array) -> float:
+    """Probability that one random detection falls on any predicted star but the two of the hypothesis."""
+    area = np.pi * np.sort(radius**2)[2:].sum()
+    return float(min(1.0, area / (camera.columns * camera.rows)))
