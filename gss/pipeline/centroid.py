@@ -41,7 +41,7 @@ def window_centroids(pixels: Pixels, blobs: Blobs, black_dn: float, window_px: i
     inside = (np.abs(col - centre_col[owner]) <= half) & (np.abs(row - centre_row[owner]) <= half)
     weight = np.where(inside, value, 0.0)
     col_px, row_px = _mean(col, weight, owner, n), _mean(row, weight, owner, n)
-    flux = np.bincount(owner, weight, n)
+    flux = np.bincount(owner, weight, n).astype(float)
     offset2 = (col - col_px[owner]) ** 2 + (row - row_px[owner]) ** 2
     variance = np.where(inside, offset2 * (noise.dark_sigma_dn**2 + value / noise.gain_e_per_dn), 0.0)
     sigma2 = np.bincount(owner, variance, n) / (2 * flux**2)

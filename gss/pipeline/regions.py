@@ -143,16 +143,16 @@ def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_sma
     row, col = np.divmod(blobs.index, blobs.columns)
     value = pixels.ravel()[blobs.index].astype(float)
     at = blobs.start[:-1]
-    bounds = [
-        f.reduceat(v, at) for f, v in ((np.minimum, col), (np.minimum, row), (np.maximum, col), (np.maximum, row))
-    ]
+    left, top = np.minimum.reduceat(col, at), np.minimum.reduceat(row, at)
+    right, bottom = np.maximum.reduceat(col, at), np.maximum.reduceat(row, at)
     peak, total = np.maximum.reduceat(value, at), np.add.reduceat(value - black_dn, at)
     area = blobs.area_px
     small = np.array([" < min " in r for r in found.rejected])
     shown = np.flatnonzero(~small | (np.cumsum(small) <= max_small))
+    bounds = np.stack([left, top, right, bottom, area], axis=1)[shown].tolist()
     return tuple(
-        Region(*(int(b[k]) for b in bounds), int(area[k]), float(peak[k]), float(total[k]), found.rejected[k])
-        for k in shown
+        Region(c0, r0, c1, r1, size, float(peak[k]), float(total[k]), found.rejected[k])
+        for (c0, r0, c1, r1, size), k in zip(bounds, shown.tolist(), strict=True)
     )
 
 

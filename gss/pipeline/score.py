@@ -1,0 +1,84 @@
+"""A result against truth: correct, imprecise, wrong or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.frames import pointing_difference_rad
+from gss.domain.results import SolveResult, Truth, Verdict
+from gss.domain.rotation import matrix_from_quaternion
+
+SIGMAS = 3.0
+MATCH_PX = 3.0
+ATTITUDE_PX = 5.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """Verdict, attitude errors (NaN without attitude; ``about_rad`` signed, right-handed about the boresight), and how many
+    of the used matches are true and false."""
+
+    verdict: Verdict
+    cross_rad: float
+    about_rad: float
+    matched: int
+    false_matches: int
+
+
+def assess(
+    result: SolveResult,
+    truth: Truth,
+    camera: Camera,
+    *,
+    expected_sigma_rad: float | None = None,
+    match_px: float = MATCH_PX,
+    attitude_px: float = ATTITUDE_PX,
+) -> Score:
+    """Verdict with its figures.
+
+    CORRECT: all matches true and the cross-boresight error below 3σ of the expected, which is the result's own covariance
+    unless ``expected_sigma_rad`` (per axis) is given. WRONG: a used match whose star's true place is more than ``match_px`` from
+    its centroid (or not in the frame), or a boresight more than ``attitude_px`` pixels off. IMPRECISE: between. A star
+    and its close companion may stand for each other: their places agree.
+    """
+    if result.attitude is None:
+        return Score(Verdict.NONE, float("nan"), float("nan"), 0, 0)
+    cross_rad, about_rad = pointing_difference_rad(
+        result.attitude.cam_from_icrs, matrix_from_quaternion(truth.quaternion)
+    )
+    matched, false = _count_matches(result, truth, match_px)
+    sigma_rad = result.attitude.sigma_rad[0] if expected_sigma_rad is None else expected_sigma_rad
+    if false or not cross_rad <= attitude_px * camera.pixel_rad:
+        verdict = Verdict.WRONG
+    else:
+        verdict = Verdict.CORRECT if cross_rad < SIGMAS * sigma_rad else Verdict.IMPRECISE
+    return Score(verdict, cross_rad, about_rad, matched, false)
+
+
+def score(result: SolveResult, truth: Truth, camera: Camera, *, expected_sigma_rad: float | None = None) -> Verdict:
+    """The verdict of :func:`assess`."""
+    return assess(result, truth, camera, expected_sigma_rad=expected_sigma_rad).verdict
+
+
+def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[int, int]:
+    """True and false among the matches the attitude used."""
+    if result.matches is None:
+        return 0, 0
+    used = result.matches.weight > 0
+    measured = result.centroids.pixels[result.matches.centroid[used]]
+    off_px = np.linalg.norm(np.subtract(measured, true_places(truth, result.matches.hip[used])), axis=1)
+    right = int(np.count_nonzero(off_px <= match_px))
+    return right, int(np.count_nonzero(used)) - right
+
+
+def true_places(truth: Truth, hip: NDArray[np.int32]) -> Array:
+    """(n, 2) true pixels of those stars, NaN where one is not in the frame."""
+    place = {int(h): k for k, h in enumerate(truth.hip)}
+    index = [place.get(int(h), -1) for h in hip]
+    padded = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])
+    return np.asarray(padded[index])
