@@ -175,7 +175,9 @@ class Command:
         for argument in self.arguments:
             if argument.name == name:
                 return argument
-        raise NotFound(f"{self.name} has no argument {name}", expected=", ".join(a.name for a in self.arguments) or "none")
+        raise NotFound(
+            f"{self.name} has no argument {name}", expected=", ".join(a.name for a in self.arguments) or "none"
+        )
 
 
 @dataclass(frozen=True)

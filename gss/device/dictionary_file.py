@@ -104,7 +104,9 @@ def _item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
     if not sized and kind not in PLAIN_TYPES:
         raise BadInput(f"{where}.{name}: unknown type", expected=" ".join(PLAIN_TYPES) + " bytesN strN", got=kind)
     if (kind == "enum") != ("enum" in row) or (kind == "enum" and row["enum"] not in enums):
-        raise BadInput(f"{where}.{name}: enum is missing or unknown", expected=", ".join(enums), got=str(row.get("enum")))
+        raise BadInput(
+            f"{where}.{name}: enum is missing or unknown", expected=", ".join(enums), got=str(row.get("enum"))
+        )
     return {
         "name": name,
         "type": sized[1] if sized else kind,
@@ -127,7 +129,9 @@ def _argument(where: str, row: Row, enums: Enums) -> Argument:
     if argument.type in INTEGER_RANGES:
         low, high = INTEGER_RANGES[argument.type]
         if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]
-            raise BadInput(f"{where}: range does not fit {argument.type}", expected=f"{low} – {high}", got=argument.range_text)
+            raise BadInput(
+                f"{where}: range does not fit {argument.type}", expected=f"{low} – {high}", got=argument.range_text
+            )
     _check_default(where, argument, numeric)
     return argument
 
@@ -215,7 +219,9 @@ def _packet(row: Row, enums: Enums) -> Packet:
         else:
             fields.append(_field(name, entry, enums, stale_after_s))
     _unique(name, [f.name for f in fields])
-    return Packet(name, int(row["code"]), str(row["purpose"]), tuple(fields), stale_after_s, bool(row.get("simulator_only")))
+    return Packet(
+        name, int(row["code"]), str(row["purpose"]), tuple(fields), stale_after_s, bool(row.get("simulator_only"))
+    )
 
 
 def _field(where: str, row: Row, enums: Enums, stale_after_s: float) -> TelemetryField:
@@ -252,7 +258,9 @@ def _conversion(where: str, row: Row) -> Conversion:
         return Conversion((offset, scale))
     if set(row) == {"polynomial"} and row["polynomial"]:
         return Conversion(tuple(map(float, row["polynomial"])))
-    raise BadInput(f"{where}: unknown conversion", expected="linear: [scale, offset] or polynomial: [c0, …]", got=str(row))
+    raise BadInput(
+        f"{where}: unknown conversion", expected="linear: [scale, offset] or polynomial: [c0, …]", got=str(row)
+    )
 
 
 def _event(row: Row) -> EventDefinition:
@@ -284,4 +292,6 @@ def _check_whole(dictionary: Dictionary) -> None:
     for command in dictionary.commands:
         for p in command.preconditions:
             if p.field not in known:
-                raise BadInput(f"{command.name}: precondition on an unknown field", expected="a housekeeping field", got=p.field)
+                raise BadInput(
+                    f"{command.name}: precondition on an unknown field", expected="a housekeeping field", got=p.field
+                )

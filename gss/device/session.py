@@ -1,15 +1,23 @@
 """The ground's half of a contact, without any input or output: bytes and a clock in, bytes and events out.
 
 ``HostSession`` keeps commands (queue, windows, retries), transfers and counters. It owns no thread and no port: an owner
-calls ``feed`` with what arrived and ``poll`` often (10–50 ms) and writes what poll returns. All times are ``now_s`` of
-the owner's monotonic clock.
+calls ``link_up`` when a port is open, ``feed`` with what arrived and ``poll`` often (10–50 ms) and writes what poll returns.
+All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: one owner, one lock.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from gss.device.dictionary import Dictionary, Value
+from gss.device.dictionary import Command, Dictionary, Service, Value
+from gss.device.protocol.codec import Decoded, check_arguments, decode, encode, encode_item
+from gss.device.protocol.line import LineReceiver, LineSender
+from gss.device.protocol.packet import CRC_BYTES, Packet, PacketType, labelled_bytes
+from gss.device.protocol.transfer import ChunkReceiver, Compatibility
+from gss.device.session_commands import CommandLane
 from gss.device.session_events import (
     CommandStage,
     DeviceEvent,
@@ -25,7 +33,8 @@ from gss.device.session_events import (
     TransferState,
     TransferUpdate,
 )
-from gss.device.protocol.transfer import Compatibility
+from gss.device.session_transfers import Message, RequestIds, Transfer, TransferDesk
+from gss.domain.errors import BadInput, Conflict, CorruptData
 
 __all__ = [
     "CommandStage",
@@ -33,6 +42,7 @@ __all__ = [
     "DeviceEvent",
     "Direction",
     "DirectionCounters",
+    "HeldPart",
     "HelloReceived",
     "HostSession",
     "InFlight",
@@ -46,11 +56,51 @@ __all__ = [
     "TransferUpdate",
 ]
 
+InFlight = tuple[int, str, Mapping[str, Value]]
+"""(request id, command name, arguments)."""
+
+CHUNK_BYTES = 1024
+SMALL_CHUNK_BYTES = 256
+NOISY_SHARE = 0.05
+NOISY_AFTER = 20
+HELLO_AGAIN_S = 3.0
+BURST_S = 0.25
+COUNTERS_EVERY_S = 1.0
+UNPACED_CHUNKS = 32
+
+
+@dataclass(frozen=True)
+class HeldPart:
+    """What a broken download left: its hash and chunk size (as its last update said), bytes, and the ranges that are good."""
+
+    sha256: str
+    chunk_bytes: int
+    data: bytes
+    ranges: Ranges
+
 
 class HostSession:
     """One device on one line. See the module's text; methods raise BadInput, NotFound or Conflict and then change nothing."""
 
-    def __init__(self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1) -> None: ...
+    def __init__(self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1) -> None:
+        self._dictionary = dictionary
+        self._ids = RequestIds(next_request_id)
+        self._next_transfer_id = next_transfer_id
+        self._lane = CommandLane(dictionary)
+        self._desk = TransferDesk()
+        self._sender = LineSender(to_device=True, prefix=dictionary.prefix)
+        self._receiver = LineReceiver(from_device=True)
+        self._events: list[SessionEvent] = []
+        self._up = False
+        self._hello: HelloReceived | None = None
+        self._hello_due_s: float | None = None
+        self._acknowledged = False
+        self._housekeeping: Mapping[str, Value] | None = None
+        self._last_good_s: float | None = None
+        self._undecodable = 0
+        self._credit_bytes = 0.0
+        self._polled_s: float | None = None
+        self._counted_s = -1e9
 
     # --- commands -----------------------------------------------------------------------------------------------
 
@@ -59,84 +109,371 @@ class HostSession:
 
         BadInput "0 – 255, got 300" out of range; Conflict while the dictionaries differ and nobody acknowledged it.
         """
+        self._check_allowed(self._dictionary.command(name))
+        return self._add(name, arguments, urgent=False)
+
+    def _check_allowed(self, command: Command) -> None:
+        if self._hello is None or self._hello.dictionary_match or self._acknowledged or command.any_dictionary:
+            return
+        raise Conflict(
+            "the device has another dictionary",
+            expected=self._dictionary.hash_hex[:12],
+            got=self._hello.dictionary_hash[:12],
+            hint="install the version that fits the device, or acknowledge the mismatch",
+        )
+
+    def _add(self, name: str, arguments: Mapping[str, Value], *, urgent: bool) -> int:
+        event = self._lane.add(self._ids.following, name, arguments, urgent=urgent)
+        self._events.append(event)
+        return self._ids()
 
     def preview(self, name: str, arguments: Mapping[str, Value]) -> list[tuple[str, bytes]]:
         """Dry run: the packet before framing as labelled groups; an argument's group has its name as label.
 
         The request id shown is the one the next submit would take.
         """
+        command = self._dictionary.command(name)
+        values = check_arguments(command, arguments)
+        groups = [(a.name, encode_item(a, values[a.name])) for a in command.arguments]
+        payload = b"".join(data for _, data in groups)
+        packet = self._sender.next_packet(PacketType.COMMAND, command.code, self._ids.following, payload)
+        return [*labelled_bytes(packet), *groups, ("CRC-32", packet[-CRC_BYTES:])]
 
     def retry(self, request_id: int, now_s: float) -> None:
         """Send the same bytes with the same id once more; Conflict unless the command is unknown."""
+        self._events.append(self._lane.retry(request_id))
 
     def abort(self, now_s: float) -> int:
         """ABORT ahead of everything, never blocked. Returns its request id."""
+        return self._add("ABORT", {}, urgent=True)
 
     def acknowledge_mismatch(self) -> None:
         """The operator accepts that the device has another dictionary; commands go out with the device's prefix."""
+        self._acknowledged = True
+        if self._hello is not None:
+            self._sender.prefix = int(self._hello.dictionary_hash[:4], 16)
 
-    def restore(
-        self, next_request_id: int, in_flight: Sequence[tuple[int, str, Mapping[str, Value]]], next_transfer_id: int = 1
-    ) -> None:
+    def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
         """After a restart: seed the ids; (request id, name, arguments) come back as unknown and may be retried."""
+        self._ids.following = next_request_id
+        self._next_transfer_id = next_transfer_id
+        for request_id, name, arguments in in_flight:
+            self._events.append(self._lane.add_unknown(request_id, name, arguments))
 
     # --- transfers ----------------------------------------------------------------------------------------------
 
     def start_download(
-        self, kind: str, slot: int, now_s: float, *, held: tuple[str, Mapping[int, bytes]] | None = None
+        self, kind: str, slot: int, now_s: float, *, held: HeldPart | None = None, chunk_bytes: int | None = None
     ) -> int:
         """Queue a download ("frame", "thumbnail", "catalogue") and return its transfer id.
 
-        ``held``: (sha256, chunks by number) of an earlier, broken attempt; only the rest is asked for if the content is
-        still the same.
+        ``held``: what an earlier attempt left; only the rest is asked for if the content is still the same.
         """
+        transfer = self._new_transfer(Direction.DOWN, kind, slot, Compatibility(), b"", chunk_bytes)
+        if held is not None:
+            transfer.data, transfer.size = bytearray(held.data), len(held.data)
+            transfer.chunk_bytes, transfer.sha256 = held.chunk_bytes, bytes.fromhex(held.sha256)
+            numbers = [i for first, last in held.ranges for i in range(first, last + 1)]
+            transfer.receiver = ChunkReceiver(transfer.size, transfer.chunk_bytes, 1, numbers)
+        return self._queue(transfer)
 
-    def start_upload(self, kind: str, target: int, data: bytes, compatibility: Compatibility, now_s: float) -> int:
+    def start_upload(
+        self,
+        kind: str,
+        target: int,
+        data: bytes,
+        compatibility: Compatibility,
+        now_s: float,
+        *,
+        chunk_bytes: int | None = None,
+    ) -> int:
         """Queue an upload ("catalogue" to a bank number, "image" to a slot); verify and commit follow by themselves.
 
         The same data to the same target after a break resumes with what the device still holds.
         """
+        if not data:
+            raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
+        transfer = self._new_transfer(Direction.UP, kind, target, compatibility, data, chunk_bytes)
+        transfer.size, transfer.sha256 = len(data), hashlib.sha256(data).digest()
+        return self._queue(transfer)
+
+    def _new_transfer(
+        self, direction: Direction, kind: str, target: int, compatibility: Compatibility, data: bytes, size: int | None
+    ) -> Transfer:
+        opening = self._dictionary.service("OPEN_DOWNLOAD")
+        item = next(f for f in opening.fields if f.name == "kind")
+        encode([item], {"kind": kind})  # type: ignore[list-item]
+        if not 0 <= target <= 0xFF:
+            raise BadInput("impossible target", expected="0 – 255", got=str(target))
+        chunk_bytes = size or (SMALL_CHUNK_BYTES if self._noisy() else CHUNK_BYTES)
+        return Transfer(self._next_transfer_id, direction, kind, target, chunk_bytes, compatibility, bytearray(data))
+
+    def _queue(self, transfer: Transfer) -> int:
+        self._desk.add(transfer)
+        self._next_transfer_id += 1
+        return transfer.id
+
+    def _noisy(self) -> bool:
+        """Do many packets get damaged in either direction? Then small chunks lose less."""
+        receiver, sensed = self._receiver, self._housekeeping or {}
+        pairs = [
+            (receiver.bad_total, receiver.good),
+            (int(sensed.get("frames_bad", 0)), int(sensed.get("frames_good", 0))),
+        ]
+        return any(bad + good >= NOISY_AFTER and bad > NOISY_SHARE * (bad + good) for bad, good in pairs)
 
     def pause_transfer(self, transfer_id: int, now_s: float) -> None:
         """Stop sending; Conflict unless it is queued, opening, transferring or link_lost."""
+        self._desk.pause(transfer_id)
 
     def resume_transfer(self, transfer_id: int, now_s: float) -> None:
         """Go on with a paused, link_lost or failed transfer."""
+        self._desk.resume(transfer_id)
 
     def abort_transfer(self, transfer_id: int, now_s: float) -> None:
         """Give a transfer up on both sides; what was received stays readable with ``partial``."""
+        self._desk.abort(transfer_id)
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
         """What a download holds: (size,) bytes with zeros where chunks miss, and the held chunk ranges."""
+        transfer = self._desk.get(transfer_id)
+        return bytes(transfer.data), transfer.stored()[0]
 
     def transfer(self, transfer_id: int) -> TransferUpdate:
-        """The transfer as it stands; NotFound otherwise."""
+        """The transfer as it stood at the last poll; NotFound otherwise."""
+        return self._desk.update(self._desk.get(transfer_id), self._polled_s or 0.0)
 
     def forget_transfer(self, transfer_id: int) -> None:
         """Free the memory of a transfer that has ended."""
+        self._desk.forget(transfer_id)
 
     # --- line ---------------------------------------------------------------------------------------------------
 
-    def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Take bytes from the line. Never raises, whatever they are."""
-
-    def poll(self, now_s: float) -> tuple[bytes, list[SessionEvent]]:
-        """Bytes to write now, and what time alone brought (windows closed, transfers suspended, progress)."""
+    def link_up(self, now_s: float) -> None:
+        """The owner has a port (again): parsers start clean, HELLO goes out until it is answered, then transfers resume."""
+        self._receiver.restart()
+        self._up, self._hello_due_s = True, now_s
+        self._polled_s, self._credit_bytes = now_s, 0.0
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
         """The owner lost the port: commands under way become unknown, transfers link_lost."""
+        self._up, self._hello_due_s = False, None
+        self._desk.lose_line()
+        self._events += self._lane.lose_all("The line was lost while the command was under way.")
+        return self._take_events(now_s)
 
-    def link_up(self, now_s: float) -> None:
-        """The owner has a port (again): parsers start clean, HELLO is queued, suspended transfers resume after it."""
+    def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
+        """Take bytes from the line. Never raises, whatever they are."""
+        for packet in self._receiver.feed(data):
+            self._last_good_s = now_s
+            try:
+                self._dispatch(packet, now_s)
+            except (CorruptData, BadInput):
+                self._undecodable += 1
+        return self._take_events(now_s)
+
+    def poll(self, now_s: float) -> tuple[bytes, list[SessionEvent]]:
+        """Bytes to write now, and what time alone brought (windows closed, transfers suspended, progress)."""
+        out: list[bytes] = []
+        if self._up:
+            self._refill(now_s)
+            self._events += self._lane.expire(now_s)
+            self._greet(now_s)
+            out += self._commands(now_s)
+            out += [self._frame(m) for m in self._desk.step(now_s, self._ids)]
+            self._credit_bytes -= sum(map(len, out))
+            out += self._chunks(now_s)
+        if now_s - self._counted_s >= COUNTERS_EVERY_S:
+            self._counted_s = now_s
+            self._events.append(self.counters)
+        return b"".join(out), self._take_events(now_s)
+
+    def _refill(self, now_s: float) -> None:
+        """Chunks go out at the line's own rate, so that a command never waits behind a full buffer."""
+        rate = self._desk.line_bytes_s
+        elapsed_s = now_s - (self._polled_s if self._polled_s is not None else now_s)
+        self._polled_s = now_s
+        if rate is not None:
+            self._credit_bytes = min(self._credit_bytes + rate * elapsed_s, rate * BURST_S)
+
+    def _greet(self, now_s: float) -> None:
+        if self._hello_due_s is not None and now_s >= self._hello_due_s:
+            self._hello_due_s = now_s + HELLO_AGAIN_S
+            self._add("HELLO", {}, urgent=True)
+
+    def _commands(self, now_s: float) -> list[bytes]:
+        records, events = self._lane.release(now_s)
+        self._events += events
+        return [self._sender.packet(PacketType.COMMAND, r.command.code, r.request_id, r.payload) for r in records]
+
+    def _chunks(self, now_s: float) -> list[bytes]:
+        frames: list[bytes] = []
+        paced = self._desk.line_bytes_s is not None
+        while (self._credit_bytes > 0) if paced else (len(frames) < UNPACED_CHUNKS):
+            message = self._desk.next_chunk(now_s)
+            if message is None:
+                break
+            frames.append(self._frame(message))
+            self._credit_bytes -= len(frames[-1])
+        return frames
+
+    def _frame(self, message: Message) -> bytes:
+        service = self._dictionary.service(message.service)
+        payload = encode(service.fields, message.values, message.lists)
+        return self._sender.packet(PacketType.TRANSFER, service.code, message.request_id, payload)
+
+    # --- what came ----------------------------------------------------------------------------------------------
+
+    def _dispatch(self, packet: Packet, now_s: float) -> None:
+        command = self._dictionary.command_of_code(packet.code)
+        if packet.type is PacketType.REPORT and command is not None:
+            self._report(packet, command, now_s)
+        elif packet.prefix != self._dictionary.prefix and not self._acknowledged:
+            # Another dictionary's telemetry would decode to nonsense.
+            self._undecodable += 1
+        elif packet.type is PacketType.TELEMETRY:
+            self._telemetry(packet)
+        elif packet.type is PacketType.EVENT:
+            self._event(packet, now_s)
+        elif packet.type is PacketType.TRANSFER:
+            service = self._dictionary.service_of_code("transfer", packet.code)
+            if service is None:
+                self._undecodable += 1
+            else:
+                self._desk.receive(service.name, packet.request_id, decode(service.fields, packet.payload), now_s)
+        else:
+            self._undecodable += 1
+
+    def _report(self, packet: Packet, command: Command, now_s: float) -> None:
+        fields = self._dictionary.service("REPORT").fields
+        completed = packet.payload[:1] == bytes([5])
+        message = decode((*fields, *command.returns) if completed else fields, packet.payload)
+        v = message.values
+        common = {f.name for f in fields}
+        facts: dict[str, Any] = {
+            "device_time_s": packet.time_s,
+            "reason": "" if v["reason"] == "none" else v["reason"],
+            "detail": v["detail"],
+            "progress": v["progress"],
+            "replayed": v["replayed"],
+            "values": {name: value for name, value in v.items() if name not in common},
+        }
+        stages = self._lane.report(packet.request_id, Stage(str(v["stage"])), now_s, facts)
+        self._events += stages
+        for stage in stages:
+            if stage.stage is Stage.COMPLETED:
+                self._completed(stage, packet, now_s)
+
+    def _completed(self, stage: CommandStage, packet: Packet, now_s: float) -> None:
+        if stage.name == "HELLO":
+            self._identified(stage.values, packet.time_s, now_s)
+        elif stage.name == "CONFIRM_BANK" and self._housekeeping is not None:
+            record = self._lane.record(stage.request_id)
+            if record is not None:
+                self._desk.bank_in_use(record.payload[0])
+
+    def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
+        told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]
+        match = told == self._dictionary.hash
+        self._hello = HelloReceived(
+            device_model=str(v["device_model"]),
+            profile=str(v["profile"]),
+            firmware=str(v["firmware"]),
+            serial=str(v["serial"]),
+            simulated=bool(v["simulated"]),
+            dictionary_hash=told.hex(),
+            dictionary_match=match,
+            line_baud=int(v["line_baud"]),
+            columns=int(v["columns"]),
+            rows=int(v["rows"]),
+            bits=int(v["bits"]),
+            image_slots=int(v["image_slots"]),
+            bank_bytes=int(v["bank_bytes"]),
+            boot_count=int(v["boot_count"]),
+            device_time_s=device_time_s,
+        )
+        if match:
+            self._sender.prefix, self._acknowledged = self._dictionary.prefix, False
+        self._desk.line_bytes_s = self._hello.line_baud / 10 if self._hello.line_baud else None
+        self._hello_due_s = None
+        self._events.append(self._hello)
+        if match or self._acknowledged:
+            self._desk.line_back(now_s)
+
+    def _telemetry(self, packet: Packet) -> None:
+        definition = self._dictionary.packet_of_code(packet.code)
+        if definition is None:
+            self._undecodable += 1
+            return
+        message: Decoded = decode(definition.fields, packet.payload)
+        if definition.name == "housekeeping":
+            self._housekeeping = message.values
+        self._events.append(
+            Telemetry(
+                definition.name,
+                packet.time_s,
+                packet.request_id,
+                message.raw,
+                message.values,
+                message.lists,
+                definition.simulator_only,
+            )
+        )
+
+    def _event(self, packet: Packet, now_s: float) -> None:
+        definition = self._dictionary.event_of_code(packet.code)
+        if definition is None:
+            self._undecodable += 1
+            return
+        fields = self._event_service().fields
+        text = str(decode(fields, packet.payload).values["text"])
+        self._events.append(DeviceEvent(definition.name, definition.severity, text, packet.time_s, packet.request_id))
+        if definition.name == "BOOT":
+            self._desk.device_restarted(now_s)
+
+    def _event_service(self) -> Service:
+        return self._dictionary.service("EVENT")
+
+    def _take_events(self, now_s: float) -> list[SessionEvent]:
+        self._events += self._desk.news(now_s)
+        events, self._events = self._events, []
+        return events
+
+    # --- state --------------------------------------------------------------------------------------------------
 
     @property
     def counters(self) -> LinkCounters:
         """Counters since the session was made."""
+        r, d = self._receiver, self._receiver.deframer
+        received = DirectionCounters(
+            bytes=d.bytes,
+            good=r.good,
+            bad_crc=r.bad_crc + d.bad_cobs,
+            too_long=d.too_long,
+            too_short=r.too_short,
+            unframed=d.unframed,
+            unknown=r.unknown + self._undecodable,
+            gaps=r.gaps,
+            duplicates=r.duplicates,
+        )
+        return LinkCounters(DirectionCounters(self._sender.bytes, self._sender.good), received, self._last_good_s)
+
+    @property
+    def next_request_id(self) -> int:
+        """The id that the next command or opening takes; store it before a restart."""
+        return self._ids.following
 
     @property
     def housekeeping(self) -> Mapping[str, Value] | None:
         """Latest housekeeping in engineering units, for preconditions."""
+        return self._housekeeping
+
+    @property
+    def hello(self) -> HelloReceived | None:
+        """The last identity the device gave."""
+        return self._hello
 
     @property
     def device_dictionary_hash(self) -> str | None:
         """As the last HELLO said."""
+        return self._hello.dictionary_hash if self._hello else None

@@ -179,7 +179,7 @@ class DirectionCounters:
     @property
     def bad(self) -> int:
         """Packets that could not be used."""
-        return self.bad_crc + self.too_long + self.too_short + self.unframed
+        return self.bad_crc + self.too_long + self.too_short
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,235 @@
+"""Values ↔ payload bytes, by the dictionary's layouts. Big-endian; both directions check everything."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from gss.device.dictionary import (
+    FLOATS,
+    INTEGER_RANGES,
+    Argument,
+    Command,
+    Group,
+    Item,
+    Layout,
+    TelemetryField,
+    Value,
+    Values,
+)
+from gss.domain.errors import BadInput, CorruptData
+
+STRUCT = {
+    name: struct.Struct(">" + code)
+    for name, code in {
+        "u8": "B",
+        "u16": "H",
+        "u32": "I",
+        "i8": "b",
+        "i16": "h",
+        "i32": "i",
+        "f32": "f",
+        "f64": "d",
+        "bool": "B",
+        "enum": "B",
+    }.items()
+}
+F32_MAX = struct.unpack(">f", b"\x7f\x7f\xff\xff")[0]
+MAX_LIST = 255
+Lists = Mapping[str, Sequence[Values]]
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A payload's values and lists. Enumerations by name in ``values``, by number in ``raw``."""
+
+    raw: dict[str, Value] = field(default_factory=dict)
+    values: dict[str, Value] = field(default_factory=dict)
+    lists: dict[str, tuple[dict[str, Value], ...]] = field(default_factory=dict)
+
+
+def check_arguments(command: Command, arguments: Values) -> dict[str, Value]:
+    """All arguments of a command in its order, defaults filled in, each of its exact type; BadInput says which is wrong."""
+    unknown = set(arguments) - {a.name for a in command.arguments}
+    if unknown:
+        expected = ", ".join(a.name for a in command.arguments) or "no arguments"
+        raise BadInput(f"{command.name}: unknown argument", expected=expected, got=", ".join(sorted(unknown)))
+    return {a.name: check_argument(a, arguments.get(a.name, a.default)) for a in command.arguments}
+
+
+def check_argument(argument: Argument, value: Value | None) -> Value:
+    """The value in the argument's type, in range; BadInput "0 – 255, got 300" otherwise."""
+    if value is None:
+        raise BadInput(f"{argument.name} is missing", expected=argument.range_text)
+    value = coerce(argument, value)
+    low, high = argument.minimum, argument.maximum
+    if low is not None and high is not None and isinstance(value, int | float) and not low <= value <= high:
+        raise _bad(argument, value)
+    return value
+
+
+def _bad(item: Item, value: object) -> BadInput:
+    expected = item.range_text if isinstance(item, Argument) and item.range_text else _type_text(item)
+    shown = value.hex() if isinstance(value, bytes) else value
+    unit = f" {item.unit}" if item.unit else ""
+    return BadInput(f"{item.name}: {expected}, got {shown}", expected=f"{expected}{unit}", got=f"{shown}")
+
+
+def _type_text(item: Item) -> str:
+    if item.type in INTEGER_RANGES:
+        low, high = INTEGER_RANGES[item.type]
+        return f"{low} – {high}"
+    return f"{item.type}{item.size or ''}"
+
+
+def coerce(item: Item, value: Value) -> Value:
+    """The value as the item's Python type, exactly: no rounding, no truth of numbers. BadInput otherwise."""
+    kind = item.type
+    if kind in INTEGER_RANGES:
+        low, high = INTEGER_RANGES[kind]
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        whole = whole or (isinstance(value, float) and value.is_integer())
+        if not whole or not low <= value <= high:  # type: ignore[operator]
+            raise _bad(item, value)
+        return int(value)
+    if kind in FLOATS:
+        return _coerce_float(item, value)
+    if kind == "bool":
+        if not isinstance(value, bool):
+            raise _bad(item, value)
+        return value
+    if kind == "enum":
+        if isinstance(value, int) and not isinstance(value, bool):
+            value = item.choice_name(value) or str(value)
+        return item.choice(str(value)).name
+    return _coerce_bytes(item, value)
+
+
+def _coerce_float(item: Item, value: Value) -> float:
+    if isinstance(value, bool | str | bytes):
+        raise _bad(item, value)
+    number = float(value)
+    # A telemetered quantity may be unknown (NaN); an argument may not.
+    if isinstance(item, Argument) and not math.isfinite(number):
+        raise _bad(item, value)
+    if item.type == "f32" and math.isfinite(number) and abs(number) > F32_MAX:
+        raise _bad(item, value)
+    return number
+
+
+def _coerce_bytes(item: Item, value: Value) -> Value:
+    if item.type in ("str", "text"):
+        room = item.size if item.type == "str" else 255
+        if not isinstance(value, str) or len(value.encode()) > room or "\0" in value:
+            raise _bad(item, value)
+        return value
+    if isinstance(value, str):
+        try:
+            value = bytes.fromhex(value)
+        except ValueError:
+            raise _bad(item, value) from None
+    if not isinstance(value, bytes) or (item.type == "bytes" and len(value) != item.size):
+        raise _bad(item, value)
+    return value
+
+
+def encode_item(item: Item, value: Value) -> bytes:
+    """Bytes of one value."""
+    value = coerce(item, value)
+    if item.type == "enum":
+        return bytes([item.choice(str(value)).value])
+    if item.type in STRUCT:
+        return STRUCT[item.type].pack(value)
+    if isinstance(value, str):
+        data = value.encode()
+        return bytes([len(data)]) + data if item.type == "text" else data.ljust(item.size, b"\0")
+    return bytes(value)  # type: ignore[arg-type]
+
+
+def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None = None) -> bytes:
+    """Payload of a layout; BadInput where a value is missing or does not fit."""
+    parts: list[bytes] = []
+    for entry in layout:
+        if isinstance(entry, Group):
+            rows = (lists or {}).get(entry.name, ())
+            if len(rows) > MAX_LIST:
+                raise BadInput(f"list {entry.name} is too long", expected=f"at most {MAX_LIST}", got=str(len(rows)))
+            parts.append(bytes([len(rows)]))
+            parts += [encode_item(item, row[item.name]) for row in rows for item in entry.items]
+        else:
+            if entry.name not in values:
+                raise BadInput(f"{entry.name} is missing")
+            parts.append(encode_item(entry, values[entry.name]))
+    return b"".join(parts)
+
+
+class _Reader:
+    """Takes values off the front of a payload; CorruptData when it ends too early."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._at = data, 0
+
+    def take(self, count: int) -> bytes:
+        if self._at + count > len(self._data):
+            raise CorruptData("payload is too short", expected=f"{self._at + count} B", got=f"{len(self._data)} B")
+        piece = self._data[self._at : self._at + count]
+        self._at += count
+        return piece
+
+    def rest(self) -> bytes:
+        return self.take(len(self._data) - self._at)
+
+    def end(self) -> None:
+        if self._at != len(self._data):
+            raise CorruptData("payload is too long", expected=f"{self._at} B", got=f"{len(self._data)} B")
+
+
+def decode(layout: Layout | Sequence[Item], payload: bytes) -> Decoded:
+    """Values of a payload that must fit the layout exactly; CorruptData otherwise."""
+    reader, result = _Reader(payload), Decoded()
+    for entry in layout:
+        if isinstance(entry, Group):
+            count = reader.take(1)[0]
+            result.lists[entry.name] = tuple(
+                {item.name: _named(item, _take(item, reader)) for item in entry.items} for _ in range(count)
+            )
+        else:
+            raw = _take(entry, reader)
+            result.raw[entry.name] = raw
+            result.values[entry.name] = _named(entry, raw)
+    reader.end()
+    return result
+
+
+def _take(item: Item, reader: _Reader) -> Value:
+    kind = item.type
+    if kind in STRUCT:
+        value: Value = STRUCT[kind].unpack(reader.take(STRUCT[kind].size))[0]
+        if kind == "bool":
+            if value not in (0, 1):
+                raise CorruptData(f"{item.name} is no bool", expected="0 or 1", got=str(value))
+            return bool(value)
+        return value
+    if kind == "rest":
+        return reader.rest()
+    if kind == "bytes":
+        return reader.take(item.size)
+    data = reader.take(reader.take(1)[0]) if kind == "text" else reader.take(item.size).rstrip(b"\0")
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        raise CorruptData(f"{item.name} is no UTF-8") from None
+
+
+def _named(item: Item, raw: Value) -> Value:
+    """Enumerations by name, telemetry in engineering units."""
+    if item.type == "enum":
+        name = item.choice_name(int(raw))
+        if name is None:
+            raise CorruptData(
+                f"{item.name} has no such choice", expected=" | ".join(c.name for c in item.choices), got=str(raw)
+            )
+        return name
+    return item.conversion.engineering(raw) if isinstance(item, TelemetryField) else raw
