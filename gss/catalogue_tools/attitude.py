@@ -1,0 +1,119 @@
+"""Which way the camera looks: a pointing law, how the camera sits in the body, and the limits of roll, pitch and yaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.corrections import ICRS_FROM_ECLIPTIC
+from gss.catalogue_tools.orbits import Range, ordered
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import rotation_x, rotation_z
+
+ORBIT_LAWS = ("sunsat", "zenith", "nadir")
+FREE_LAWS = ("inertial", "anti_sun")
+# Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) seen from the camera axes (boresight +z).
+SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+# Jacobs 1995 §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
+SUNSAT_BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
+BODY_FROM_CAM: dict[str, Array] = {
+    "sunsat": SUNSAT_BODY_FROM_SS @ SS_FROM_CAM,
+    "zenith": rotation_x(np.pi),
+    "nadir": np.eye(3),
+    "inertial": np.eye(3),
+    "anti_sun": np.eye(3),
+}
+
+
+@dataclass(frozen=True)
+class AttitudeLimits:
+    """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
+
+    ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the
+    camera looks along Sunsat's mounting, to zenith or to nadir. inertial: base axes are a camera at ``ra_rad``,
+    ``dec_rad``, ``field_roll_rad``. anti_sun: base +z away from the Sun, +x to ecliptic north.
+    ``body_from_cam``: nine numbers by rows, in place of the law's own mounting.
+    """
+
+    pointing: str
+    roll_rad: Range = (0.0, 0.0)
+    pitch_rad: Range = (0.0, 0.0)
+    yaw_rad: Range = (0.0, 0.0)
+    ra_rad: float = 0.0
+    dec_rad: float = 0.0
+    field_roll_rad: float = 0.0
+    body_from_cam: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.pointing not in ORBIT_LAWS + FREE_LAWS:
+            raise BadInput("unknown pointing law", expected=" | ".join(ORBIT_LAWS + FREE_LAWS), got=self.pointing)
+        for name in ("roll", "pitch", "yaw"):
+            low, high = ordered(name, getattr(self, f"{name}_rad"))
+            if high - low > 2 * np.pi + 1e-9:
+                raise BadInput(
+                    f"{name} limits are more than a turn apart",
+                    expected="at most 360°",
+                    got=f"{np.degrees(high - low):g}°",
+                )
+        if self.body_from_cam is not None:
+            m = np.asarray(self.body_from_cam, float)
+            if m.shape != (9,) or not np.allclose(m.reshape(3, 3) @ m.reshape(3, 3).T, np.eye(3), atol=1e-6):
+                raise BadInput(
+                    "the mounting is no rotation", expected="nine numbers, rows of unit length at right angles"
+                )
+
+    @property
+    def low(self) -> Array:
+        """(3,) smallest roll, pitch, yaw."""
+        return np.array([self.roll_rad[0], self.pitch_rad[0], self.yaw_rad[0]])
+
+    @property
+    def high(self) -> Array:
+        """(3,) largest roll, pitch, yaw."""
+        return np.array([self.roll_rad[1], self.pitch_rad[1], self.yaw_rad[1]])
+
+    @property
+    def cam_from_body(self) -> Array:
+        """(3, 3) mounting."""
+        if self.body_from_cam is not None:
+            return np.asarray(self.body_from_cam, float).reshape(3, 3).T
+        return BODY_FROM_CAM[self.pointing].T
+
+
+def euler_123(angles_rad: Array) -> Array:
+    """(…, 3, 3) coordinate changes of (…, 3) roll, pitch, yaw: Aψ·Aθ·Aφ of Jacobs 1995 eqs. 1.10–1.12 (the product
+    printed as eq. 1.13 has misprints)."""
+    a = np.asarray(angles_rad, float)
+    (cf, ct, cp), (sf, st, sp) = np.moveaxis(np.cos(a), -1, 0), np.moveaxis(np.sin(a), -1, 0)
+    rows = [
+        [cp * ct, cp * st * sf + sp * cf, -cp * st * cf + sp * sf],
+        [-sp * ct, -sp * st * sf + cp * cf, sp * st * cf + cp * sf],
+        [st, -ct * sf, ct * cf],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
+    """(n, 3, 3) rotations orbit_from_icrs of ``gss.domain.frames``, for arrays of n."""
+    co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)
+    cu, su = np.cos(latitude_rad), np.sin(latitude_rad)
+    zenith = np.stack([co * cu - so * su * ci, so * cu + co * su * ci, su * si], axis=-1)
+    velocity = np.stack([-co * su - so * cu * ci, -so * su + co * cu * ci, cu * si], axis=-1)
+    return np.stack([velocity, np.cross(-zenith, velocity), -zenith], axis=-2)
+
+
+def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
+    """(n, 3, 3) rotations into the base axes of a law that does not turn with the orbit, at (n,) longitudes of the Sun."""
+    longitude = np.atleast_1d(np.asarray(sun_longitude_rad, float))
+    if limits.pointing == "inertial":
+        fixed = cam_from_icrs(limits.ra_rad, limits.dec_rad, limits.field_roll_rad)
+        return np.broadcast_to(fixed, (len(longitude), 3, 3))
+    spin = np.stack([rotation_z(float(angle)) for angle in longitude])
+    return np.asarray(BASE_FROM_SUN @ spin @ ICRS_FROM_ECLIPTIC.T)
+
+
+# Base axes of anti_sun from axes with +x to the Sun and +z to the ecliptic pole.
+BASE_FROM_SUN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

@@ -1,0 +1,74 @@
+"""Where a star appears: annual aberration, the Sun, and the axes of date (Jacobs 1995 §7.5, Moniteq 1983 §2.4).
+
+Closed formulae, so that nothing here needs an ephemeris file; astropy is the outside check in the tests.
+Time is Terrestrial Time as a Julian year; the minute between it and UTC moves nothing here by a milliarcsecond.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.rotation import rotation_x, rotation_z
+
+J2000_JYEAR = 2000.0
+DAYS_PER_YEAR = 365.25
+OBLIQUITY_J2000_RAD = 84381.406 * ARCSEC_RAD
+# Mean orbital speed na/√(1−e²) of the Earth over the speed of light: the constant of aberration.
+ABERRATION_CONSTANT_RAD = 20.49552 * ARCSEC_RAD
+EARTH_ECCENTRICITY = 0.016709
+EARTH_PERIHELION_J2000_RAD = np.radians(102.937)
+# Longitude drift of the axes of date against those of J2000, rad per year.
+GENERAL_PRECESSION_RAD_YR = 50.28796 * ARCSEC_RAD
+ICRS_FROM_ECLIPTIC = rotation_x(-OBLIQUITY_J2000_RAD)
+
+
+def sun_longitude_rad(jyear: float) -> float:
+    """Ecliptic longitude of the Sun in J2000 axes, not wrapped, good to 0.01° for 1950–2050 (Astronomical Almanac C5)."""
+    days = (jyear - J2000_JYEAR) * DAYS_PER_YEAR
+    anomaly_rad = np.radians(357.528 + 0.9856003 * days)
+    of_date_deg = 280.460 + 0.9856474 * days + 1.915 * np.sin(anomaly_rad) + 0.020 * np.sin(2 * anomaly_rad)
+    return float(np.radians(of_date_deg) - GENERAL_PRECESSION_RAD_YR * (jyear - J2000_JYEAR))
+
+
+def unit_from_ecliptic_longitude(longitude_rad: Array | float) -> Array:
+    """(…, 3) ICRS unit vectors on the ecliptic of J2000."""
+    longitude = np.asarray(longitude_rad, float)
+    flat = np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)], axis=-1)
+    return np.asarray(flat @ ICRS_FROM_ECLIPTIC.T)
+
+
+def earth_velocity_c(jyear: float) -> Array:
+    """(3,) ICRS velocity of the Earth in units of the speed of light: Kepler's ellipse about the Sun.
+
+    The Sun's own motion about the barycentre (13 m/s) and the Moon's pull (12 m/s) are left out: 0.02″.
+    """
+    longitude = sun_longitude_rad(jyear) + np.pi
+    e, perihelion = EARTH_ECCENTRICITY, EARTH_PERIHELION_J2000_RAD
+    ecliptic = [-np.sin(longitude) - e * np.sin(perihelion), np.cos(longitude) + e * np.cos(perihelion), 0.0]
+    return np.asarray(ABERRATION_CONSTANT_RAD * (ICRS_FROM_ECLIPTIC @ np.array(ecliptic)))
+
+
+def aberrate(unit: Array, velocity_c: Array) -> Array:
+    """(n, 3) apparent directions of (n, 3) true ones for an observer with (3,) velocity in units of c; exact in v/c."""
+    beta = np.asarray(velocity_c, float)
+    inverse_gamma = np.sqrt(1 - beta @ beta)
+    along = np.asarray(unit) @ beta
+    moved = inverse_gamma * np.asarray(unit) + (1 + along / (1 + inverse_gamma))[..., None] * beta
+    return np.asarray(moved / (1 + along)[..., None])
+
+
+def date_from_icrs(jyear: float) -> Array:
+    """(3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
+    (Fukushima–Williams angles, Hilton et al. 2006)."""
+    t = (jyear - J2000_JYEAR) / 100
+
+    def angle_rad(*arcsec: float) -> float:
+        return float(np.polyval(arcsec, t)) * ARCSEC_RAD
+
+    gamma = angle_rad(2.60e-8, -2.788e-6, -3.1238e-4, 0.4932044, 10.556378, -0.052928)
+    phi = angle_rad(-1.76e-8, -4.40e-7, 5.3289e-4, 0.0511268, -46.811016, 84381.412819)
+    psi = angle_rad(-1.48e-8, -2.6452e-5, -1.8522e-4, 1.5584175, 5038.481484, -0.041775)
+    obliquity = angle_rad(-4.34e-8, -5.76e-7, 2.0034e-3, -1.831e-4, -46.836769, 84381.406)
+    rotation: Array = rotation_x(-obliquity) @ rotation_z(-psi) @ rotation_x(phi) @ rotation_z(gamma)
+    return rotation

@@ -1,0 +1,233 @@
+"""Which sky will be seen: every star that some orbit and some attitude within the limits brings into the field.
+
+Three shapes of envelope share one face (:class:`Envelope`): the whole sky, a band round the orbit normals for laws
+that turn with the orbit, and a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six
+parameters and marks 1° blocks; here membership follows from the geometry, star by star.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.attitude import BASE_FROM_SUN, AttitudeLimits, base_from_icrs, euler_123, orbit_axes
+from gss.catalogue_tools.corrections import ICRS_FROM_ECLIPTIC
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.orbits import OrbitRanges, Range
+from gss.catalogue_tools.reach import TOLERANCE_RAD, cosine_range, polar_interval, reachable
+from gss.domain.angles import Array
+from gss.domain.frames import cam_from_icrs
+
+EDGE_POINTS = 121
+FIELD_POINTS = 24
+PATCH_ATTITUDES = 300
+POLAR_BINS = 1440
+PLANES_PER_BIN = 24
+
+
+class Envelope(Protocol):
+    """What the builder, the map and the quality report ask of an envelope. Directions are ICRS unit vectors."""
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        """Which (n, 3) directions are ever in the field."""
+        ...
+
+    def time_fraction(self, unit: Array) -> Array:
+        """(n,) share of time in the field, every orbit, date and attitude within the limits being equally likely."""
+        ...
+
+    def edges(self, at_end: bool) -> list[Array]:
+        """Lines of (k, 3) directions: the border of what can be seen at the start or at the end of validity."""
+        ...
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, 3, 3) random cam_from_icrs within the limits."""
+        ...
+
+
+@dataclass(frozen=True)
+class WholeSky:
+    """No limits at all."""
+
+    shape: FieldShape
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        return np.ones(len(unit), bool)
+
+    def time_fraction(self, unit: Array) -> Array:
+        return np.full(len(unit), self.shape.area_sr / (4 * np.pi))
+
+    def edges(self, at_end: bool) -> list[Array]:
+        return []
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        q = rng.normal(size=(count, 4))
+        x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+@dataclass(frozen=True)
+class BandEnvelope:
+    """A camera that turns once per orbit, at every argument of latitude."""
+
+    shape: FieldShape
+    limits: AttitudeLimits
+    orbit: OrbitRanges
+
+    @cached_property
+    def polar_interval(self) -> Range:
+        """Components along the orbit's +y axis, against the orbit normal, between which a direction is seen."""
+        return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        """A star is in if its component along +y, over all planes, meets the interval that the camera covers.
+
+        The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω, then over i, have closed forms.
+        """
+        lowest, highest = self.polar_interval
+        u = np.asarray(unit, float)
+        rho, alpha = np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
+        across_low, across_high = cosine_range(rho, alpha + np.pi / 2, *self.orbit.raan_rad)
+        largest = -self._over_inclination(across_low, u[:, 2])[0]
+        smallest = -self._over_inclination(across_high, u[:, 2])[1]
+        return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
+
+    def time_fraction(self, unit: Array) -> Array:
+        knots, share = self._share_by_angle
+        rng = np.random.default_rng(0)
+        raan, inclination = self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1)
+        normal = np.stack(
+            [np.sin(raan) * np.sin(inclination), -np.cos(raan) * np.sin(inclination), np.cos(inclination)]
+        )
+        total = np.zeros(len(unit))
+        for plane in normal.T:
+            total += np.interp(np.arccos(np.clip(-(unit @ plane), -1, 1)), knots, share, left=0.0, right=0.0)
+        return np.asarray(total / normal.shape[1])
+
+    def edges(self, at_end: bool) -> list[Array]:
+        raan = self.orbit.raan_end_rad if at_end else self.orbit.raan_start_rad
+        axes = orbit_axes(np.array(raan), np.array(np.mean(self.orbit.inclination_rad)), np.array(0.0))
+        turn = np.linspace(0, 2 * np.pi, EDGE_POINTS)
+        lines = []
+        for y in self.polar_interval:
+            if abs(y) < 1 - 1e-12:
+                flat = np.sqrt(1 - y * y)
+                circle = np.stack([flat * np.cos(turn), np.full(EDGE_POINTS, y), flat * np.sin(turn)], axis=-1)
+                lines.append(circle @ axes)
+        return lines
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        raan = rng.uniform(*self.orbit.raan_rad, count)
+        inclination = rng.uniform(*self.orbit.inclination_rad, count)
+        latitude = rng.uniform(0, 2 * np.pi, count)
+        body_from_orbit = euler_123(rng.uniform(self.limits.low, self.limits.high, (count, 3)))
+        return np.asarray(self.limits.cam_from_body @ body_from_orbit @ orbit_axes(raan, inclination, latitude))
+
+    @staticmethod
+    def _extremes(across: Array, z: Array, low_rad: float, high_rad: float) -> tuple[Array, Array]:
+        return cosine_range(np.hypot(across, z), np.arctan2(across, z), low_rad, high_rad)
+
+    def _over_inclination(self, across: Array, z: Array) -> tuple[Array, Array]:
+        """Extremes of sin i·across + cos i·z over the inclinations."""
+        return self._extremes(across, z, *self.orbit.inclination_rad)
+
+    def _planes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+        """Nodes evenly through their range, inclinations at random through theirs."""
+        low, high = self.orbit.raan_rad
+        return low + (high - low) * (np.arange(count) + 0.5) / count, rng.uniform(*self.orbit.inclination_rad, count)
+
+    @cached_property
+    def _share_by_angle(self) -> tuple[Array, Array]:
+        """Share of an orbit for which a direction at an angle from orbit +y is in the field: the solid angle that field
+        and attitudes together have at that angle, over the ring of sky there. Sampled, seed 0."""
+        rng = np.random.default_rng(0)
+        across = _points_in(self.shape, rng, 4000)
+        body_from_orbit = euler_123(rng.uniform(self.limits.low, self.limits.high, (250, 3)))
+        y = (across @ self.limits.cam_from_body) @ body_from_orbit[:, :, 1].T
+        lowest, highest = np.arccos(np.clip(self.polar_interval, -1, 1))
+        bins = np.linspace(highest, lowest, max(12, int(POLAR_BINS * (lowest - highest) / np.pi)) + 1)
+        count, _ = np.histogram(np.arccos(np.clip(y, -1, 1)), bins)
+        ring_sr = 2 * np.pi * -np.diff(np.cos(bins))
+        share = count / y.size * self.shape.area_sr / ring_sr
+        middle = (bins[1:] + bins[:-1]) / 2
+        return np.concatenate([[bins[0]], middle, [bins[-1]]]), np.concatenate([share[:1], share, share[-1:]])
+
+
+@dataclass(frozen=True)
+class PatchEnvelope:
+    """A camera whose base axes do not turn with the orbit: fixed among the stars, or facing away from the Sun."""
+
+    shape: FieldShape
+    limits: AttitudeLimits
+    sun_longitude_rad: Range = (0.0, 0.0)
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        u = np.asarray(unit, float)
+        near = self._near(u)
+        if self.limits.pointing == "inertial":
+            base = cam_from_icrs(self.limits.ra_rad, self.limits.dec_rad, self.limits.field_roll_rad)
+            pivot, spin = u[near], np.zeros(2)
+        else:
+            base, pivot, spin = BASE_FROM_SUN, u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
+        result = np.zeros(len(u), bool)
+        result[near] = reachable(
+            pivot, base, spin, self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high
+        )
+        return result
+
+    def time_fraction(self, unit: Array) -> Array:
+        u = np.asarray(unit, float)
+        near = np.flatnonzero(self._near(u))
+        share = np.zeros(len(u))
+        for attitude in self.attitudes(np.random.default_rng(0), PATCH_ATTITUDES):
+            share[near] += self.shape.inside(u[near] @ attitude.T)
+        share /= PATCH_ATTITUDES
+        # Directions that the sample just missed are seen all the same.
+        rare = near[share[near] == 0]
+        share[rare[self.contains(u[rare])]] = 0.5 / PATCH_ATTITUDES
+        return share
+
+    def edges(self, at_end: bool) -> list[Array]:
+        sun = self.sun_longitude_rad[1 if at_end else 0]
+        base = base_from_icrs(self.limits, np.array([sun]))[0]
+        middle = euler_123((self.limits.low + self.limits.high) / 2)
+        return [field_outline(self.shape, self.limits.cam_from_body @ middle @ base)]
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        base = base_from_icrs(self.limits, rng.uniform(*self.sun_longitude_rad, count))
+        body_from_base = euler_123(rng.uniform(self.limits.low, self.limits.high, (count, 3)))
+        return np.asarray(self.limits.cam_from_body @ body_from_base @ base)
+
+    def _near(self, unit: Array) -> NDArray[np.bool_]:
+        """A cheap first sieve: within reach of the middle boresight by any turn in the box."""
+        sun = np.array([np.mean(self.sun_longitude_rad)])
+        middle = euler_123((self.limits.low + self.limits.high) / 2) @ base_from_icrs(self.limits, sun)[0]
+        boresight = (self.limits.cam_from_body @ middle)[2]
+        turn = float(np.sum(self.limits.high - self.limits.low) + np.ptp(self.sun_longitude_rad)) / 2
+        reach_rad = self.shape.half_diagonal_rad + turn
+        return np.asarray(unit @ boresight >= np.cos(reach_rad)) if reach_rad < np.pi else np.ones(len(unit), bool)
+
+
+def field_outline(shape: FieldShape, cam_from_icrs: Array) -> Array:
+    """(k, 3) ICRS directions round one field, closed."""
+    return np.asarray(shape.edge(np.linspace(0, 4, FIELD_POINTS * 4 + 1)) @ cam_from_icrs)
+
+
+def _points_in(shape: FieldShape, rng: np.random.Generator, count: int) -> Array:
+    """(≤ 2·count, 3) camera-frame directions, uniform over the field's solid angle."""
+    low = np.cos(shape.half_diagonal_rad)
+    share = shape.area_sr / (2 * np.pi * (1 - low))
+    tries = int(count / share)
+    z, turn = rng.uniform(low, 1, tries), rng.uniform(0, 2 * np.pi, tries)
+    flat = np.sqrt(1 - z * z)
+    unit = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+    return unit[shape.inside(unit)]
