@@ -1,0 +1,118 @@
+/** One door to the server: JSON in, JSON out, and errors as the problem the server described. */
+import type * as T from './types';
+
+export class ApiError extends Error {
+  constructor(
+    readonly status: number,
+    readonly problem: T.Problem,
+  ) {
+    super(problem.message);
+  }
+}
+
+function problemOf(status: number, body: unknown): T.Problem {
+  const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
+  const fallback = typeof given.detail === 'string' ? given.detail : `the server answered ${status}`;
+  return {
+    id: given.id ?? '',
+    message: given.message ?? fallback,
+    expected: given.expected ?? '',
+    got: given.got ?? '',
+    hint: given.hint ?? '',
+  };
+}
+
+async function answer<R>(path: string, init?: RequestInit): Promise<R> {
+  let response: Response;
+  try {
+    response = await fetch(`/api${path}`, init);
+  } catch {
+    throw new ApiError(0, { id: '', message: 'the server does not answer', expected: '', got: '', hint: 'Is the server running? The page keeps trying.' });
+  }
+  if (!response.ok) {
+    const body: unknown = await response.json().catch(() => null);
+    throw new ApiError(response.status, problemOf(response.status, body));
+  }
+  return (await response.json()) as R;
+}
+
+const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
+const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> =>
+  answer<R>(path, {
+    method: 'POST',
+    headers: { 'X-GSS': '1', 'Content-Type': 'application/json' },
+    body: body === undefined ? null : JSON.stringify(body),
+    signal: signal ?? null,
+  });
+
+export interface RawImage {
+  columns: number;
+  rows: number;
+  bits: number;
+  pixels: Uint8Array | Uint16Array;
+}
+
+async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
+  const response = await fetch(`/api/frames/${id}/raw`, signal ? { signal } : undefined);
+  if (!response.ok) throw new ApiError(response.status, problemOf(response.status, await response.json().catch(() => null)));
+  const columns = Number(response.headers.get('X-Columns'));
+  const rows = Number(response.headers.get('X-Rows'));
+  const bits = Number(response.headers.get('X-Bits'));
+  const buffer = await response.arrayBuffer();
+  const pixels = buffer.byteLength >= columns * rows * 2 ? new Uint16Array(buffer) : new Uint8Array(buffer);
+  return { columns, rows, bits, pixels };
+}
+
+function query(values: Record<string, string | number | undefined>): string {
+  const used = Object.entries(values).filter(([, v]) => v !== undefined && v !== '');
+  return used.length ? `?${new URLSearchParams(used.map(([k, v]) => [k, String(v)] as [string, string])).toString()}` : '';
+}
+
+export const api = {
+  link: () => get<T.Link>('/link'),
+  openLink: (url: string) => post<T.Link>('/link/open', { url }),
+  closeLink: () => post<T.Link>('/link/close'),
+  dictionary: () => get<T.Dictionary>('/dictionary'),
+  commands: (limit = 100, contact?: number) => get<T.Command[]>(`/commands${query({ limit, contact })}`),
+  send: (name: string, args: Record<string, T.ArgumentValue>, confirm = '') => post<T.Command>('/commands', { name, arguments: args, confirm }),
+  check: (name: string, args: Record<string, T.ArgumentValue>, signal?: AbortSignal) => post<T.Check>('/commands/check', { name, arguments: args }, signal),
+  retry: (id: number) => post<T.Command>(`/commands/${id}/retry`),
+  resolve: (id: number, note: string) => post<T.Command>(`/commands/${id}/resolve`, { note }),
+  abort: () => post<T.Command>('/commands/abort'),
+  latest: () => get<T.Latest>('/telemetry/latest'),
+  cycles: (limit = 12) => get<T.Cycle[]>(`/telemetry/cycles?limit=${limit}`),
+  history: (names: string[], start: string, end: string, points = 600) => {
+    const q = new URLSearchParams(names.map((n) => ['name', n]));
+    q.set('start', start);
+    q.set('end', end);
+    q.set('points', String(points));
+    return get<T.History>(`/telemetry/history?${q.toString()}`);
+  },
+  frames: (filters: Record<string, string | number | undefined>) => get<T.FramePage>(`/frames${query(filters)}`),
+  frame: (id: number, signal?: AbortSignal) => get<T.FrameDetail>(`/frames/${id}`, signal),
+  latestFrame: () => get<T.FrameDetail>('/frames/latest'),
+  raw,
+  histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
+  solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),
+  solution: (id: number, signal?: AbortSignal) => get<T.SolutionDetail>(`/solutions/${id}`, signal),
+  download: (slot: number) => post<T.Transfer>('/frames/download', { slot, kind: 'frame' }),
+  importFrame: (file: File, profile: string) => {
+    const form = new FormData();
+    form.append('file', file);
+    if (profile) form.append('profile', profile);
+    return answer<T.FrameDetail>('/frames/import', { method: 'POST', headers: { 'X-GSS': '1' }, body: form });
+  },
+  catalogues: () => get<T.Catalogue[]>('/catalogues'),
+  catalogue: (id: number) => get<T.CatalogueDetail>(`/catalogues/${id}`),
+  build: (body: T.CatalogueIn) => post<T.Job>('/catalogues', body),
+  preview: (body: T.CatalogueIn, signal?: AbortSignal) => post<T.Preview>('/catalogues/preview', body, signal),
+  upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),
+  transfers: (limit = 20) => get<T.Transfer[]>(`/transfers?limit=${limit}`),
+  transferAction: (id: number, action: 'pause' | 'resume' | 'abort') => post<T.Transfer>(`/transfers/${id}/${action}`),
+  jobs: () => get<T.Job[]>('/jobs'),
+  cancelJob: (id: number) => post<T.Job>(`/jobs/${id}/cancel`),
+  events: (after: number, limit = 200) => get<T.EventRow[]>(`/events?after=${after}&limit=${limit}`),
+  contacts: () => get<T.Contact[]>('/contacts'),
+  sky: (mag = 4.5) => get<T.Sky>(`/sky?mag=${mag}`),
+  profiles: () => get<T.Profile[]>('/profiles'),
+};

@@ -1,0 +1,83 @@
+/** Numbers and times as the console writes them: true minus, thin group space, fixed decimals, UTC with Z. */
+
+const MINUS = '\u2212';
+const THIN = '\u2009';
+export const NONE = '–';
+
+function grouped(digits: string): string {
+  return digits.length < 4 ? digits : digits.replace(/\B(?=(\d{3})+(?!\d))/g, THIN);
+}
+
+/** A number with fixed decimals; null and NaN are a dash; `sign` writes + as well. */
+export function fixed(value: number | null | undefined, decimals = 0, sign = false): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  const [whole = '0', part] = Math.abs(value).toFixed(decimals).split('.');
+  const text = part === undefined ? grouped(whole) : `${grouped(whole)}.${part}`;
+  const zero = Number(`${whole}.${part ?? 0}`) === 0;
+  return (value < 0 && !zero ? MINUS : sign && !zero ? '+' : '') + text;
+}
+
+/** A number as short as it can be written. */
+export function short(value: number | null | undefined): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  const text = Number.isInteger(value) ? fixed(value) : String(Number(value.toPrecision(6))).replace('-', MINUS);
+  return text;
+}
+
+export function degrees(value: number | null | undefined, decimals = 4, sign = false): string {
+  return value === null || value === undefined ? NONE : `${fixed(value, decimals, sign)}°`;
+}
+
+export function scientific(value: number | null | undefined): string {
+  if (value === null || value === undefined) return NONE;
+  if (value === 0) return '0';
+  return value.toExponential(0).replace('-', MINUS).replace('+', '');
+}
+
+/** Age in the largest fitting unit. */
+export function span(seconds: number | null | undefined): string {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
+  const s = Math.max(0, seconds);
+  if (s < 60) return `${s.toFixed(s < 10 ? 1 : 0)} s`;
+  if (s < 3600) return `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s`;
+  if (s < 86400) return `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+  return `${Math.floor(s / 86400)} d ${Math.floor((s % 86400) / 3600)} h`;
+}
+
+export function daysLeft(days: number | null | undefined): string {
+  if (days === null || days === undefined) return 'no expiry';
+  if (days < 0) return 'expired';
+  return days < 1 ? `${Math.floor(days * 24)} h left` : `${Math.floor(days)} d left`;
+}
+
+/** Time of day, UTC, with Z. */
+export function clock(iso: string | null | undefined, decimals = 0): string {
+  if (!iso) return NONE;
+  const text = new Date(iso).toISOString();
+  return decimals ? `${text.slice(11, 20 + decimals)}Z` : `${text.slice(11, 19)}Z`;
+}
+
+export function day(iso: string | null | undefined): string {
+  return iso ? new Date(iso).toISOString().slice(0, 10) : NONE;
+}
+
+export function utc(iso: string | null | undefined): string {
+  return iso ? new Date(iso).toISOString() : NONE;
+}
+
+export function kib(bytes: number): string {
+  return `${fixed(bytes / 1024, 1)} KiB`;
+}
+
+export function hex(value: number): string {
+  return value.toString(16);
+}
+
+export function shortHash(sha: string | null | undefined): string {
+  return !sha ? NONE : sha.length <= 10 ? sha : `${sha.slice(0, 4)}…${sha.slice(-4)}`;
+}
+
+/** "18 4d c0": a hex string in pairs. */
+export function pairs(hexText: string): string {
+  return (hexText.replace(/\s/g, '').match(/../g) ?? []).join(' ');
+}

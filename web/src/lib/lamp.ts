@@ -1,0 +1,14 @@
+export type LampState = 'ok' | 'watch' | 'warning' | 'critical' | 'progress' | 'unknown' | 'stale' | 'never' | 'off' | 'override';
+
+const COLOURS: Record<LampState, string> = {
+  ok: 'var(--ok)', watch: 'var(--watch)', warning: 'var(--warn)', critical: 'var(--crit)', progress: 'var(--ac)',
+  unknown: 'var(--unk)', stale: 'var(--unk)', never: 'var(--tx3)', off: 'var(--tx3)', override: 'var(--tx1)',
+};
+
+export function lampColour(state: LampState): string {
+  return COLOURS[state];
+}
+
+export function lampOf(word: string | null | undefined): LampState {
+  return word && word in COLOURS ? (word as LampState) : word === 'none' || !word ? 'never' : 'unknown';
+}

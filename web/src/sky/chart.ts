@@ -1,0 +1,146 @@
+/** The sky chart's drawing: stars by magnitude, lines, field, trail, bodies. */
+import { geoArea, geoCircle, geoGraticule, geoOrthographic, type GeoProjection } from 'd3-geo';
+import type { Sky } from '../api/types';
+import { ecliptic, pather, skyProjection } from './mollweide';
+
+export interface ChartScene {
+  sky: Sky | null;
+  field: readonly (readonly [number, number])[];
+  boresight: { ra: number; dec: number } | null;
+  trail: readonly (readonly [number, number])[];
+  globe: boolean;
+}
+type Colour = (name: string) => string;
+
+export function chartProjection(scene: ChartScene, w: number, h: number): GeoProjection {
+  if (!scene.globe) return skyProjection(w, h, 180, 6);
+  const b = scene.boresight ?? { ra: 0, dec: 0 };
+  return geoOrthographic().rotate([-b.ra, -b.dec]).reflectX(true).scale(Math.min(w, h) / 2 - 8).translate([w / 2, h / 2]).clipAngle(90).precision(0.3);
+}
+
+/** A closed ring in the sense that d3 takes for its inside: the smaller side. */
+export function ringOf(points: readonly (readonly [number, number])[]): { type: 'Polygon'; coordinates: [number, number][][] } | null {
+  if (points.length < 3) return null;
+  const ring = points.map((p) => [p[0], p[1]] as [number, number]);
+  const first = ring[0];
+  if (first) ring.push(first);
+  const shape = { type: 'Polygon' as const, coordinates: [ring] };
+  if (geoArea(shape) > 2 * Math.PI) ring.reverse();
+  return shape;
+}
+
+export function ground(ctx: CanvasRenderingContext2D, projection: GeoProjection, colour: Colour): void {
+  const path = pather(projection, ctx);
+  const stroke = (shape: Parameters<typeof path>[0], ink: string, dash: number[] = []): void => {
+    ctx.beginPath();
+    ctx.setLineDash(dash);
+    ctx.strokeStyle = ink;
+    path(shape);
+    ctx.stroke();
+    ctx.setLineDash([]);
+  };
+  ctx.lineWidth = 1;
+  ctx.beginPath();
+  path({ type: 'Sphere' });
+  ctx.fillStyle = colour('chart');
+  ctx.fill();
+  stroke(geoGraticule().step([30, 30])(), colour('ln1'));
+  stroke({ type: 'LineString', coordinates: Array.from({ length: 73 }, (_, i) => [i * 5, 0]) }, colour('ln2'));
+  stroke({ type: 'LineString', coordinates: ecliptic() }, colour('edge'), [4, 3]);
+  stroke({ type: 'Sphere' }, colour('ln2'));
+}
+
+export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, scene: ChartScene, colour: Colour): void {
+  const projection = chartProjection(scene, w, h);
+  const path = pather(projection, ctx);
+  ground(ctx, projection, colour);
+  dots(ctx, projection, scene, colour('star'));
+  for (const body of scene.sky?.bodies ?? []) {
+    const ink = body.name === 'Sun' ? colour('watch') : colour('tx3');
+    ctx.setLineDash([4, 3]);
+    ctx.strokeStyle = ink;
+    ctx.beginPath();
+    path(geoCircle().center([body.ra_deg, body.dec_deg]).radius(body.exclusion_deg)());
+    ctx.stroke();
+    ctx.setLineDash([]);
+    const p = visible(projection, scene, body.ra_deg, body.dec_deg);
+    if (p) bodyMark(ctx, p, body.name, ink, colour);
+  }
+  if (scene.trail.length > 1) {
+    ctx.setLineDash([2, 2.5]);
+    ctx.strokeStyle = colour('ac');
+    ctx.beginPath();
+    path({ type: 'LineString', coordinates: scene.trail.map((p) => [p[0], p[1]]) });
+    ctx.stroke();
+    ctx.setLineDash([]);
+  }
+  const field = ringOf(scene.field);
+  if (field) {
+    ctx.beginPath();
+    path(field);
+    ctx.globalAlpha = 0.18;
+    ctx.fillStyle = colour('ac');
+    ctx.fill();
+    ctx.globalAlpha = 1;
+    ctx.strokeStyle = colour('ac');
+    ctx.lineWidth = 1.3;
+    ctx.stroke();
+  }
+  const b = scene.boresight;
+  const p = b && visible(projection, scene, b.ra, b.dec);
+  if (p) cross(ctx, p, colour('tx1'));
+}
+
+function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: number): [number, number] | null {
+  if (scene.globe) {
+    const b = scene.boresight ?? { ra: 0, dec: 0 };
+    const k = Math.PI / 180;
+    if (Math.sin(dec * k) * Math.sin(b.dec * k) + Math.cos(dec * k) * Math.cos(b.dec * k) * Math.cos((ra - b.ra) * k) < 0) return null;
+  }
+  return projection([ra, dec]);
+}
+
+function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, ink: string): void {
+  ctx.fillStyle = ink;
+  for (const s of scene.sky?.stars ?? []) {
+    const p = visible(projection, scene, s.ra_deg, s.dec_deg);
+    if (!p) continue;
+    ctx.globalAlpha = s.v_mag < 2 ? 1 : s.v_mag < 3.5 ? 0.8 : 0.5;
+    ctx.beginPath();
+    ctx.arc(p[0], p[1], Math.max(0.45, 1.75 - 0.3 * s.v_mag), 0, 7);
+    ctx.fill();
+  }
+  ctx.globalAlpha = 1;
+}
+
+function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string, colour: Colour): void {
+  ctx.fillStyle = ink;
+  ctx.strokeStyle = ink;
+  ctx.beginPath();
+  ctx.arc(x, y, 4, 0, 7);
+  if (name === 'Sun') ctx.fill();
+  else {
+    ctx.stroke();
+    ctx.beginPath();
+    ctx.arc(x, y, 4, Math.PI / 2, (3 * Math.PI) / 2);
+    ctx.fill();
+  }
+  ctx.font = "11.5px 'IBM Plex Sans'";
+  ctx.lineWidth = 3;
+  ctx.strokeStyle = colour('chart');
+  ctx.strokeText(name, x + 8, y + 4);
+  ctx.fillStyle = name === 'Sun' ? ink : colour('tx2');
+  ctx.fillText(name, x + 8, y + 4);
+  ctx.lineWidth = 1;
+}
+
+function cross(ctx: CanvasRenderingContext2D, [x, y]: [number, number], ink: string): void {
+  ctx.strokeStyle = ink;
+  ctx.lineWidth = 1.3;
+  ctx.beginPath();
+  ctx.moveTo(x - 6, y);
+  ctx.lineTo(x + 6, y);
+  ctx.moveTo(x, y - 6);
+  ctx.lineTo(x, y + 6);
+  ctx.stroke();
+}

@@ -1,0 +1,70 @@
+/** Keyboard: pages, go-to letters, abort, freeze; the page on show adds its own. */
+import { attempt, live } from './live.svelte';
+import { api } from '../api/client';
+import { go } from './router.svelte';
+import { toast } from './toasts.svelte';
+import { view } from './view.svelte';
+
+export interface Page { path: string; name: string; letter: string; icon: string }
+export const PAGES: readonly Page[] = [
+  { path: '/live', name: 'Live', letter: 'l', icon: 'live' },
+  { path: '/commands', name: 'Commands', letter: 'c', icon: 'commands' },
+  { path: '/telemetry', name: 'Telemetry', letter: 't', icon: 'telemetry' },
+  { path: '/frames', name: 'Frames', letter: 'f', icon: 'frames' },
+  { path: '/catalogues', name: 'Catalogues', letter: 'k', icon: 'catalogues' },
+  { path: '/contacts', name: 'Contacts', letter: 'o', icon: 'contacts' },
+];
+
+/** ABORT never waits for a dialog. */
+export async function abort(): Promise<void> {
+  const sent = await attempt(() => api.abort());
+  if (!sent) return;
+  live.putCommand(sent);
+  toast('warning', `ABORT ${sent.result}`, sent.request_id.toString(16));
+}
+
+let pendingGo = false;
+
+function typing(target: EventTarget | null): boolean {
+  return target instanceof HTMLElement && (target.isContentEditable || ['INPUT', 'SELECT', 'TEXTAREA'].includes(target.tagName));
+}
+
+export function onKey(e: KeyboardEvent): void {
+  if (e.key === 'Escape' && e.shiftKey) {
+    e.preventDefault();
+    void abort();
+    return;
+  }
+  if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
+  if (pendingGo) {
+    pendingGo = false;
+    const page = PAGES.find((p) => p.letter === e.key);
+    if (page) { e.preventDefault(); go(page.path); }
+    return;
+  }
+  if (handled(e)) e.preventDefault();
+}
+
+function handled(e: KeyboardEvent): boolean {
+  const own = view.keys.find((k) => k.key === e.key);
+  if (own) { own.run(); return true; }
+  const page = PAGES[Number(e.key) - 1];
+  if (/^[1-9]$/.test(e.key) && page) { go(page.path); return true; }
+  switch (e.key) {
+    case 'g': pendingGo = true; return true;
+    case '?': view.help = !view.help; return true;
+    case 'Escape': view.help = false; return true;
+    case 'o': view.overlaysOff = !view.overlaysOff; return true;
+    case ' ': {
+      if (e.target instanceof HTMLElement && ['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName)) return false;
+      view.frozen = !view.frozen;
+      return true;
+    }
+    case '/': {
+      const box = document.querySelector<HTMLInputElement>('[data-search]');
+      box?.focus();
+      return box !== null;
+    }
+  }
+  return false;
+}

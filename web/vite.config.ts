@@ -1,0 +1,11 @@
+import { svelte } from '@sveltejs/vite-plugin-svelte';
+import { defineConfig } from 'vite';
+
+const api = process.env['GSS_API'] ?? 'http://127.0.0.1:8400';
+
+export default defineConfig({
+  plugins: [svelte()],
+  build: { outDir: '../gss/web', emptyOutDir: true, target: 'es2022', assetsInlineLimit: 0, chunkSizeWarningLimit: 700 },
+  server: { host: '127.0.0.1', proxy: { '/api': { target: api, changeOrigin: true } } },
+  preview: { host: '127.0.0.1', proxy: { '/api': { target: api, changeOrigin: true } } },
+});
