@@ -59,7 +59,9 @@ class PairTable:
 def pair_table(icrs: Array, min_rad: float, max_rad: float) -> PairTable:
     """Table of all pairs of (n, 3) unit vectors whose distance lies in [min_rad, max_rad]."""
     if not 0 <= min_rad < max_rad <= np.pi:
-        raise BadInput("pair distances are impossible", expected="0 ≤ min < max ≤ π", got=f"{min_rad:g}, {max_rad:g} rad")
+        raise BadInput(
+            "pair distances are impossible", expected="0 ≤ min < max ≤ π", got=f"{min_rad:g}, {max_rad:g} rad"
+        )
     first, second = _close_pairs(icrs, max_rad)
     chord = np.linalg.norm(icrs[first] - icrs[second], axis=1)
     distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))

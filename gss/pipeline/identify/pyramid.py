@@ -49,7 +49,14 @@ def identify_lost(
         if search.joined_rows > MAX_JOINED_ROWS:
             return Found(None, search.hypotheses, _too_long(search, best))
         for first, second, third, rows in search.candidates(i, j):
-            evidence = verify(field, sky, camera, rows=np.array([i, j, third]), stars=np.array([first, second, *rows]), hypotheses=search.hypotheses)
+            evidence = verify(
+                field,
+                sky,
+                camera,
+                rows=np.array([i, j, third]),
+                stars=np.array([first, second, *rows]),
+                hypotheses=search.hypotheses,
+            )
             if evidence is None:
                 continue
             if evidence.false_match_probability <= accept:
@@ -134,7 +141,14 @@ class _Search:
         return self._supported(i, j, a, b, h[fits], k[fits], c[fits])
 
     def _supported(
-        self, i: int, j: int, a: NDArray[np.int32], b: NDArray[np.int32], h: NDArray[np.intp], k: NDArray[np.int32], c: NDArray[np.int32]
+        self,
+        i: int,
+        j: int,
+        a: NDArray[np.int32],
+        b: NDArray[np.int32],
+        h: NDArray[np.intp],
+        k: NDArray[np.int32],
+        c: NDArray[np.int32],
     ) -> list[tuple[int, int, int, list[int]]]:
         if not len(h):
             return []
@@ -142,7 +156,11 @@ class _Search:
         seen = np.einsum("ij,ij->i", np.cross(u[i], u[j])[None], u[k])
         known = np.einsum("ij,ij->i", np.cross(icrs[a[h]], icrs[b[h]]), icrs[c])
         # Nearly collinear triangles have no reliable handedness; the whole field decides on them later.
-        flat = COLLINEAR * self.tolerance[i, j] * np.maximum(self.distance[i, j], np.maximum(self.distance[i, k], self.distance[j, k]))
+        flat = (
+            COLLINEAR
+            * self.tolerance[i, j]
+            * np.maximum(self.distance[i, j], np.maximum(self.distance[i, k], self.distance[j, k]))
+        )
         right = (seen * known > 0) | (np.maximum(np.abs(seen), np.abs(known)) < flat)
         h, k, c, seen = h[right], k[right], c[right], seen[right]
         if not len(h):

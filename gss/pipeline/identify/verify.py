@@ -135,7 +135,11 @@ def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Arr
     """Acceptance radius of each predicted star, px: centroid error and what the attitude's own error adds there."""
     information = np.sum(weights) * np.eye(3) - (used * weights[:, None]).T @ used
     covariance = np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(3))
-    lever2 = np.maximum(np.trace(covariance) - np.einsum("ij,jk,ik->i", unit, covariance, unit), 0) * 0.75 / camera.pixel_rad**2
+    lever2 = (
+        np.maximum(np.trace(covariance) - np.einsum("ij,jk,ik->i", unit, covariance, unit), 0)
+        * 0.75
+        / camera.pixel_rad**2
+    )
     own = float(np.median(field.sigma_px)) if len(field) else 0.1
     radius = RADIUS_SIGMA * np.sqrt(own**2 + lever2) + calibration_px
     return np.asarray(np.clip(radius, MIN_RADIUS_PX, MAX_RADIUS_PX))

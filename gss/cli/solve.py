@@ -1,0 +1,169 @@
+"""``gss solve``: the attitude of image files, as text or JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import BadInput, GssError, NotFound
+from gss.domain.profiles import PROFILES
+from gss.domain.results import Outcome, SolveResult
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+SOLVED_EXIT, FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT = 0, 1, 2, 3
+J2000_UNIX_S = 946_727_935.8
+JULIAN_YEAR_S = 365.25 * 86400
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the command to the parser."""
+    parser = subparsers.add_parser(
+        "solve",
+        help="find where an image of the sky was pointed",
+        description="Find the attitude of images of the sky (FITS, PNG, TIFF, JPEG). Exit code 0: all solved, "
+        "2: bad input, 3: no solution for at least one.",
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="image of the sky")
+    camera = parser.add_mutually_exclusive_group(required=True)
+    camera.add_argument("--camera", metavar="PROFILE", help="calibrated camera: " + ", ".join(PROFILES))
+    camera.add_argument("--fov-deg", type=float, metavar="X", help="horizontal field of view, known to about 5 %%")
+    camera.add_argument("--blind", action="store_true", help="field of view unknown, between 4° and 60°")
+    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument(
+        "--epoch",
+        type=float,
+        metavar="YEAR",
+        help="Julian year of the star positions (default: the image's own date, else now)",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON, one object per file and line")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Solve each file; the worst outcome decides the exit code."""
+    from gss.operations.clock import stopwatch_s
+    from gss.operations.solve import Solver
+
+    solver = Solver(stopwatch_s=stopwatch_s)
+    codes = []
+    for name in arguments.files:
+        try:
+            codes.append(_one(name, arguments, solver))
+        except GssError as error:
+            print(f"gss: {error}", file=sys.stderr)
+            codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
+    return _worst(codes)
+
+
+def _worst(codes: Sequence[int]) -> int:
+    return next((c for c in (FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT) if c in codes), SOLVED_EXIT)
+
+
+def _one(name: str, arguments: argparse.Namespace, solver: Any) -> int:
+    from gss.operations.clock import utc_now
+    from gss.operations.frame_files import read_frame
+    from gss.operations.solve import SolveRequest
+
+    frame = read_frame(_bytes_of(name), name)
+    epoch = arguments.epoch if arguments.epoch is not None else julian_year(frame.taken_at or utc_now())
+    request = SolveRequest(
+        chain=arguments.chain,
+        profile=arguments.camera,
+        fov_rad=None if arguments.fov_deg is None else math.radians(arguments.fov_deg),
+        blind=arguments.blind,
+        epoch_jyear=round(epoch, 2),
+    )
+    result = solver.solve(frame.pixels, request)
+    record = as_record(name, result)
+    print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
+    return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
+
+
+def _bytes_of(name: str) -> bytes:
+    try:
+        return Path(name).read_bytes()
+    except IsADirectoryError:
+        raise BadInput(f"{name} is a directory", expected="an image file", got="a directory") from None
+    except FileNotFoundError:
+        raise BadInput(f"{name} does not exist", expected="an image file", got="nothing at that place") from None
+    except OSError as error:
+        raise BadInput(f"{name} cannot be read", expected="a readable file", got=str(error.strerror or error)) from None
+
+
+def julian_year(moment: datetime) -> float:
+    """Julian epoch of a moment; leap seconds and TT − UTC are far below what matters to proper motion."""
+    return 2000.0 + (moment.timestamp() - J2000_UNIX_S) / JULIAN_YEAR_S
+
+
+def as_record(name: str, result: SolveResult) -> dict[str, Any]:
+    """The JSON object of one result; what does not exist is null."""
+    record: dict[str, Any] = {
+        "file": name,
+        "chain": result.chain,
+        "outcome": str(result.outcome),
+        "reason": result.reason,
+        "ra_deg": None,
+        "dec_deg": None,
+        "roll_deg": None,
+        "quaternion": None,
+        "sigma_arcsec": None,
+        "sigma_roll_arcsec": None,
+        "matched": 0 if result.matches is None else len(result.matches),
+        "centroids": len(result.centroids),
+        "false_match_probability": _finite(result.false_match_probability),
+        "fov_deg": None,
+        "residual_rms_px": _finite(result.residual_rms_px),
+        "timing_ms": {stage: round(1e3 * s, 3) for stage, s in result.timing_s.items()},
+        "notes": list(result.notes),
+    }
+    if result.attitude is not None:
+        ra, dec, roll = result.attitude.ra_dec_roll_rad
+        cross, about = result.attitude.sigma_rad
+        record |= {
+            "ra_deg": round(math.degrees(ra), 7),
+            "dec_deg": round(math.degrees(dec), 7),
+            "roll_deg": round(math.degrees(roll), 6),
+            "quaternion": [float(q) for q in result.attitude.quaternion],
+            "sigma_arcsec": _finite(cross / ARCSEC_RAD),
+            "sigma_roll_arcsec": _finite(about / ARCSEC_RAD),
+            "fov_deg": [round(math.degrees(f), 5) for f in result.camera.fov_rad],
+        }
+    return record
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def as_text(record: dict[str, Any]) -> str:
+    """A few readable lines."""
+    total_ms = sum(record["timing_ms"].values())
+    if record["outcome"] != str(Outcome.SOLVED):
+        return (
+            f"{record['file']}: no solution. {record['reason']}\n  {record['centroids']} stars found, {total_ms:.0f} ms"
+        )
+    fov = " x ".join(f"{f:.3f}°" for f in record["fov_deg"])
+    sigma = (
+        ""
+        if record["sigma_arcsec"] is None
+        else f" ± {record['sigma_arcsec']:.1f}″ per axis, roll ± {record['sigma_roll_arcsec']:.0f}″"
+    )
+    chance = "unknown" if record["false_match_probability"] is None else f"{record['false_match_probability']:.1e}"
+    lines = [
+        f"{record['file']}: RA {record['ra_deg']:.5f}°  Dec {record['dec_deg']:+.5f}°  roll {record['roll_deg']:.4f}°{sigma}",
+        f"  {record['matched']} of {record['centroids']} stars identified, residual {record['residual_rms_px']:.2f} px, "
+        f"field of view {fov}, false-match probability {chance}",
+        f"  {record['chain']} chain, {total_ms:.0f} ms",
+    ]
+    return "\n".join(lines + [f"  {note}" for note in record["notes"]])

@@ -1,0 +1,238 @@
+"""Frames from files: FITS, TIFF, PNG, JPEG by their content, never by their name. Whatever cannot be used says why."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import BadInput
+
+MAX_BYTES = 512 * 1024 * 1024
+MAX_PIXELS = 64_000_000
+MIN_SIDE_PX = 8
+LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
+HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
+
+
+@dataclass(frozen=True)
+class ImportedFrame:
+    """One frame as an array (rows, columns) of uint8, uint16 or float32, with what its file says about it.
+
+    ``bits``: of the converter's range the values lie in (32 for float). ``exposure_s`` and ``taken_at`` None where unknown.
+    """
+
+    pixels: NDArray[np.generic]
+    bits: int
+    exposure_s: float | None
+    taken_at: datetime | None
+    source: dict[str, str] = field(default_factory=dict)
+
+
+def read_frame(data: bytes, name: str) -> ImportedFrame:
+    """The frame in a file's bytes; ``name`` is used in messages only. Raises BadInput."""
+    if not data:
+        raise BadInput(f"{name} is empty", expected=HINT, got="0 bytes")
+    if len(data) > MAX_BYTES:
+        raise BadInput(f"{name} is too large", expected=f"at most {MAX_BYTES >> 20} MiB", got=f"{len(data) >> 20} MiB")
+    if data[:10].startswith(b"SIMPLE  ="):
+        return _finished(*_read_fits(data, name), name)
+    if (
+        data[:8] == b"\x89PNG\r\n\x1a\n"
+        or data[:3] == b"\xff\xd8\xff"
+        or data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+    ):
+        return _finished(*_read_picture(data, name), name)
+    raise BadInput(f"{name} is not an image this program reads", expected=HINT, got=_first_bytes(data))
+
+
+def _first_bytes(data: bytes) -> str:
+    head = data[:12]
+    text = head.decode("ascii", "replace")
+    return (
+        f"a file that begins with {text!r}" if text.isprintable() else f"a file that begins with bytes {head.hex(' ')}"
+    )
+
+
+Meta = dict[str, Any]
+
+
+def _check_size(columns: int, rows: int, name: str) -> None:
+    if columns * rows > MAX_PIXELS:
+        raise BadInput(
+            f"{name} has too many pixels",
+            expected=f"at most {MAX_PIXELS // 1_000_000} megapixels",
+            got=f"{columns} x {rows} = {columns * rows / 1e6:.0f} megapixels",
+            hint="cut or bin the image first",
+        )
+    if min(columns, rows) < MIN_SIDE_PX:
+        raise BadInput(
+            f"{name} is too small for a sky frame",
+            expected=f"at least {MIN_SIDE_PX} x {MIN_SIDE_PX} pixels",
+            got=f"{columns} x {rows}",
+        )
+
+
+def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            # Our own cap, far above Pillow's first warning, is checked before any pixel is decoded.
+            warnings.simplefilter("ignore")
+            image = Image.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG"))
+            _check_size(image.width, image.height, name)
+            meta = _picture_meta(image)
+            image.load()
+            return _luminance(image, name), meta
+    except BadInput:
+        raise
+    except Image.DecompressionBombError:
+        raise BadInput(
+            f"{name} unpacks to far too many pixels",
+            expected=f"at most {MAX_PIXELS // 1_000_000} megapixels",
+            got="a decompression bomb",
+        ) from None
+    except UnidentifiedImageError:
+        raise BadInput(f"{name} cannot be decoded", expected=HINT, got="a damaged or unknown image file") from None
+    except Exception as error:  # Pillow's decoders raise OSError, ValueError, SyntaxError, struct.error and more
+        raise BadInput(
+            f"{name} is damaged",
+            expected="a complete image file",
+            got=str(error)[:120] or type(error).__name__,
+            hint="copy the file again",
+        ) from None
+
+
+def _picture_meta(image: Any) -> Meta:
+    meta: Meta = {"format": image.format, "mode": image.mode}
+    try:
+        exif = image.getexif()
+        inner = exif.get_ifd(0x8769)
+        seconds = inner.get(0x829A)
+        if seconds:
+            meta["exposure_s"] = float(seconds)
+        taken = inner.get(0x9003) or exif.get(0x0132)
+        if isinstance(taken, str):
+            meta["taken_at"] = datetime.strptime(taken.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        if exif.get(0x0110):
+            meta["camera"] = str(exif.get(0x0110)).strip("\0 ")
+    except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
+        pass  # a broken EXIF block does not spoil the pixels
+    return meta
+
+
+def _luminance(image: Any, name: str) -> NDArray[np.generic]:
+    if image.mode in ("1", "P", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
+        image = image.convert("RGB" if image.mode != "1" else "L")
+    array = np.asarray(image)
+    if array.ndim == 3:
+        channels = array.shape[2]
+        if channels in (3, 4):
+            grey = array[..., :3].astype(np.float32) @ LUMINANCE.astype(np.float32)
+        else:
+            grey = array[..., 0].astype(np.float32)
+        array = np.rint(grey).astype(array.dtype) if array.dtype.kind == "u" else grey
+    if array.ndim != 2:
+        raise BadInput(
+            f"{name} is not a picture", expected="rows and columns, grey or colour", got=f"shape {array.shape}"
+        )
+    return array
+
+
+def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
+    from astropy.io import fits
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # header oddities are common and harmless; the data are checked below
+            with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as hdus:
+                for hdu in hdus:
+                    if not getattr(hdu, "is_image", False) or hdu.header.get("NAXIS", 0) < 2:
+                        continue
+                    header = hdu.header
+                    _check_size(int(header["NAXIS1"]), int(header["NAXIS2"]), name)
+                    if int(np.prod([header[f"NAXIS{k + 1}"] for k in range(header["NAXIS"])])) > 8 * MAX_PIXELS:
+                        raise BadInput(
+                            f"{name} is a data cube that is too large", expected="one image", got=str(hdu.shape)
+                        )
+                    array = np.asarray(hdu.data)
+                    while array.ndim > 2:
+                        array = array[0]
+                    return array, _fits_meta(header)
+    except BadInput:
+        raise
+    except Exception as error:  # astropy raises OSError, ValueError, TypeError, VerifyError on damaged files
+        raise BadInput(
+            f"{name} is a damaged FITS file",
+            expected="complete header and data",
+            got=str(error)[:120] or type(error).__name__,
+            hint="copy the file again",
+        ) from None
+    raise BadInput(
+        f"{name} holds no image", expected="a FITS extension with rows and columns", got="tables or empty headers only"
+    )
+
+
+def _fits_meta(header: Any) -> Meta:
+    meta: Meta = {"format": "FITS", "bitpix": str(header.get("BITPIX"))}
+    for key in ("EXPTIME", "EXPOSURE"):
+        value = header.get(key)
+        if isinstance(value, int | float) and value > 0:
+            meta["exposure_s"] = float(value)
+            break
+    taken = header.get("DATE-OBS")
+    if isinstance(taken, str) and taken:
+        try:
+            when = datetime.fromisoformat(taken.strip())
+            meta["taken_at"] = when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC)
+        except ValueError:
+            meta["date-obs"] = taken
+    for key in ("INSTRUME", "TELESCOP", "OBJECT"):
+        if isinstance(header.get(key), str):
+            meta[key.lower()] = header[key]
+    return meta
+
+
+def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFrame:
+    """Check the values and bring them to one of the three types."""
+    pixels, bits = _plain(array, name)
+    exposure, taken = meta.pop("exposure_s", None), meta.pop("taken_at", None)
+    return ImportedFrame(np.ascontiguousarray(pixels), bits, exposure, taken, {k: str(v) for k, v in meta.items()})
+
+
+def _plain(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], int]:
+    kind = array.dtype.kind
+    if kind not in "uifb":
+        raise BadInput(f"{name} does not hold plain numbers", expected="integer or real pixels", got=str(array.dtype))
+    if kind == "f":
+        return _real(array, name)
+    low, high = (int(array.min()), int(array.max())) if kind != "b" else (0, 1)
+    if low >= 0 and array.dtype.itemsize == 1:
+        return array.astype(np.uint8), 8
+    if low >= 0 and high <= 0xFFFF:
+        return array.astype(np.uint16), 16
+    return array.astype(np.float32), 32
+
+
+def _real(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], int]:
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = int((~finite).sum())
+        everything = bad == array.size
+        raise BadInput(
+            f"{name} has {'only' if everything else 'some'} pixels that are not numbers",
+            expected="finite values in all pixels",
+            got="NaN or infinity everywhere" if everything else f"{bad} of {array.size} pixels NaN or infinite",
+            hint="replace blanked pixels by the local sky level",
+        )
+    if float(np.abs(array).max()) > 1e30:
+        raise BadInput(
+            f"{name} has absurd pixel values", expected="below 1e30", got=f"{float(np.abs(array).max()):.3g}"
+        )
+    return array.astype(np.float32), 32

@@ -1,0 +1,195 @@
+"""Solve a frame with any chain: the same use case for the command line and the server, with the caches that make it quick."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import SolveResult
+from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.operations.clock import Monotonic
+from gss.pipeline.chains import cubestar, reference
+from gss.pipeline.identify.near import Hint
+from gss.pipeline.identify.patterns import Level, build_level
+from gss.pipeline.identify.verify import Sky
+
+CHAINS = (reference.NAME, cubestar.NAME)
+BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
+FOV_SLACK = 1.08  # a field of view "known to 5 %", and whether it was meant across the sky or as pixels times scale
+DEFAULT_EPOCH_JYEAR = 2026.5
+
+
+@dataclass(frozen=True)
+class SolveRequest:
+    """What to run. Exactly one way to know the camera: ``profile`` (a name), ``camera`` (geometry), ``fov_rad``
+    (horizontal, known to about 5 %), or ``blind``.
+
+    ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's.
+    """
+
+    chain: str = reference.NAME
+    profile: str | None = None
+    camera: Camera | None = None
+    fov_rad: float | None = None
+    blind: bool = False
+    hint: Hint | None = None
+    epoch_jyear: float | None = None
+
+
+T = TypeVar("T")
+
+
+class SolverCache:
+    """Star positions per epoch, pair tables per camera, figures per size, bank-like catalogues per profile.
+
+    Builds each once and keeps the latest; safe to share between threads.
+    """
+
+    def __init__(self, stars: StarTable | None = None, keep: int = 40) -> None:
+        self._base, self._keep = stars, keep
+        self._lock = threading.RLock()
+        self._made: dict[tuple[Any, ...], Any] = {}
+
+    def _once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
+        with self._lock:
+            if key not in self._made:
+                while len(self._made) >= self._keep:
+                    self._made.pop(next(iter(self._made)))
+                self._made[key] = make()
+            return cast(T, self._made[key])
+
+    def stars(self, epoch_jyear: float) -> StarTable:
+        """The star table at an epoch, brightest first."""
+
+        def make() -> StarTable:
+            table = propagate(self._base if self._base is not None else load_stars(), epoch_jyear)
+            return table.take(np.argsort(table.v_mag, kind="stable"))
+
+        return self._once(("stars", epoch_jyear), make)
+
+    def sky(self, epoch_jyear: float) -> Sky:
+        """The columns that identification uses."""
+        table = self.stars(epoch_jyear)
+        return Sky(table.hip, table.icrs, table.v_mag)
+
+    def known(self, camera: Camera, faint_limit_mag: float, epoch_jyear: float) -> reference.KnownSky:
+        """Stars and pair table for one camera."""
+        key = ("pairs", camera, faint_limit_mag, epoch_jyear)
+        return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
+
+    def level(self, epoch_jyear: float) -> Callable[[float], Level]:
+        """Builder of figure dictionaries that remembers them."""
+        sky = self.sky(epoch_jyear)
+        return lambda radius_rad: self._once(("figures", radius_rad, epoch_jyear), lambda: build_level(sky, radius_rad))
+
+    def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
+        """What a flash bank for this camera would hold: stars to its limit and their distances, not quantised."""
+
+        def make() -> OnboardCatalogue:
+            stars = self.stars(epoch_jyear).brighter_than(known.sensor.faint_limit_mag)
+            distances = distance_table(stars, 0.0, known.camera.diagonal_rad)
+            return OnboardCatalogue(stars.hip, stars.icrs, stars.v_mag, distances)
+
+        return self._once(("bank", known.name, epoch_jyear), make)
+
+
+class Solver:
+    """Runs requests. ``stopwatch_s`` times the stages; results depend on it in nothing else."""
+
+    def __init__(
+        self,
+        cache: SolverCache | None = None,
+        stopwatch_s: Monotonic | None = None,
+        epoch_jyear: float = DEFAULT_EPOCH_JYEAR,
+    ) -> None:
+        self.cache = cache if cache is not None else SolverCache()
+        self._stopwatch_s, self._epoch_jyear = stopwatch_s, epoch_jyear
+
+    def solve(self, pixels: NDArray[np.generic], request: SolveRequest) -> SolveResult:
+        """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
+        if request.chain not in CHAINS:
+            raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
+        known, camera = _camera_of(request)
+        epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
+        if request.chain == cubestar.NAME:
+            return self._cubestar(pixels, known, request, epoch)
+        if camera is None:
+            result = self._foreign(pixels, request, epoch)
+        else:
+            sensor = known.sensor if known else None
+            limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
+            stars = self.cache.known(camera, limit, epoch)
+            result = reference.solve_known(pixels, camera, sensor, stars, hint=request.hint, clock=self._stopwatch_s)
+        return replace(result, notes=(*result.notes, f"star positions of {epoch:.2f}"))
+
+    def _foreign(self, pixels: NDArray[np.generic], request: SolveRequest, epoch_jyear: float) -> SolveResult:
+        limits = (
+            BLIND_FOV_RAD if request.fov_rad is None else (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
+        )
+        sky = self.cache.sky(epoch_jyear)
+        return reference.solve_foreign(pixels, limits, sky, self.cache.level(epoch_jyear), clock=self._stopwatch_s)
+
+    def _cubestar(
+        self, pixels: NDArray[np.generic], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
+    ) -> SolveResult:
+        if known is None:
+            raise BadInput(
+                "the cubestar chain needs a calibrated camera",
+                expected="a camera profile",
+                got="a field of view or nothing",
+                hint="name a profile, or use the reference chain",
+            )
+        bank = self.cache.bank(known, epoch_jyear)
+        parameters = cubestar.default_parameters(known)
+        hint, mode = None, cubestar.Mode.LOST_IN_SPACE
+        if request.hint is not None:
+            hint = cubestar.Hint.from_quaternion(quaternion_from_matrix(request.hint.cam_from_icrs))
+            tracking = request.hint.radius_rad <= parameters.tracking_radius_rad
+            mode = cubestar.Mode.TRACKING if tracking else cubestar.Mode.ASSISTED
+        return cubestar.solve(pixels, known.camera, bank, parameters, mode=mode, hint=hint, clock=self._stopwatch_s)
+
+
+def _camera_of(request: SolveRequest) -> tuple[CameraProfile | None, Camera | None]:
+    """The profile and the geometry asked for; both None for a foreign camera."""
+    ways = [
+        name
+        for name, given in (
+            ("profile", request.profile is not None),
+            ("camera", request.camera is not None),
+            ("field of view", request.fov_rad is not None),
+            ("blind", request.blind),
+        )
+        if given
+    ]
+    if len(ways) != 1:
+        raise BadInput(
+            "the camera must be known in one way",
+            expected="a profile, a geometry, a field of view, or blind",
+            got=" and ".join(ways) or "none of them",
+        )
+    if request.fov_rad is not None and not np.radians(0.5) <= request.fov_rad <= np.radians(120):
+        raise BadInput(
+            "field of view is out of range", expected="0.5° to 120°", got=f"{np.degrees(request.fov_rad):g}°"
+        )
+    if request.profile is not None:
+        known = profile(request.profile)
+        return known, known.camera
+    return None, request.camera
+
+
+def _limit_for(camera: Camera) -> float:
+    """Magnitude to which about 25 stars fall on the detector: what a camera without photometry is taken to show."""
+    share = camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
+    # Hipparcos holds about 4900 stars to V 6 and 2.9 times as many for each magnitude more.
+    return float(np.clip(6 + np.log(25 / (4900 * share)) / np.log(2.9), 2.5, 8.0))

@@ -1,0 +1,92 @@
+"""Assisted and tracking: the attitude is roughly known, so few catalogue stars can be each star, and pairs decide at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.identify.pyramid import Found
+from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
+
+TOLERANCE_SIGMA = 3.5
+ACCEPT = 1e-4  # looser than without a hint: the answer must also lie where the caller says
+MAX_STARS = 40
+MAX_CANDIDATES = 700
+TRIES = 6
+
+
+@dataclass(frozen=True)
+class Hint:
+    """A prior attitude and the largest rotation, rad, by which it may be off."""
+
+    cam_from_icrs: Array
+    radius_rad: float
+
+
+def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept: float = ACCEPT) -> Found:
+    """Identify with a prior. Candidates are (star seen, catalogue star) within the radius; consistent pairs vote."""
+    n = min(len(field), MAX_STARS)
+    if n < 3:
+        return Found(None, 0, f"{len(field)} stars found: at least 3 are needed near a known attitude")
+    reach = np.cos(min(camera.half_diagonal_rad + hint.radius_rad, np.pi))
+    local = np.flatnonzero(sky.icrs @ hint.cam_from_icrs[2] > reach)
+    expected = sky.icrs[local] @ hint.cam_from_icrs.T
+    chord2 = 2 - 2 * field.unit[:n] @ expected.T
+    seen, known = np.nonzero(chord2 < (2 * np.sin(hint.radius_rad / 2) + 3 * field.sigma_rad[:n, None]) ** 2)
+    if len(seen) > MAX_CANDIDATES:
+        seen, known = seen[:MAX_CANDIDATES], known[:MAX_CANDIDATES]
+    if len(seen) < 3:
+        return Found(None, len(seen), "no catalogue stars near where the hint expects them")
+    agree = _agreement(field, seen, field.unit[seen], expected[known], known)
+    hypotheses = int(agree.sum()) // 2
+    best: Evidence | None = None
+    for _ in range(TRIES):
+        votes = agree.sum(axis=1)
+        p = int(votes.argmax())
+        if votes[p] < 2:
+            break
+        common = agree & agree[p]
+        q = int(np.where(agree[p], common.sum(axis=1), -1).argmax())
+        members = np.flatnonzero(agree[p] & agree[q])
+        if not len(members):
+            agree[p, q] = agree[q, p] = False
+            continue
+        area = np.linalg.norm(
+            np.cross(field.unit[seen[q]] - field.unit[seen[p]], field.unit[seen[members]] - field.unit[seen[p]]), axis=1
+        )
+        trio = np.array([p, q, members[area.argmax()]])
+        evidence = verify(field, sky, camera, rows=seen[trio], stars=local[known[trio]], hypotheses=max(hypotheses, 1))
+        if evidence is not None and _is_near(evidence, hint):
+            if evidence.false_match_probability <= accept:
+                return Found(evidence, hypotheses)
+            if best is None or evidence.false_match_probability < best.false_match_probability:
+                best = evidence
+        agree[p] = agree[:, p] = False
+    if best is None:
+        return Found(None, hypotheses, "no three stars agree with the catalogue near the hint")
+    return Found(
+        None,
+        hypotheses,
+        f"best candidate near the hint has {len(best.rows)} of {len(field)} stars, but a false-match probability of "
+        f"{best.false_match_probability:.1e} (limit {accept:.0e})",
+    )
+
+
+def _agreement(field: Field, seen: Array, unit: Array, expected: Array, known: Array) -> Array:
+    """(k, k) which two candidates keep their distance and are of different stars."""
+    tolerance = TOLERANCE_SIGMA * np.sqrt(field.sigma_rad[seen][:, None] ** 2 + field.sigma_rad[seen] ** 2)
+    a, b = _distances(unit), _distances(expected)
+    return np.asarray((np.abs(a - b) < tolerance) & (seen[:, None] != seen) & (known[:, None] != known))
+
+
+def _distances(unit: Array) -> Array:
+    # The chord from the Gram matrix loses digits only far below any centroid error.
+    return np.asarray(2 * np.arcsin(np.sqrt(np.clip((1 - unit @ unit.T) / 2, 0, 1))))
+
+
+def _is_near(evidence: Evidence, hint: Hint) -> bool:
+    cosine = (np.trace(evidence.cam_from_icrs @ hint.cam_from_icrs.T) - 1) / 2
+    return float(np.arccos(np.clip(cosine, -1, 1))) <= 2 * hint.radius_rad + 0.01

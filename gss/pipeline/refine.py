@@ -1,0 +1,121 @@
+"""Attitude and camera geometry together, by robust least squares on every matched star of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Brown, Camera
+from gss.domain.rotation import rotation_from_vector
+
+ROUNDS = 8
+DONE = 1e-10
+OUTLIER_SIGMA = 4.0
+CORNER_DISTORTION = 0.02  # of the radius: how far an unknown lens is expected to bend its corners, as one sigma
+STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Geometry and attitude after the fit. ``residual_px``: (n, 2) measured − predicted, ``weight``: (n,) 0 = outlier.
+    ``covariance_rad2``: (3, 3) of the rotation vector in the camera frame, free camera parameters included."""
+
+    camera: Camera
+    cam_from_icrs: Array
+    residual_px: Array
+    weight: Array
+    covariance_rad2: Array
+    rms_px: float
+
+
+def refine(
+    pixels: Array,
+    icrs: Array,
+    sigma_px: Array,
+    camera: Camera,
+    cam_from_icrs: Array,
+    *,
+    fit_focal: bool = False,
+    fit_k1: bool = False,
+) -> Refined:
+    """Fit attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` one common factor of both focal lengths,
+    with ``fit_k1`` the first radial coefficient of a :class:`Brown` lens, held near zero where the stars do not tell.
+
+    ``camera``'s distortion must be Brown when ``fit_k1``. Gauss–Newton with numeric derivatives, outliers beyond
+    4 robust sigmas weigh nothing.
+    """
+    names = ["x", "y", "z", *(["focal"] if fit_focal else []), *(["k1"] if fit_k1 else [])]
+    prior = np.zeros(len(names))
+    corner2 = np.tan(min(camera.half_diagonal_rad, 1.2)) ** 2
+    if fit_k1:
+        prior[-1] = (corner2 / CORNER_DISTORTION) ** 2
+    weight = 1 / np.asarray(sigma_px, float) ** 2
+    used = np.ones(len(pixels), bool)
+    for _ in range(ROUNDS):
+        residual, jacobian = _linearised(pixels, icrs, camera, cam_from_icrs, names)
+        used = _inliers(residual, weight, len(names))
+        w = np.repeat(np.where(used, weight, 0.0), 2)
+        j = jacobian.reshape(-1, len(names))
+        normal = j.T @ (w[:, None] * j) + np.diag(prior)
+        k1_now = np.zeros(len(names))
+        if fit_k1 and isinstance(camera.distortion, Brown):
+            k1_now[-1] = camera.distortion.k1
+        step = np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), j.T @ (w * residual.ravel()) - prior * k1_now)
+        camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
+        if np.abs(step).max() < DONE:
+            break
+    residual = pixels - camera.project(icrs @ cam_from_icrs.T)
+    good = np.isfinite(residual).all(1) & used
+    rms = float(np.sqrt(np.mean(residual[good] ** 2))) if good.any() else float("inf")
+    covariance = _covariance(normal, residual, weight, good, len(names))
+    return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), covariance, rms)
+
+
+def _linearised(
+    pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: list[str]
+) -> tuple[Array, Array]:
+    """Residuals (n, 2) and derivatives (n, 2, parameters) of the prediction."""
+    base = camera.project(icrs @ cam_from_icrs.T)
+    columns = []
+    for k, _ in enumerate(names):
+        step = np.zeros(len(names))
+        step[k] = STEP
+        moved_camera, moved = _moved(camera, cam_from_icrs, step, names)
+        columns.append((moved_camera.project(icrs @ moved.T) - base) / STEP)
+    jacobian = np.stack(columns, axis=-1)
+    bad = ~np.isfinite(base).all(1) | ~np.isfinite(jacobian).all((1, 2))
+    jacobian[bad] = 0.0
+    residual = np.where(bad[:, None], np.nan, pixels - base)
+    return np.where(bad[:, None], 1e9, residual), jacobian
+
+
+def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) -> tuple[Camera, Array]:
+    turned = rotation_from_vector(np.clip(step[:3], -0.2, 0.2)) @ cam_from_icrs
+    for value, name in zip(step[3:], names[3:], strict=True):
+        if name == "focal":
+            camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
+        elif isinstance(camera.distortion, Brown):
+            camera = replace(camera, distortion=replace(camera.distortion, k1=camera.distortion.k1 + float(value)))
+    return camera, turned
+
+
+def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool_]:
+    """Stars within 4 robust sigmas; all of them while there are too few to tell."""
+    scaled = np.hypot(residual[:, 0], residual[:, 1]) * np.sqrt(weight)
+    if len(scaled) <= parameters // 2 + 3:
+        return np.asarray(scaled < 1e6)
+    spread = max(float(np.median(scaled)) / 1.1774, 1.0)
+    return np.asarray(scaled < OUTLIER_SIGMA * 1.2 * spread)
+
+
+def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
+    """Inverse information, enlarged where the residuals are larger than the centroids' own errors say."""
+    freedom = 2 * int(good.sum()) - parameters
+    if freedom <= 0:
+        factor = 1.0
+    else:
+        factor = max(1.0, float(np.sum(residual[good] ** 2 * weight[good, None])) / freedom)
+    return np.asarray(np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal)))[:3, :3] * factor)
