@@ -20,6 +20,7 @@ from gss.domain.errors import BadInput
 from gss.domain.results import Region
 
 Pixels = NDArray[np.integer] | NDArray[np.floating]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -54,12 +55,14 @@ class Blobs:
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """When a blob is no star and when the search stops. Areas are inclusive limits."""
+    """When a blob is no star and when the search stops. Areas are inclusive limits. ``edge``: blobs that touch the frame's
+    border, of which part may lie outside, are no stars (Jacobs 1995 §2.2.3)."""
 
     min_area_px: int
     max_area_px: int
     max_invalid: int
     max_accepted: int
+    edge: bool = False
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,8 @@ def search(pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: i
     blobs = find_blobs(pixels, threshold_dn, step_px)
     area = blobs.area_px
     too_large, too_small = area > limits.max_area_px, area < limits.min_area_px
-    accepted = ~(too_large | too_small)
+    at_edge = _touches_border(blobs, *pixels.shape) & limits.edge
+    accepted = ~(too_large | too_small | at_edge)
     over = np.flatnonzero((np.cumsum(too_large) > limits.max_invalid) | (np.cumsum(accepted) >= limits.max_accepted))
     end = int(over[0]) + 1 if len(over) else len(blobs)
     stopped = ""
@@ -124,14 +128,22 @@ def search(pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: i
     elif end < len(blobs):
         stopped = f"search stopped at {limits.max_accepted} stars"
     blobs, area = blobs.take(np.arange(end)), area[:end]
-    reasons = tuple(_reason(int(a), limits) for a in area)
+    reasons = tuple(_reason(int(a), bool(e), limits) for a, e in zip(area, at_edge, strict=False))
     return SearchResult(blobs, reasons, np.flatnonzero(accepted[:end]), int(np.count_nonzero(too_large[:end])), stopped)
 
 
-def _reason(area_px: int, limits: SearchLimits) -> str:
+def _touches_border(blobs: Blobs, rows: int, columns: int) -> Flags:
+    row, col = np.divmod(blobs.index, columns)
+    border = (row == 0) | (row == rows - 1) | (col == 0) | (col == columns - 1)
+    return np.bincount(blobs.owner, border, len(blobs)) > 0
+
+
+def _reason(area_px: int, at_edge: bool, limits: SearchLimits) -> str:
     if area_px > limits.max_area_px:
         return f"area {area_px} px > max {limits.max_area_px}"
-    return f"area {area_px} px < min {limits.min_area_px}" if area_px < limits.min_area_px else ""
+    if area_px < limits.min_area_px:
+        return f"area {area_px} px < min {limits.min_area_px}"
+    return "touches the edge of the frame" if at_edge else ""
 
 
 def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_small: int) -> tuple[Region, ...]:

@@ -67,11 +67,14 @@ def score(result: SolveResult, truth: Truth, camera: Camera, *, expected_sigma_r
 
 def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[int, int]:
     """True and false among the matches the attitude used."""
-    if result.matches is None:
+    if result.matches is None or result.attitude is None:
         return 0, 0
     used = result.matches.weight > 0
     measured = result.centroids.pixels[result.matches.centroid[used]]
-    off_px = np.linalg.norm(np.subtract(measured, true_places(truth, result.matches.hip[used])), axis=1)
+    place = true_places(truth, result.matches.hip[used])
+    just_outside = _places_outside(result, measured - result.matches.residual_px[used], truth)
+    place = np.where(np.isnan(place), just_outside, place)
+    off_px = np.hypot(measured[:, 0] - place[:, 0], measured[:, 1] - place[:, 1])
     right = int(np.count_nonzero(off_px <= match_px))
     return right, int(np.count_nonzero(used)) - right
 
@@ -82,3 +85,16 @@ def true_places(truth: Truth, hip: NDArray[np.int32]) -> Array:
     index = [place.get(int(h), -1) for h in hip]
     padded = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])
     return np.asarray(padded[index])
+
+
+def _places_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:
+    """(n, 2) where the true attitude puts the matched stars, NaN if that is on the detector.
+
+    Light of a star just outside reaches the detector, but truth does not list it. Its place follows from where the result
+    predicts it, ``predicted`` (n, 2), turned by the difference of the attitudes.
+    """
+    if result.attitude is None:
+        return np.full_like(predicted, np.nan)
+    true_from_found = matrix_from_quaternion(truth.quaternion) @ result.attitude.cam_from_icrs.T
+    place = result.camera.project(result.camera.unproject(predicted) @ true_from_found.T)
+    return np.where(result.camera.contains(place)[:, None], np.nan, place)

@@ -49,6 +49,7 @@ SOURCES: dict[str, str] = {
     "max_area_px": "Erlank 2013 §5.3.3: sixty",
     "max_invalid": "Erlank 2013 §5.3.3: search stops at more than fifty",
     "max_centroids": "Erlank 2013 §5.3.3–4: twenty",
+    "edge_rule": "Jacobs 1995 §2.2.3, as Erlank 2013 §4.1.2 takes over its region growing: a cut star's centroid is 0.9 px off",
     "search_step_px": "Erlank 2013 §4.1.1: every third pixel of every third row",
     "window_px": "Erlank 2013 §4.1.3: 5 x 5",
     "tolerance_rad": "Erlank 2013 §4.3.5: 0.001 rad, about one pixel; other cameras: 1.12 pixels as well",
@@ -120,6 +121,7 @@ class CubestarParameters:
     max_area_px: int = 60
     max_invalid: int = 50
     max_centroids: int = 20
+    edge_rule: bool = True
     search_step_px: int = 3
     window_px: int = 5
     vote_margin: int = 1
@@ -201,9 +203,10 @@ def find_centroids(pixels: Pixels, parameters: CubestarParameters) -> Detection:
     """
     p = parameters
     black_dn = grid_median_dn(pixels, p.search_step_px)
-    limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, p.max_centroids)
+    limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, p.max_centroids, p.edge_rule)
     found = search(pixels, black_dn + p.threshold_dn, limits, p.search_step_px)
-    centroids = window_centroids(pixels, found.blobs.take(found.accepted), black_dn, p.window_px, p.noise)
+    stars = found.blobs.take(found.accepted)
+    centroids = window_centroids(pixels, stars, black_dn, p.threshold_dn, p.window_px, p.noise)
     return Detection(
         region_records(pixels, found, black_dn, p.max_small_regions),
         centroids.take(brightest_first(centroids)),
