@@ -1,0 +1,181 @@
+"""Which of the stars in the envelope go on board, and why the others do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.envelope import Envelope
+from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, HIP2_STARS
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.stars import FLAG_VARIABLE, StarTable
+
+# A neighbour this much fainter pulls the common centroid by less than a tenth of the separation.
+HARMLESS_DIFFERENCE_MAG = 2.5
+THINNING_NSIDE = 16
+
+
+class Fate(IntEnum):
+    """What became of a star within the magnitude limit. The first reason in this order counts."""
+
+    KEPT = 0
+    OUTSIDE = 1
+    DOUBLE = 2
+    VARIABLE = 3
+    TOO_BRIGHT = 4
+    THINNED = 5
+
+    @property
+    def map_state(self) -> str:
+        """The map's word: kept, thinned, rejected or outside."""
+        return {Fate.KEPT: "kept", Fate.OUTSIDE: "outside", Fate.THINNED: "thinned"}.get(self, "rejected")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Limits in V; smallest separation of two usable stars; how many of the brightest per field (0 = all)."""
+
+    faint_mag: float
+    bright_mag: float = -2.0
+    min_separation_rad: float = 0.0
+    brightest_per_field: int = 0
+    drop_variables: bool = False
+
+    def __post_init__(self) -> None:
+        numbers = (self.faint_mag, self.bright_mag, self.min_separation_rad)
+        if not all(np.isfinite(n) for n in numbers):
+            raise BadInput("a selection limit is not a number", expected="finite limits", got=str(numbers))
+        if self.bright_mag >= self.faint_mag:
+            raise BadInput(
+                "the bright limit is not brighter than the faint limit",
+                expected=f"below {self.faint_mag:g}",
+                got=f"{self.bright_mag:g}",
+            )
+        if self.faint_mag > FAINTEST_V_MAG:
+            raise BadInput(
+                "the star table is not that deep", expected=f"V ≤ {FAINTEST_V_MAG:g}", got=f"{self.faint_mag:g}"
+            )
+        if not 0 <= self.min_separation_rad < np.pi or self.brightest_per_field < 0:
+            raise BadInput("separation and stars per field cannot be negative", expected="0 or more")
+
+
+@dataclass(frozen=True)
+class FunnelStep:
+    """One line of the funnel of counts; ``dropped`` lines count what went, the others what is left."""
+
+    label: str
+    stars: int
+    dropped: bool
+
+
+@dataclass(frozen=True)
+class Selection:
+    """``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each."""
+
+    candidates: StarTable
+    fate: NDArray[np.int8]
+    rules: Rules
+
+    @property
+    def kept(self) -> StarTable:
+        """The stars that go on board, brightest first."""
+        return self.candidates.take(self.fate == Fate.KEPT)
+
+    def count(self, fate: Fate) -> int:
+        """How many stars had this fate."""
+        return int(np.count_nonzero(self.fate == fate))
+
+    @property
+    def funnel(self) -> tuple[FunnelStep, ...]:
+        """From the Hipparcos catalogue to the bank."""
+        n, rules = len(self.candidates), self.rules
+        return (
+            FunnelStep("Hipparcos", HIP2_STARS, False),
+            FunnelStep(f"V ≤ {rules.faint_mag:.2f}", n, False),
+            FunnelStep("inside the envelope", n - self.count(Fate.OUTSIDE), False),
+            FunnelStep("close doubles", self.count(Fate.DOUBLE), True),
+            FunnelStep("variable", self.count(Fate.VARIABLE), True),
+            FunnelStep("too bright", self.count(Fate.TOO_BRIGHT), True),
+            FunnelStep(
+                f"beyond {rules.brightest_per_field} per field" if rules.brightest_per_field else "thinned",
+                self.count(Fate.THINNED),
+                True,
+            ),
+            FunnelStep("kept", self.count(Fate.KEPT), False),
+        )
+
+
+def select(stars: StarTable, envelope: Envelope, rules: Rules, field_radius_rad: float) -> Selection:
+    """Apply the rules to ``stars``. ``field_radius_rad``: radius of the circle that stands for a field when thinning."""
+    _check_stars(stars)
+    candidates = stars.brighter_than(rules.faint_mag)
+    if not len(candidates):
+        raise BadInput(
+            "the magnitude limit leaves no stars",
+            expected=f"V ≥ {stars.v_mag.min():g}" if len(stars) else "a star table",
+            got=f"{rules.faint_mag:g}",
+        )
+    fate = np.zeros(len(candidates), np.int8)
+    fate[~envelope.contains(candidates.icrs)] = Fate.OUTSIDE
+    _mark(fate, _spoiled(candidates, rules.min_separation_rad), Fate.DOUBLE)
+    if rules.drop_variables:
+        _mark(fate, (candidates.flags & FLAG_VARIABLE) > 0, Fate.VARIABLE)
+    _mark(fate, candidates.v_mag < rules.bright_mag, Fate.TOO_BRIGHT)
+    if rules.brightest_per_field:
+        usable = np.flatnonzero(fate == Fate.KEPT)
+        thin = ~_brightest(candidates.icrs[usable], envelope, rules.brightest_per_field, field_radius_rad)
+        fate[usable[thin]] = Fate.THINNED
+    return Selection(candidates, fate, rules)
+
+
+def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None:
+    fate[which & (fate == Fate.KEPT)] = value
+
+
+def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
+    """Stars whose image merges with a neighbour's: the fainter of a close pair always, the brighter unless the fainter
+    is harmless. Neighbours beyond the faint limit are not looked at."""
+    spoiled = np.zeros(len(stars), bool)
+    if separation_rad <= 0 or len(stars) < 2:
+        return spoiled
+    pairs = cKDTree(stars.icrs).query_pairs(2 * np.sin(separation_rad / 2), output_type="ndarray")
+    bright, faint = pairs.min(axis=1), pairs.max(axis=1)
+    spoiled[faint] = True
+    spoiled[bright[stars.v_mag[faint] - stars.v_mag[bright] < HARMLESS_DIFFERENCE_MAG]] = True
+    return spoiled
+
+
+def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -> NDArray[np.bool_]:
+    """Stars (brightest first) that are among the ``count`` brightest of some field: fields are circles on a grid of
+    equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field)."""
+    chosen = np.zeros(len(unit), bool)
+    if not len(unit):
+        return chosen
+    pointings = centres(THINNING_NSIDE)
+    pointings = np.concatenate([pointings[envelope.contains(pointings)], unit])
+    tree = cKDTree(unit)
+    for inside in tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True):
+        chosen[inside[:count]] = True
+    return chosen
+
+
+def _check_stars(stars: StarTable) -> None:
+    """A star table from elsewhere is not to be trusted."""
+    bad = ~(np.isfinite(stars.icrs).all(axis=1) & np.isfinite(stars.v_mag))
+    if bad.any():
+        raise BadInput(
+            "the star table has rows that are not numbers",
+            expected="finite positions and V",
+            got=f"HIP {stars.hip[bad][0]}",
+        )
+    values, counts = np.unique(stars.hip, return_counts=True)
+    if (counts > 1).any():
+        raise BadInput(
+            "the star table names a star twice", expected="each number once", got=f"HIP {values[counts > 1][0]}"
+        )
