@@ -35,7 +35,9 @@ const UNIT_SUFFIX = /_(s|ms|us|dn|px|c|v|ma|hz|deg|mag)$/;
 /** The telemetry value that shows what the device now has for an argument: same name, with or without its unit. */
 export function onBoard(a: Argument, values: ReadonlyMap<string, Value>): Value | null {
   const bare = a.name.replace(UNIT_SUFFIX, '');
-  for (const v of values.values()) if (v.name === a.name || v.name.replace(UNIT_SUFFIX, '') === bare) return v;
+  const exact = values.get(a.name);
+  if (exact) return exact;
+  for (const [name, v] of values) if (name.replace(UNIT_SUFFIX, '') === bare) return v;
   return null;
 }
 

@@ -276,7 +276,7 @@ function scaleBar(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => stri
   const camera = pinhole(scene.frame.columns, scene.frame.rows, scene.solution?.fov_deg);
   if (!camera) return;
   const length = (deg: number): number => ((deg * Math.PI) / 180) * camera.focalPx * s.scale;
-  const deg = [20, 10, 5, 2, 1, 0.5, 0.2, 0.1].find((d) => length(d) < s.width * 0.22) ?? 0.05;
+  const deg = [20, 10, 5, 2, 1, 0.5, 0.2, 0.1].find((d) => length(d) < s.width * 0.16) ?? 0.05;
   const [x1, x0, y] = [s.width - 16, s.width - 16 - length(deg), s.height - 12];
   ctx.save();
   ctx.strokeStyle = colour('ov-txt');

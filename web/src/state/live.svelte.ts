@@ -4,6 +4,15 @@ import type * as T from '../api/types';
 import { Stream } from './stream';
 import { toast } from './toasts.svelte';
 
+/** A field's own name, whether or not the server wrote its packet before it. */
+export function bare(v: { name: string }): string {
+  return v.name.slice(v.name.lastIndexOf('.') + 1);
+}
+
+export function keyOf(v: { name: string; packet: string }): string {
+  return `${v.packet}.${bare(v)}`;
+}
+
 const SPARK_POINTS = 60;
 const HISTORY = 300;
 
@@ -27,8 +36,9 @@ class Live {
   filled = $state('');
   clockSkewMs = 0;
 
-  readonly byName = $derived(new Map(this.values.map((v) => [v.name, v])));
-  readonly fields = $derived(new Map((this.dictionary?.telemetry ?? []).map((f) => [f.name, f])));
+  /** By plain name; housekeeping wins where several packets carry the same field. */
+  readonly byName = $derived(new Map([...this.values].sort((a, b) => Number(a.packet === 'housekeeping') - Number(b.packet === 'housekeeping')).map((v) => [bare(v), v])));
+  readonly fields = $derived(new Map((this.dictionary?.telemetry ?? []).map((f) => [keyOf(f), f])));
 
   value(name: string): number | null {
     const v = this.byName.get(name)?.value;
@@ -60,7 +70,7 @@ class Live {
     this.values = latest.values;
     for (const v of latest.values) {
       const now = typeof v.value === 'number' && v.state !== 'stale' ? v.value : null;
-      this.sparks[v.name] = [...(this.sparks[v.name] ?? []), now].slice(-SPARK_POINTS);
+      this.sparks[keyOf(v)] = [...(this.sparks[keyOf(v)] ?? []), now].slice(-SPARK_POINTS);
     }
   }
 
