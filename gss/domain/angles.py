@@ -44,4 +44,4 @@ def separation_rad(a: Array, b: Array) -> Array:
     """
     chord = np.linalg.norm(np.asarray(a) - b, axis=-1)
     total = np.linalg.norm(np.asarray(a) + b, axis=-1)
-    return 2.0 * np.arctan2(chord, total)
+    return np.asarray(2.0 * np.arctan2(chord, total))

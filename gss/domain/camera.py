@@ -6,6 +6,7 @@ the other is its Newton inverse, so that ``undistort(distort(p)) == p`` to round
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -238,7 +239,7 @@ class Camera:
         c, r = self.columns - 0.5, self.rows - 0.5
         s = np.linspace(0, 1, per_side, endpoint=False)
         corners = np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r], [-0.5, -0.5]])
-        points = [a + s[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+        points = [a + s[:, None] * (b - a) for a, b in itertools.pairwise(corners)]
         return self.unproject(np.concatenate(points))
 
     @property

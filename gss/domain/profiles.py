@@ -69,7 +69,7 @@ def _cubestar() -> CameraProfile:
             "focal length": "Erlank 2013 §5.4, measured 6.28 mm",
             "f-number": "Erlank 2013 §3.5.4",
             "distortion": "Erlank 2013 Fig. 5.12, toolbox coefficients in the ideal-to-measured direction",
-            "optical centre": "middle of the detector: the toolbox figure is uncertain by 15 px and the measured one is not printed",
+            "optical centre": "middle of the detector: the toolbox's is uncertain by 15 px, the measured one is not printed",
             "bits": "Erlank 2013 app. C, upper eight of twelve",
             "limiting magnitude": "Erlank 2013 §3.5.3, §4.3.2 (405 stars to V 3.8)",
             "zero point": "Erlank 2013 eq. 3.4.2, transmission 0.6, 3000 Å, with the f/1.2 pupil; efficiency 0.5 chosen",

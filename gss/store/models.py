@@ -186,6 +186,7 @@ class Solution(Base):
     error_axis_rad: Mapped[float | None]
     error_roll_rad: Mapped[float | None]
     replay: Mapped[str | None] = mapped_column(Text)
+    camera: Mapped[dict[str, Any]] = mapped_column(default=dict)
     notes: Mapped[list[Any]] = mapped_column(default=list)
     detail: Mapped[dict[str, Any]] = mapped_column(default=dict)
 

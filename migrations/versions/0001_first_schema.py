@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
+
 revision = "0001"
 down_revision = None
 branch_labels = None
@@ -195,6 +196,7 @@ def upgrade() -> None:
         sa.Column("error_axis_rad", sa.Double(), nullable=True),
         sa.Column("error_roll_rad", sa.Double(), nullable=True),
         sa.Column("replay", sa.Text(), nullable=True),
+        sa.Column("camera", sa.JSON(), nullable=False),
         sa.Column("notes", sa.JSON(), nullable=False),
         sa.Column("detail", sa.JSON(), nullable=False),
         sa.ForeignKeyConstraint(["frame_id"], ["frames.id"], name=op.f("fk_solutions_frame_id_frames")),

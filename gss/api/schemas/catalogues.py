@@ -115,8 +115,8 @@ class CatalogueDetailOut(CatalogueOut):
     manifest: dict[str, Any]
     funnel: list[FunnelOut]
     sky: list[SkyStarOut]
-    envelope: EnvelopeOut
-    quality: QualityOut
+    envelope: EnvelopeOut | None
+    quality: QualityOut | None
 
 
 class UploadIn(In):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -131,6 +131,18 @@ class SolutionOut(Out):
     notes: list[str]
 
 
+class CameraOut(Out):
+    """Geometry behind a result; ``distortion``: model name and coefficients of Brown, RadialTilt … (docs/conventions.md)."""
+
+    columns: int
+    rows: int
+    focal_col_px: float
+    focal_row_px: float
+    centre_col_px: float
+    centre_row_px: float
+    distortion: dict[str, Any]
+
+
 class SolutionDetailOut(SolutionOut):
     """A result with everything the overlays draw."""
 
@@ -140,6 +152,7 @@ class SolutionDetailOut(SolutionOut):
     grid: list[GridLineOut]
     north: tuple[float, float] | None
     field: list[tuple[float, float]]
+    camera: CameraOut
 
 
 class ComparisonOut(Out):

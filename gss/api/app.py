@@ -1,0 +1,86 @@
+"""The HTTP application: routers, errors, guards, and the pages."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import anyio.to_thread
+from fastapi import APIRouter, FastAPI
+from fastapi.responses import HTMLResponse
+
+from gss import __version__
+from gss.api import errors, security, stream
+from gss.api.routers import (
+    catalogues,
+    commands,
+    events,
+    frames,
+    jobs,
+    link,
+    rerun,
+    sky,
+    solutions,
+    telemetry,
+    transfers,
+)
+from gss.wiring import Services
+
+PAGES = Path(__file__).parent.parent / "web"
+WITHOUT_PAGES = (
+    "<h1>GSS</h1><p>The pages have not been built. Try: make web. The API is at <a href='/api/docs'>/api/docs</a>.</p>"
+)
+
+
+def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
+    """The application over connected services; it starts and stops them with itself."""
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        await anyio.to_thread.run_sync(services.start)
+        yield
+        await anyio.to_thread.run_sync(services.stop)
+
+    app = FastAPI(
+        title="GSS",
+        version=__version__,
+        description="Ground-support system for star trackers.",
+        lifespan=lifespan,
+        docs_url="/api/docs",
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+        responses=errors.PROBLEMS,
+    )
+    app.state.services = services
+    errors.install(app)
+    security.install(app)
+    api = APIRouter(prefix="/api")
+    for module in (
+        link,
+        commands,
+        telemetry,
+        frames,
+        solutions,
+        catalogues,
+        transfers,
+        jobs,
+        events,
+        sky,
+        rerun,
+        stream,
+    ):
+        api.include_router(module.router)
+    app.include_router(api)
+    _serve_pages(app, pages)
+    return app
+
+
+def _serve_pages(app: FastAPI, pages: Path) -> None:
+    if (pages / "index.html").exists():
+        app.frontend("/", directory=str(pages), fallback="index.html")
+        return
+
+    @app.get("/", include_in_schema=False)
+    def missing() -> HTMLResponse:
+        return HTMLResponse(WITHOUT_PAGES)

@@ -1,0 +1,57 @@
+"""Errors as people can use them: what was expected, what came, what to try, and an id that is in the server's log."""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections.abc import Sequence
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+
+from gss.api.schemas.base import ProblemOut
+from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, LinkDown, NotFound
+
+log = logging.getLogger("gss.api")
+
+STATUS: tuple[tuple[type[GssError], int], ...] = (
+    (BadInput, 400),
+    (NotFound, 404),
+    (Conflict, 409),
+    (CorruptData, 409),
+    (LinkDown, 503),
+)
+PROBLEMS: dict[int | str, dict[str, Any]] = {code: {"model": ProblemOut} for code in (400, 403, 404, 409, 422, 503)}
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error with a ProblemOut."""
+
+    @app.exception_handler(GssError)
+    def known(_request: Request, error: GssError) -> JSONResponse:
+        status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
+        return problem(status, error.message, error.expected, error.got, error.hint)
+
+    @app.exception_handler(RequestValidationError)
+    def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+        return problem(422, _sentence(error.errors()), hint="see /api/docs for what each field takes")
+
+    @app.exception_handler(Exception)
+    def unknown(_request: Request, error: Exception) -> JSONResponse:
+        return problem(500, "the server has a defect; it is in the log under this id", cause=error)
+
+
+def problem(
+    status: int, message: str, expected: str = "", got: str = "", hint: str = "", cause: Exception | None = None
+) -> JSONResponse:
+    """The answer, and its line in the log."""
+    body = ProblemOut(id=uuid.uuid4().hex[:8], message=message, expected=expected, got=got, hint=hint)
+    log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
+    return JSONResponse(body.model_dump(), status)
+
+
+def _sentence(errors: Sequence[Any]) -> str:
+    words = [f"{'.'.join(str(part) for part in e['loc'][1:]) or e['loc'][0]}: {e['msg']}" for e in errors[:3]]
+    return "the request is not valid: " + "; ".join(words)

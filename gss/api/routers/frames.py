@@ -1,0 +1,171 @@
+"""Frames: list, pixels, import, chains, exports."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from fastapi import APIRouter, Form, Query, Response, UploadFile
+
+from gss.api import present, security
+from gss.api.deps import App
+from gss.api.schemas.frames import (
+    DownloadIn,
+    FrameDetailOut,
+    FramePage,
+    HistogramOut,
+    PixelsOut,
+    SolutionDetailOut,
+    SolveIn,
+)
+from gss.api.schemas.transfers import TransferOut
+from gss.domain.errors import BadInput
+from gss.operations import pictures
+from gss.operations.fits_export import fits_file as fits_bytes
+from gss.operations.rerun_export import recording
+from gss.operations.solve import SolveRequest
+from gss.store.models import Frame
+
+router = APIRouter(prefix="/frames", tags=["frames"])
+FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+
+
+@router.get("")
+def list_frames(
+    app: App,
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+    offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
+    source: Literal["", "device", "import"] = "",
+    outcome: Literal["", "solved", "none"] = "",
+    mode: str = "",
+    contact: int | None = None,
+) -> FramePage:
+    """Newest first."""
+    total, rows = app.frames.page(limit, offset, source=source, outcome=outcome, mode=mode, contact_id=contact)
+    return FramePage(total=total, frames=[present.frame(frame, best) for frame, best in rows])
+
+
+@router.get("/latest")
+def latest_frame(app: App) -> FrameDetailOut:
+    """The frame that came last."""
+    return present.frame_detail(app.frames.detail(app.frames.latest_id()))
+
+
+@router.post("/import", status_code=201)
+def import_frame(app: App, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
+    """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
+    data = file.file.read(security.MAX_BODY_BYTES + 1)
+    frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=app.settings.user)
+    return present.frame_detail(app.frames.detail(frame.id))
+
+
+@router.post("/download", status_code=201)
+def download_frame(app: App, body: DownloadIn) -> TransferOut:
+    """Bring a frame or its thumbnail from a slot of the device."""
+    return present.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
+
+
+@router.get("/{frame_id}")
+def read_frame(app: App, frame_id: int) -> FrameDetailOut:
+    """A frame with everything that was made of it."""
+    return present.frame_detail(app.frames.detail(frame_id))
+
+
+@router.get("/{frame_id}/image.png", response_class=Response)
+def picture(
+    app: App,
+    frame_id: int,
+    low: float | None = None,
+    high: float | None = None,
+    stretch: Literal["asinh", "linear"] = "asinh",
+    invert: bool = False,
+) -> Response:
+    """8-bit picture in full resolution."""
+    pixels = app.frames.pixels(app.frames.get(frame_id))
+    auto = pictures.auto_stretch(pixels)
+    chosen = pictures.Stretch(auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh")
+    if not (math.isfinite(chosen.low) and math.isfinite(chosen.high) and chosen.low < chosen.high):
+        raise BadInput("the stretch is empty", expected="low below high", got=f"{chosen.low:g} … {chosen.high:g}")
+    return Response(
+        pictures.png(pictures.apply(pixels, chosen, invert=invert)), media_type="image/png", headers=FOREVER
+    )
+
+
+@router.get("/{frame_id}/thumbnail.png", response_class=Response)
+def thumbnail(app: App, frame_id: int) -> Response:
+    """Small picture in which stars survive."""
+    return Response(
+        pictures.thumbnail(app.frames.pixels(app.frames.get(frame_id))), media_type="image/png", headers=FOREVER
+    )
+
+
+@router.get("/{frame_id}/raw", response_class=Response)
+def raw(app: App, frame_id: int) -> Response:
+    """The pixels as they are stored: little endian, row by row; X-Dtype says the type."""
+    frame = app.frames.get(frame_id)
+    headers = {
+        "X-Columns": str(frame.columns),
+        "X-Rows": str(frame.rows),
+        "X-Bits": str(frame.bits),
+        "X-Dtype": frame.dtype,
+    }
+    return Response(
+        app.frames.pixels(frame).tobytes(), media_type="application/octet-stream", headers=headers | FOREVER
+    )
+
+
+@router.get("/{frame_id}/pixels")
+def pixel_values(
+    app: App,
+    frame_id: int,
+    col: int,
+    row: int,
+    columns: Annotated[int, Query(ge=1, le=64)] = 15,
+    rows: Annotated[int, Query(ge=1, le=64)] = 9,
+) -> PixelsOut:
+    """A rectangle of raw values; null outside the frame."""
+    frame = app.frames.get(frame_id)
+    pixels = app.frames.pixels(frame)
+    values = [[_value(pixels, frame, r, c) for c in range(col, col + columns)] for r in range(row, row + rows)]
+    return PixelsOut(col=col, row=row, columns=columns, rows=rows, values=values)
+
+
+def _value(pixels: pictures.Pixels, frame: Frame, row: int, col: int) -> float | None:
+    inside = 0 <= row < frame.rows and 0 <= col < frame.columns
+    return float(np.asarray(pixels)[row, col]) if inside else None
+
+
+@router.get("/{frame_id}/histogram")
+def histogram(app: App, frame_id: int) -> HistogramOut:
+    """Counts of values and a stretch that shows stars."""
+    pixels = app.frames.pixels(app.frames.get(frame_id))
+    edges, counts = pictures.histogram(pixels)
+    auto = pictures.auto_stretch(pixels)
+    return HistogramOut(edges=edges, counts=counts, low=auto.low, high=auto.high)
+
+
+@router.get("/{frame_id}/file.fits", response_class=Response)
+def fits_file(app: App, frame_id: int) -> Response:
+    """FITS with the WCS of the best ground solution."""
+    detail = app.frames.detail(frame_id)
+    data = fits_bytes(app.frames.pixels(detail.frame), detail.frame, detail.ground)
+    headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.fits"}
+    return Response(data, media_type="application/fits", headers=headers)
+
+
+@router.get("/{frame_id}/recording.rrd", response_class=Response)
+def rerun_recording(app: App, frame_id: int) -> Response:
+    """The frame as a Rerun recording."""
+    return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
+
+
+@router.post("/{frame_id}/solve", status_code=201)
+def solve_frame(app: App, frame_id: int, body: SolveIn) -> SolutionDetailOut:
+    """Run a chain. Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
+    frame = app.frames.get(frame_id)
+    fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
+    named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
+    blind = body.blind or (named is None and fov_rad is None)
+    request = SolveRequest(chain=body.chain, profile=named, fov_rad=fov_rad, blind=blind)
+    return present.solution_detail(app.frames.solve(frame_id, request))

@@ -1,0 +1,31 @@
+"""Long work."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from gss.api import present
+from gss.api.deps import App
+from gss.api.schemas.jobs import JobOut
+
+router = APIRouter(prefix="/jobs", tags=["jobs"])
+
+
+@router.get("")
+def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[JobOut]:
+    """Newest first."""
+    return [present.job(row) for row in app.jobs.newest(limit)]
+
+
+@router.get("/{job_id}")
+def read_job(app: App, job_id: int) -> JobOut:
+    """One job."""
+    return present.job(app.jobs.get(job_id))
+
+
+@router.post("/{job_id}/cancel")
+def cancel_job(app: App, job_id: int) -> JobOut:
+    """Ask it to end."""
+    return present.job(app.jobs.cancel(job_id))

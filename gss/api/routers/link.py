@@ -1,0 +1,38 @@
+"""The line: its state, opening and closing it."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss import __version__
+from gss.api import present
+from gss.api.deps import App
+from gss.api.schemas.link import LinkOpenIn, LinkOut
+
+router = APIRouter(tags=["link"])
+
+
+@router.get("/health")
+def health() -> dict[str, str]:
+    """The server answers."""
+    return {"status": "ok", "version": __version__}
+
+
+@router.get("/link")
+def read_link(app: App) -> LinkOut:
+    """Everything of the header bar."""
+    return present.link(app.status.header())
+
+
+@router.post("/link/open")
+def open_link(app: App, body: LinkOpenIn) -> LinkOut:
+    """Use another port. What is wrong with it is said at once, and the present one stays."""
+    app.link.open(body.url)
+    return present.link(app.status.header())
+
+
+@router.post("/link/close")
+def close_link(app: App) -> LinkOut:
+    """Give the port back."""
+    app.link.close()
+    return present.link(app.status.header())

@@ -1,0 +1,62 @@
+"""The sky for charts, and the camera profiles."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Query
+
+from gss.api.deps import App
+from gss.api.schemas.sky import BodyOut, ChartStarOut, ProfileOut, SkyOut
+from gss.catalogue_tools.onboard import FORMATS
+from gss.domain.angles import ra_dec_from_unit
+from gss.domain.profiles import PROFILES
+from gss.operations.clock import utc_now
+from gss.operations.sky import bodies
+
+router = APIRouter(tags=["sky"])
+
+
+@router.get("/sky")
+def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5) -> SkyOut:
+    """Stars to a magnitude, Sun and Moon now."""
+    now = utc_now()
+    bright = app.stars.brighter_than(mag)
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
+    stars = [
+        ChartStarOut(hip=int(h), name=bright.name_of(int(h)), ra_deg=float(a), dec_deg=float(d), v_mag=float(v))
+        for h, a, d, v in zip(bright.hip, ra, dec, bright.v_mag, strict=True)
+    ]
+    found = []
+    for body in bodies(now):
+        a, d = ra_dec_from_unit(body.icrs)
+        found.append(
+            BodyOut(
+                name=body.name,
+                ra_deg=math.degrees(float(a)),
+                dec_deg=math.degrees(float(d)),
+                exclusion_deg=math.degrees(body.exclusion_rad),
+            )
+        )
+    return SkyOut(utc=now, stars=stars, bodies=found)
+
+
+@router.get("/profiles")
+def list_profiles() -> list[ProfileOut]:
+    """The camera profiles."""
+    return [
+        ProfileOut(
+            name=p.name,
+            title=p.title,
+            columns=p.camera.columns,
+            rows=p.camera.rows,
+            fov_deg=(math.degrees(p.camera.fov_rad[0]), math.degrees(p.camera.fov_rad[1])),
+            focal_mm=p.focal_mm,
+            faint_mag=p.sensor.faint_limit_mag,
+            bits=p.sensor.bits,
+            formats=sorted(FORMATS),
+        )
+        for p in PROFILES.values()
+    ]

@@ -1,0 +1,17 @@
+"""Results."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api import present
+from gss.api.deps import App
+from gss.api.schemas.frames import SolutionDetailOut
+
+router = APIRouter(tags=["solutions"])
+
+
+@router.get("/solutions/{solution_id}")
+def read_solution(app: App, solution_id: int) -> SolutionDetailOut:
+    """One result with its overlays."""
+    return present.solution_detail(app.frames.solution(solution_id))

@@ -1,0 +1,67 @@
+"""Loopback only, same origin only, and a strict content policy, from the first day."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from ipaddress import ip_address
+from urllib.parse import urlsplit
+
+from fastapi import FastAPI, Request, Response
+
+from gss.api.errors import problem
+from gss.domain.errors import BadInput
+
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+MARK = "X-GSS"
+MAX_BODY_BYTES = 80 << 20
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1", "testserver")
+POLICY = (
+    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def check_host(host: str) -> str:
+    """The address to listen on, if it is a loopback one; sign-in comes before anything else may be allowed."""
+    try:
+        loopback = host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        raise BadInput(
+            "this server has no sign-in yet and listens on loopback only", expected="127.0.0.1 or ::1", got=host
+        )
+    return host
+
+
+def install(app: FastAPI) -> None:
+    """Refuse foreign hosts and origins and oversize bodies; add the headers to every answer."""
+
+    @app.middleware("http")
+    async def guard(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
+        response = _refusal(request) or await call_next(request)
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
+
+def _refusal(request: Request) -> Response | None:
+    host = urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
+    if host not in LOCAL_NAMES:  # a foreign name that resolves to this machine (DNS rebinding)
+        return problem(403, "unknown host name", "localhost or 127.0.0.1", host)
+    origin = request.headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc != request.headers.get("host"):
+        return problem(403, "a page of another origin may not use this server", request.headers.get("host", ""), origin)
+    if request.method not in SAFE_METHODS:
+        if MARK not in request.headers:
+            return problem(403, "a change needs the header X-GSS", "X-GSS: 1", hint="send the header X-GSS: 1")
+        length = request.headers.get("content-length", "0")
+        if not length.isdigit() or int(length) > MAX_BODY_BYTES:
+            return problem(413, "the request is too large", f"at most {MAX_BODY_BYTES >> 20} MiB", f"{length} bytes")
+    return None

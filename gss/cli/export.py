@@ -1,0 +1,83 @@
+"""``gss export``: what others read: Rerun recordings and the interface document."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the commands."""
+    parser = subparsers.add_parser("export", help="write recordings and documents")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    rerun = kinds.add_parser("rerun", help="stored frames as one Rerun recording")
+    rerun.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
+    rerun.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
+    rerun.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    rerun.set_defaults(run=export_rerun)
+    icd = kinds.add_parser("icd", help="the interface control document, from the dictionary")
+    icd.add_argument("--out", type=Path, help="file to write; standard output without it")
+    icd.set_defaults(run=export_icd)
+    openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
+    openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
+    openapi.set_defaults(run=export_openapi)
+
+
+def export_rerun(arguments: argparse.Namespace) -> int:
+    """Write the recording."""
+    from gss.operations.rerun_export import recording
+    from gss.settings import Settings
+    from gss.wiring import build
+
+    settings = Settings(**({"data": arguments.data} if arguments.data else {}))
+    services = build(settings)
+    data = recording(services.frames, _ids(arguments.frames), services.stars)
+    arguments.out.write_bytes(data)
+    print(f"{arguments.out}: {len(data)} bytes")
+    return 0
+
+
+def _ids(text: str) -> list[int]:
+    from gss.domain.errors import BadInput
+
+    ids: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        if not first.isdigit() or (last and not last.isdigit()):
+            raise BadInput("not a list of frames", expected="numbers and ranges such as 3,5-9", got=text)
+        ids += range(int(first), int(last or first) + 1)
+    return ids
+
+
+def export_icd(arguments: argparse.Namespace) -> int:
+    """Write the interface control document."""
+    from gss.device.dictionary_file import load_dictionary
+    from gss.device.icd import icd_markdown
+
+    return _write(icd_markdown(load_dictionary()), arguments.out)
+
+
+def export_openapi(arguments: argparse.Namespace) -> int:
+    """Write the OpenAPI document, without starting anything."""
+    import json
+    import tempfile
+
+    from gss.api.app import create_app
+    from gss.settings import Settings
+    from gss.wiring import build
+
+    with tempfile.TemporaryDirectory() as folder:
+        app = create_app(build(Settings(data=Path(folder))))
+        return _write(json.dumps(app.openapi(), indent=1) + "\n", arguments.out)
+
+
+def _write(text: str, out: Path | None) -> int:
+    if out is None:
+        print(text, end="")
+    else:
+        out.write_text(text)
+    return 0

@@ -1,0 +1,62 @@
+"""``gss serve``: the server, with a simulated sensor if asked."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import socket
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser("serve", help="start the server; prints one address")
+    parser.add_argument("--host", help="loopback address to listen on (GSS_HOST)")
+    parser.add_argument("--port", type=int, help="port of the console; 0 takes a free one (GSS_PORT)")
+    parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")
+    parser.add_argument("--device", help="port of the sensor: a tty, socket:// or rfc2217:// URL (GSS_DEVICE)")
+    parser.add_argument("--simulator", metavar="PROFILE", help="start a simulated sensor and open it (GSS_SIMULATOR)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted."""
+    import uvicorn
+
+    from gss.api.app import create_app
+    from gss.api.security import check_host
+    from gss.settings import Settings
+    from gss.wiring import build, simulator
+
+    names = ("host", "port", "data", "device", "simulator")
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    settings = Settings(**given)
+    check_host(settings.host)
+    with contextlib.ExitStack() as stack:
+        listener = stack.enter_context(_listen(settings.host, settings.port))
+        if settings.simulator:
+            settings = settings.model_copy(update={"device": stack.enter_context(simulator(settings))})
+        app = create_app(build(settings))
+        port = listener.getsockname()[1]
+        print(f"GSS is at http://{settings.host}:{port}", flush=True)
+        config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)
+        uvicorn.Server(config).run(sockets=[listener])
+    return 0
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    from gss.domain.errors import Conflict
+
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        raise Conflict(
+            f"port {port} cannot be used", got=str(error), hint="another --port, or 0 for a free one"
+        ) from None
+    return listener

@@ -1,0 +1,159 @@
+"""Which catalogue is in which flash bank, and what its row numbers mean."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.onboard import decode, read_header
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import GssError
+from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.store import catalogues as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Catalogue
+
+HOLDS_DATA = ("loaded", "committed")
+SAME_STAR_WITHIN_RAD = 120 * ARCSEC_RAD
+UNKNOWN_HIP = -1
+
+
+@dataclass(frozen=True)
+class BankView:
+    """A bank as the device reports it, with the catalogue that the ground knows under the same hash."""
+
+    bank: str
+    state: str
+    active: bool
+    stars: int | None
+    pairs: int | None
+    sha256: str | None
+    catalogue: Catalogue | None
+
+
+class BankService:
+    """Keeps the device's reports and joins them with the store."""
+
+    def __init__(self, database: Database, blobs: BlobStore, bus: EventBus, stars: StarTable, now: Now) -> None:
+        self._database, self._blobs, self._bus = database, blobs, bus
+        self._stars, self._now = stars, now
+        self._reports: dict[str, Mapping[str, Any]] = {}
+        self._decoded: dict[str, OnboardCatalogue] = {}
+        self._lock = threading.Lock()
+
+    def forget(self) -> None:
+        """The device restarted: its reports are void."""
+        with self._lock:
+            self._reports.clear()
+
+    def told(self, info: Mapping[str, Any]) -> int | None:
+        """Take a bank report; the bank's number when its content should be read back because the ground does not know it."""
+        with self._lock:
+            self._reports[str(info["bank"])] = info
+        sha256 = _hex(info.get("sha256"))
+        if str(info["state"]) not in HOLDS_DATA or not sha256 or not info["active"]:
+            return None
+        with self._database.unit_of_work() as session:
+            known = store.by_sha256(session, sha256)
+        return None if known else {"A": 0, "B": 1, "C": 2, "golden": 3}.get(str(info["bank"]))
+
+    def views(self) -> list[BankView]:
+        """Every bank the device told of."""
+        with self._lock:
+            reports = list(self._reports.values())
+        views = []
+        with self._database.unit_of_work() as session:
+            for info in reports:
+                sha256 = _hex(info.get("sha256"))
+                known = store.by_sha256(session, sha256) if sha256 and str(info["state"]) in HOLDS_DATA else None
+                holds = str(info["state"]) in HOLDS_DATA
+                views.append(
+                    BankView(
+                        str(info["bank"]),
+                        str(info["state"]),
+                        bool(info["active"]),
+                        int(info["stars"]) if holds else None,
+                        int(info["pairs"]) if holds else None,
+                        sha256 if holds else None,
+                        known,
+                    )
+                )
+        return views
+
+    def hip_of_row(self, sha256: str) -> Sequence[int] | None:
+        """Hipparcos number of each row of the bank with that hash, None where the ground does not know it."""
+        catalogue = self.onboard(sha256)
+        return None if catalogue is None else [int(hip) for hip in catalogue.hip]
+
+    def onboard(self, sha256: str) -> OnboardCatalogue | None:
+        """The decoded bank with that hash, None where the ground does not know it."""
+        if not sha256:
+            return None
+        if sha256 not in self._decoded:
+            with self._database.unit_of_work() as session:
+                row = store.by_sha256(session, sha256)
+            if row is None:
+                return None
+            hips = np.array(row.manifest["hip"], np.int32)
+            self._decoded[sha256] = decode(self._blobs.get(row.sha256), hips)
+        return self._decoded[sha256]
+
+    def adopt(self, image: bytes) -> Catalogue | None:
+        """Put a bank that was read back from the device into the store, its stars recognised by position."""
+        try:
+            header = read_header(image)
+            bank = decode(image)
+        except GssError as error:
+            self._bus.record("catalogue", "warning", f"the bank that was read back is not a catalogue: {error}")
+            return None
+        hips = recognise(bank, self._stars)
+        sha256 = self._blobs.put(image)
+        row = Catalogue(
+            name=f"{header.profile_name}-read-back",
+            profile=header.profile_name,
+            format=header.format_name,
+            created=self._now(),
+            author="read back from the device",
+            stars=len(bank),
+            pairs=len(bank.distances),
+            size=len(image),
+            sha256=sha256,
+            valid_from=None,
+            valid_to=None,
+            request={},
+            manifest={"hip": hips, "epoch_jyear": header.epoch_jyear, "source": "read back from the device"},
+            report={},
+        )
+        with self._database.unit_of_work() as session:
+            store.add(session, row)
+        unknown = hips.count(UNKNOWN_HIP)
+        text = f"bank content read back: {len(bank)} stars, {unknown} of them not in the ground's catalogue"
+        self._bus.record("catalogue", "watch" if unknown else "ok", text, catalogue_id=row.id)
+        return row
+
+
+def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
+    """Hipparcos number of each row: the brightest star within 2′, which also covers decades of proper motion."""
+    tree = cKDTree(stars.icrs)
+    chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
+    near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
+    return [int(stars.hip[min(near, key=lambda k: stars.v_mag[k])]) if near else UNKNOWN_HIP for near in near_rows]
+
+
+def days_left(valid_to: datetime | None, now: datetime) -> float | None:
+    """Days until a catalogue expires; negative when it has."""
+    return None if valid_to is None else (valid_to - now).total_seconds() / 86400
+
+
+def _hex(value: Any) -> str:
+    text = value.hex() if isinstance(value, bytes) else str(value or "")
+    return "" if set(text) <= {"0"} else text

@@ -1,0 +1,91 @@
+"""The one stream: what happened is recorded and told to everybody who listens."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from gss.operations.clock import Now
+from gss.store import events as store
+from gss.store.engine import Database
+from gss.store.models import Event
+
+MAILBOX = 2000
+
+
+@dataclass(frozen=True)
+class Message:
+    """Something to tell: ``topic`` says what ``payload`` is. ``seq`` only for recorded events."""
+
+    topic: str
+    payload: Any
+    seq: int | None = None
+
+
+class Subscription:
+    """One listener's mailbox. When it overflows the oldest messages are dropped, counted and announced."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._messages: deque[Message] = deque(maxlen=MAILBOX)
+        self._lock = threading.Lock()
+        self._dropped = 0
+
+    def put(self, message: Message) -> None:
+        """Called by the bus from any thread; never blocks."""
+        with self._lock:
+            if len(self._messages) == MAILBOX:
+                self._dropped += 1
+            self._messages.append(message)
+        self._wake()
+
+    def take(self) -> tuple[list[Message], int]:
+        """All waiting messages, and how many were lost before them."""
+        with self._lock:
+            messages, dropped = list(self._messages), self._dropped
+            self._messages.clear()
+            self._dropped = 0
+        return messages, dropped
+
+
+class EventBus:
+    """Records events and hands messages to subscriptions."""
+
+    def __init__(self, database: Database, now: Now) -> None:
+        self._database, self._now = database, now
+        self._subscriptions: set[Subscription] = set()
+        self._lock = threading.Lock()
+
+    def record(self, kind: str, severity: str, text: str, **data: Any) -> Event:
+        """Write an event to the record and tell everybody."""
+        with self._database.unit_of_work() as session:
+            event = store.add(session, self._now(), kind, severity, text, data)
+        self.publish("event", event, event.seq)
+        return event
+
+    def publish(self, topic: str, payload: Any, seq: int | None = None) -> None:
+        """Tell everybody, without a record."""
+        with self._lock:
+            subscriptions = list(self._subscriptions)
+        for subscription in subscriptions:
+            subscription.put(Message(topic, payload, seq))
+
+    def subscribe(self, wake: Callable[[], None]) -> Subscription:
+        """A new mailbox; ``wake`` is called after each message, from any thread."""
+        subscription = Subscription(wake)
+        with self._lock:
+            self._subscriptions.add(subscription)
+        return subscription
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Close a mailbox."""
+        with self._lock:
+            self._subscriptions.discard(subscription)
+
+    def after(self, seq: int, limit: int) -> list[Event]:
+        """Recorded events after ``seq``, oldest first."""
+        with self._database.unit_of_work() as session:
+            return store.after(session, seq, limit)

@@ -1,0 +1,259 @@
+"""Frames: kept with their pixels, solved on the ground, laid beside what the sensor said itself."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss import __version__
+from gss.domain.errors import GssError, NotFound
+from gss.domain.frames import pointing_difference_rad
+from gss.domain.profiles import PROFILES, CameraProfile, profile
+from gss.domain.results import Outcome, SolveResult, Verdict
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.stars import StarTable
+from gss.operations import overlay
+from gss.operations.camera_record import record_of
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.frame_files import ImportedFrame, read_frame
+from gss.operations.onboard_results import OnboardRecord, onboard_result
+from gss.operations.scoring import judge
+from gss.operations.solve import Solver, SolveRequest
+from gss.store import frames as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Frame, Solution
+
+Pixels = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class FrameDetail:
+    """A frame with its solutions, newest first, and the two that are compared."""
+
+    frame: Frame
+    solutions: list[Solution]
+    on_board: Solution | None
+    ground: Solution | None
+
+
+class FrameService:
+    """Stores frames and runs chains on them. Solving on arrival happens on a thread of its own, newest first served last."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        bus: EventBus,
+        solver: Solver,
+        stars: StarTable,
+        now: Now,
+        chain: str,
+    ) -> None:
+        self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
+        self._solver, self._stars, self._chain = solver, stars, chain
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
+
+    def stop(self) -> None:
+        """Let the running solution end; drop what waits (it can be run again from the page)."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    # --- storing ------------------------------------------------------------------------------------------------
+
+    def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
+        """Keep a frame that came down the line and solve it; ``values`` are the columns of its row."""
+        frame = self._add(pixels, source="device", **values)
+        missing = "" if frame.complete else ", rows are missing"
+        self._bus.record("frame", "ok", f"frame {frame.number} stored as {frame.id}{missing}", frame_id=frame.id)
+        if frame.complete:
+            self._pool.submit(self._solve_on_arrival, frame.id)
+        return frame
+
+    def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
+        """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
+        if profile_name:
+            profile(profile_name)
+        imported: ImportedFrame = read_frame(data, name)
+        frame = self._add(
+            imported.pixels,
+            source="import",
+            name=name[:200],
+            taken=imported.taken_at or self._now(),
+            bits=imported.bits,
+            exposure_s=imported.exposure_s,
+            profile=profile_name or None,
+        )
+        self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
+        self._pool.submit(self._solve_on_arrival, frame.id)
+        return frame
+
+    def _add(self, pixels: Pixels, **values: Any) -> Frame:
+        little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
+        key = self._blobs.put(little.tobytes())
+        rows, columns = little.shape
+        row: dict[str, Any] = {
+            "received": self._now(),
+            "name": "",
+            "complete": True,
+            "rows_held": [[0, rows - 1]],
+            "parameters": {},
+        }
+        row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
+        with self._database.unit_of_work() as session:
+            frame = store.add(session, Frame(**row))
+        self._bus.publish("frame", frame)
+        return frame
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def get(self, frame_id: int) -> Frame:
+        """The frame of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, frame_id)
+
+    def latest_id(self) -> int:
+        """Id of the frame that came last; NotFound before the first."""
+        with self._database.unit_of_work() as session:
+            frame = store.latest(session)
+        if frame is None:
+            raise NotFound("there is no frame yet", hint="take an image or import one")
+        return frame.id
+
+    def pixels(self, frame: Frame) -> Pixels:
+        """(rows, columns) array of a frame."""
+        data = np.frombuffer(self._blobs.get(frame.sha256), np.dtype(frame.dtype))
+        return data.reshape(frame.rows, frame.columns)
+
+    def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
+        """Total and one page of frames with their newest ground solution."""
+        with self._database.unit_of_work() as session:
+            total, frames = store.page(session, limit, offset, **filters)
+            solutions = store.newest_solutions(session, [f.id for f in frames], "ground")
+        return total, [(frame, solutions.get(frame.id)) for frame in frames]
+
+    def with_solution(self, frame: Frame) -> tuple[Frame, Solution | None]:
+        """A frame with its newest ground solution."""
+        with self._database.unit_of_work() as session:
+            return frame, store.newest_solution(session, frame.id, "ground")
+
+    def detail(self, frame_id: int) -> FrameDetail:
+        """A frame with everything that was made of it."""
+        with self._database.unit_of_work() as session:
+            frame = store.get(session, frame_id)
+            solutions = store.solutions_of(session, frame_id)
+        on_board = next((s for s in solutions if s.origin == "on board"), None)
+        ground = [s for s in solutions if s.origin == "ground"]
+        best = next((s for s in ground if s.outcome == Outcome.SOLVED), ground[0] if ground else None)
+        return FrameDetail(frame, solutions, on_board, best)
+
+    def solution(self, solution_id: int) -> Solution:
+        """The solution of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get_solution(session, solution_id)
+
+    # --- solving ------------------------------------------------------------------------------------------------
+
+    def solve(self, frame_id: int, request: SolveRequest) -> Solution:
+        """Run a chain on a stored frame and keep the result."""
+        frame = self.get(frame_id)
+        result = self._solver.solve(self.pixels(frame), request)
+        return self._keep(frame, result, "ground")
+
+    def _solve_on_arrival(self, frame_id: int) -> None:
+        try:
+            frame = self.get(frame_id)
+            self.solve(frame_id, SolveRequest(chain=self._chain, profile=frame.profile, blind=frame.profile is None))
+        except GssError as error:
+            self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
+        except Exception as error:  # the thread must live on; a defect becomes a visible event
+            text = f"frame {frame_id}: defect in the solver: {type(error).__name__}: {error}"
+            self._bus.record("solution", "critical", text, frame_id=frame_id)
+
+    def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
+        """Keep what the sensor said of a frame; a later, fuller report of the same frame replaces it."""
+        known = profile(frame.profile or "cubestar")
+        result = onboard_result(record, known.camera)
+        with self._database.unit_of_work() as session:
+            old = store.newest_solution(session, frame.id, "on board")
+            if old is not None:
+                session.delete(old)
+        return self._keep(frame, result, "on board")
+
+    def set_replay(self, solution_id: int, text: str) -> Solution:
+        """Note how the ground's rerun of the same chain compares."""
+        with self._database.unit_of_work() as session:
+            solution = store.get_solution(session, solution_id)
+            solution.replay = text
+        self._bus.publish("solution", solution)
+        return solution
+
+    def keep_replay(self, frame: Frame, result: SolveResult, text: str) -> Solution:
+        """Keep the ground's rerun of the on-board chain with how it compares."""
+        return self._keep(frame, result, "ground", replay=text)
+
+    def _keep(self, frame: Frame, result: SolveResult, origin: str, replay: str | None = None) -> Solution:
+        known = PROFILES.get(frame.profile or "")
+        detail = overlay.describe(
+            result.camera,
+            self._stars,
+            _faint_limit(known, result),
+            result.regions,
+            result.centroids,
+            result.matches,
+            result.attitude,
+        )
+        row = Solution(
+            frame_id=frame.id, origin=origin, version=__version__, created=self._now(), detail=detail, replay=replay
+        )
+        _fill(row, result)
+        if frame.truth is not None and known is not None:
+            self._judge(row, frame, result, known)
+        with self._database.unit_of_work() as session:
+            store.add_solution(session, row)
+        self._bus.publish("solution", row)
+        return row
+
+    def _judge(self, row: Solution, frame: Frame, result: SolveResult, known: CameraProfile) -> None:
+        verdict: Verdict = judge(result, np.array(frame.truth, float), known, self._stars)
+        row.verdict = str(verdict)
+        if result.attitude is not None:
+            truth = matrix_from_quaternion(np.array(frame.truth, float))
+            row.error_axis_rad, row.error_roll_rad = pointing_difference_rad(result.attitude.cam_from_icrs, truth)
+
+
+def _faint_limit(known: CameraProfile | None, result: SolveResult) -> float:
+    """Down to which magnitude predicted stars are shown: the camera's own limit, else what was matched."""
+    if known is not None:
+        return known.sensor.faint_limit_mag
+    return 6.5 if result.camera.fov_rad[0] < 0.35 else 5.0
+
+
+def _fill(row: Solution, result: SolveResult) -> None:
+    row.chain, row.outcome, row.reason = result.chain, str(result.outcome), result.reason
+    row.found = len(result.centroids)
+    row.matched = 0 if result.matches is None else len(result.matches)
+    row.rejected = sum(1 for r in result.regions if r.rejected)
+    row.rms_px = _finite(result.residual_rms_px)
+    row.false_match_probability = _finite(result.false_match_probability)
+    row.fov_rad = [float(v) for v in result.camera.fov_rad]
+    row.camera = record_of(result.camera)
+    row.timing_s, row.notes = dict(result.timing_s), list(result.notes)
+    if result.attitude is not None:
+        row.quaternion = [float(v) for v in result.attitude.quaternion]
+        row.sigma_rad = [_finite(v) for v in result.attitude.sigma_rad]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def sha256_of(data: bytes) -> str:
+    """SHA-256 in hex."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,172 @@
+"""What the page draws over a frame: regions, stars with their names, predicted positions, the sky's grid.
+
+Everything is in pixels; degrees appear only in the labels of the grid.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.camera import Camera
+from gss.domain.results import Attitude, Centroids, Matches, Region
+from gss.domain.stars import StarTable
+
+DETECTED_WITHIN_PX = 3.0
+GRID_STEPS_DEG = (1, 2, 5, 10, 15, 30)
+GRID_LINES = 6
+MOST_PREDICTED = 120
+
+
+def describe(
+    camera: Camera,
+    stars: StarTable,
+    faint_limit_mag: float,
+    regions: tuple[Region, ...],
+    centroids: Centroids,
+    matches: Matches | None,
+    attitude: Attitude | None,
+) -> dict[str, Any]:
+    """The overlays of one result, ready for JSON."""
+    detail: dict[str, Any] = {
+        "regions": [_region(r) for r in regions],
+        "stars": _stars(stars, camera, centroids, matches),
+        "predicted": [],
+        "grid": [],
+        "north": None,
+        "field": [],
+    }
+    if attitude is not None:
+        cam_from_icrs = attitude.cam_from_icrs
+        detail["predicted"] = predicted(camera, cam_from_icrs, stars.brighter_than(faint_limit_mag), centroids)
+        detail["grid"] = grid(camera, cam_from_icrs)
+        detail["north"] = north(cam_from_icrs)
+        detail["field"] = field_outline(camera, cam_from_icrs)
+    return detail
+
+
+def _region(r: Region) -> dict[str, Any]:
+    return {
+        "col_min": int(r.col_min),
+        "row_min": int(r.row_min),
+        "col_max": int(r.col_max),
+        "row_max": int(r.row_max),
+        "area_px": int(r.area_px),
+        "peak_dn": float(r.peak_dn),
+        "rejected": r.rejected,
+    }
+
+
+def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[dict[str, Any]]:
+    row_of_hip = {int(hip): k for k, hip in enumerate(stars.hip)}
+    match_of = {} if matches is None else {int(c): k for k, c in enumerate(matches.centroid)}
+    arcsec_per_px = math.degrees(camera.pixel_rad) * 3600
+    rows = []
+    for i in range(len(centroids)):
+        row: dict[str, Any] = {
+            "index": i,
+            "col_px": float(centroids.col_px[i]),
+            "row_px": float(centroids.row_px[i]),
+            "flux_dn": float(centroids.flux_dn[i]),
+            "peak_dn": float(centroids.peak_dn[i]),
+            "area_px": int(centroids.area_px[i]),
+        }
+        k = match_of.get(i)
+        if matches is not None and k is not None:
+            hip = int(matches.hip[k])
+            found = row_of_hip.get(hip)
+            dx, dy = (_finite(v) for v in matches.residual_px[k])
+            row |= {
+                "hip": hip,
+                "name": stars.name_of(hip),
+                "v_mag": None if found is None else float(stars.v_mag[found]),
+                "dx_px": dx,
+                "dy_px": dy,
+                "dx_arcsec": None if dx is None else dx * arcsec_per_px,
+                "dy_arcsec": None if dy is None else dy * arcsec_per_px,
+                "weight": float(matches.weight[k]),
+            }
+        rows.append(row)
+    return rows
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def predicted(camera: Camera, cam_from_icrs: Array, stars: StarTable, centroids: Centroids) -> list[dict[str, Any]]:
+    """Where the attitude puts the catalogue's stars, brightest first, and whether something was found there."""
+    near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
+    stars = stars.take(np.flatnonzero(near))
+    pixels = camera.project(stars.icrs @ cam_from_icrs.T)
+    rows = []
+    for k in np.flatnonzero(camera.contains(pixels))[:MOST_PREDICTED]:
+        gap_px = np.hypot(centroids.col_px - pixels[k, 0], centroids.row_px - pixels[k, 1])
+        rows.append(
+            {
+                "hip": int(stars.hip[k]),
+                "name": stars.name_of(int(stars.hip[k])),
+                "v_mag": float(stars.v_mag[k]),
+                "col_px": float(pixels[k, 0]),
+                "row_px": float(pixels[k, 1]),
+                "detected": bool(len(gap_px) and gap_px.min() < DETECTED_WITHIN_PX),
+            }
+        )
+    return rows
+
+
+def grid(camera: Camera, cam_from_icrs: Array) -> list[dict[str, Any]]:
+    """Lines of constant right ascension and declination across the frame."""
+    boresight = cam_from_icrs[2]
+    dec_deg = math.degrees(math.asin(max(-1.0, min(1.0, float(boresight[2])))))
+    reach_deg = math.degrees(camera.half_diagonal_rad)
+    step_deg = next((s for s in GRID_STEPS_DEG if 2 * reach_deg / s <= GRID_LINES), GRID_STEPS_DEG[-1])
+    lines = []
+    first_dec = max(-90 + step_deg, math.floor((dec_deg - reach_deg) / step_deg) * step_deg)
+    for line_deg in np.arange(first_dec, min(90 - step_deg, dec_deg + reach_deg) + 0.5 * step_deg, step_deg):
+        ra = np.radians(np.arange(0, 360.5, 1.0))
+        lines += _pieces(camera, cam_from_icrs, ra, np.full_like(ra, math.radians(line_deg)), f"{line_deg:+g}°")
+    ra_step_deg = min(30.0, step_deg * max(1, round(1 / max(0.1, math.cos(math.radians(dec_deg))))))
+    for line_deg in np.arange(0, 360, ra_step_deg):
+        dec = np.radians(np.arange(-90, 90.5, 1.0))
+        lines += _pieces(camera, cam_from_icrs, np.full_like(dec, math.radians(line_deg)), dec, f"{line_deg:g}°")
+    return lines
+
+
+def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[dict[str, Any]]:
+    """The parts of one line that lie on the detector (with a margin, so that lines run off the edge)."""
+    cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
+    ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
+    pixels = np.full((len(cam), 2), np.nan)
+    pixels[ahead] = camera.project(cam[ahead])
+    inside = np.nan_to_num(pixels, nan=-1e9)
+    shown = camera.contains(inside, margin_px=-0.15 * max(camera.columns, camera.rows))
+    pieces: list[dict[str, Any]] = []
+    run: list[tuple[float, float]] = []
+    for k in range(len(shown)):
+        if shown[k]:
+            run.append((round(float(pixels[k, 0]), 1), round(float(pixels[k, 1]), 1)))
+        elif run:
+            pieces.append({"label": label, "points": run})
+            run = []
+    if run:
+        pieces.append({"label": label, "points": run})
+    return [p for p in pieces if len(p["points"]) > 1]
+
+
+def north(cam_from_icrs: Array) -> tuple[float, float]:
+    """Unit step (col, row) in the image that leads to celestial north at the boresight."""
+    toward = np.array([0.0, 0.0, 1.0]) - cam_from_icrs[2, 2] * cam_from_icrs[2]
+    in_cam = cam_from_icrs @ toward
+    length = float(np.hypot(in_cam[0], in_cam[1])) or 1.0
+    return float(in_cam[0]) / length, float(in_cam[1]) / length
+
+
+def field_outline(camera: Camera, cam_from_icrs: Array) -> list[tuple[float, float]]:
+    """(ra, dec) in radians round the detector's edge, for charts."""
+    v = camera.outline(8) @ cam_from_icrs
+    ra, dec = np.arctan2(v[:, 1], v[:, 0]) % (2 * np.pi), np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
+    return [(float(a), float(d)) for a, d in zip(ra, dec, strict=True)]

@@ -1,0 +1,71 @@
+"""Pixels as people see them: stretch, PNG, thumbnails, histograms."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+Pixels = NDArray[np.generic]
+THUMBNAIL_PX = 256
+HISTOGRAM_BINS = 256
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Values from ``low`` (black) to ``high`` (white), straight or with arcsinh, which shows faint and bright at once."""
+
+    low: float
+    high: float
+    asinh: bool = True
+
+
+def auto_stretch(pixels: Pixels) -> Stretch:
+    """Black a little below the sky, white where the brightest 0.02 % begin."""
+    sample = np.asarray(pixels[::4, ::4], float)
+    sample = sample[np.isfinite(sample)]
+    if not sample.size:
+        return Stretch(0.0, 1.0)
+    sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
+    low = sky - 0.5 * max(spread, 0.5)
+    high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + 10 * max(spread, 1.0))
+    return Stretch(low, high)
+
+
+def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[np.uint8]:
+    """8-bit picture of the same shape."""
+    span = max(stretch.high - stretch.low, 1e-9)
+    x = np.clip((np.nan_to_num(np.asarray(pixels, np.float32)) - stretch.low) / span, 0, 1)
+    if stretch.asinh:
+        x = np.arcsinh(10 * x) / np.float32(np.arcsinh(10))
+    grey = (x * 255 + 0.5).astype(np.uint8)
+    return np.asarray(255 - grey if invert else grey)
+
+
+def png(grey: NDArray[np.uint8]) -> bytes:
+    """PNG file of an 8-bit picture."""
+    buffer = io.BytesIO()
+    Image.fromarray(grey).save(buffer, format="PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def thumbnail(pixels: Pixels) -> bytes:
+    """Small PNG; blocks are reduced by their maximum, so that stars survive."""
+    factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
+    rows, cols = (n // factor * factor for n in pixels.shape)
+    if rows == 0 or cols == 0:
+        return png(apply(pixels, auto_stretch(pixels)))
+    blocks = np.asarray(pixels[:rows, :cols]).reshape(rows // factor, factor, cols // factor, factor)
+    return png(apply(blocks.max(axis=(1, 3)), auto_stretch(pixels)))
+
+
+def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:
+    """(edges, counts) over the range of finite values."""
+    values = np.asarray(pixels).ravel()
+    values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(low, max(high, low + 1)))
+    return [float(e) for e in edges], [int(c) for c in counts]

@@ -1,0 +1,236 @@
+"""What comes down by itself: frames are fetched when taken, packets of one frame are gathered, unknown banks are read back.
+
+This is the glue between link, transfers, frames and banks; each of them knows nothing of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+
+from gss.device.session_events import Direction, HelloReceived, SessionEvent, Telemetry, TransferDone, TransferUpdate
+from gss.domain.errors import GssError
+from gss.domain.stars import StarTable
+from gss.operations.banks import BankService
+from gss.operations.clock import Now
+from gss.operations.commanding import CommandService
+from gss.operations.events import EventBus
+from gss.operations.frames import FrameService
+from gss.operations.link import LinkService
+from gss.operations.onboard_results import OnboardRecord
+from gss.operations.replay import ReplayService
+from gss.operations.telemetry import TelemetryService
+from gss.operations.transfers import TransferService
+from gss.store.models import Frame, Transfer
+
+REMEMBERED_FRAMES = 64
+FRAME_PACKETS = ("centroids", "matches", "attitude")
+FRAME_KINDS = ("frame", "thumbnail")
+THUMBNAIL_FACTOR = 4
+AFTER_HELLO = ("LIST_BANKS", "GET_STATUS")
+SOFTWARE = "gss"
+
+
+class Reception:
+    """Listens to the link and moves what arrives to where it belongs."""
+
+    def __init__(
+        self,
+        link: LinkService,
+        commands: CommandService,
+        telemetry: TelemetryService,
+        transfers: TransferService,
+        frames: FrameService,
+        banks: BankService,
+        replay: ReplayService,
+        stars: StarTable,
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._link, self._commands, self._telemetry = link, commands, telemetry
+        self._transfers, self._frames, self._banks = transfers, frames, banks
+        self._replay, self._stars, self._bus, self._now = replay, stars, bus, now
+        self._records: OrderedDict[int, OnboardRecord] = OrderedDict()
+        self._infos: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
+        self._truths: OrderedDict[int, list[float]] = OrderedDict()
+        self._settings: OrderedDict[int, dict[str, Any]] = OrderedDict()
+        self._stored: OrderedDict[int, Frame] = OrderedDict()
+        self._wanted: tuple[int, int] | None = None
+        transfers.done_hooks[(Direction.DOWN, "frame")] = self._frame_arrived
+        transfers.done_hooks[(Direction.DOWN, "thumbnail")] = self._frame_arrived
+        transfers.done_hooks[(Direction.DOWN, "catalogue")] = self._bank_arrived
+        transfers.done_hooks[(Direction.UP, "catalogue")] = self._bank_sent
+        transfers.broken_hooks["frame"] = self._frame_broken
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Look at each event once."""
+        for event in events:
+            if isinstance(event, HelloReceived):
+                self._greet(event)
+            elif isinstance(event, Telemetry):
+                self._packet(event)
+        self._fetch_wanted()
+
+    def _greet(self, hello: HelloReceived) -> None:
+        """A device that restarted counts its frames anew: forget what was gathered, ask what it holds."""
+        for memory in (self._records, self._infos, self._truths, self._settings, self._stored):
+            memory.clear()
+        self._banks.forget()
+        if hello.dictionary_match:
+            self._ask(*AFTER_HELLO)
+
+    def _ask(self, *names: str) -> None:
+        for name in names:
+            try:
+                self._commands.send(name, {}, confirm="", user=SOFTWARE, source="server")
+            except GssError as error:
+                self._bus.record("link", "watch", f"{name} was not asked: {error}")
+
+    # --- packets ------------------------------------------------------------------------------------------------
+
+    def _packet(self, packet: Telemetry) -> None:
+        values = packet.values
+        if packet.packet == "bank_info":
+            self._bank_told(values)
+        elif packet.packet == "frame_info":
+            self._frame_told(values)
+        elif packet.packet == "frame_truth":
+            self._remember(
+                self._truths, int(values["frame_number"]), [float(values[f"quaternion_{a}"]) for a in "xyzw"]
+            )
+        elif packet.packet in FRAME_PACKETS:
+            self._result_told(packet.packet, int(values["frame_number"]), values, packet.lists.get("items", ()))
+
+    def _frame_told(self, info: Mapping[str, Any]) -> None:
+        number = int(info["frame_number"])
+        if number in self._infos or number == 0:
+            return
+        self._remember(self._infos, number, info)
+        self._remember(self._settings, number, self._detection_settings())
+        self._wanted = (number, int(info["slot"]))
+
+    def _detection_settings(self) -> dict[str, Any]:
+        housekeeping = self._link.session.housekeeping or {}
+        names = ("threshold_dn", "min_pixels", "max_pixels")
+        settings: dict[str, Any] = {name: housekeeping[name] for name in names if name in housekeeping}
+        sha256 = housekeeping.get("catalogue_sha256")
+        if sha256 is not None:
+            settings["bank_sha256"] = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
+        return settings
+
+    def _result_told(self, kind: str, number: int, values: Mapping[str, Any], items: Any) -> None:
+        record = self._records.get(number) or OnboardRecord(number)
+        hips = self._banks.hip_of_row(self._detection_settings().get("bank_sha256", ""))
+        record = record.with_packet(kind, values, items)
+        record = OnboardRecord(number, record.centroids, record.matches, record.attitude, hips, self._stars)
+        self._remember(self._records, number, record)
+        if number in self._stored:
+            self._lay_beside(self._stored[number], record)
+
+    @staticmethod
+    def _remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
+        memory[number] = value
+        memory.move_to_end(number)
+        while len(memory) > REMEMBERED_FRAMES:
+            memory.popitem(last=False)
+
+    # --- frames -------------------------------------------------------------------------------------------------
+
+    def _fetch_wanted(self) -> None:
+        """Fetch the newest frame that was told of, one at a time; older ones that were overtaken stay on board."""
+        if self._wanted is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
+            return
+        number, slot = self._wanted
+        self._wanted = None
+        try:
+            self._transfers.download("frame", slot, f"frame {number}")
+        except GssError as error:
+            self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
+
+    def _frame_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
+        frame = self._store_frame(transfer, done.data, done.frame_number, [])
+        return {"frame_id": frame.id}
+
+    def _frame_broken(
+        self, transfer: Transfer, data: bytes, held: Sequence[tuple[int, int]], update: TransferUpdate
+    ) -> dict[str, Any]:
+        frame = self._store_frame(
+            transfer, data, update.frame_number, [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in held]
+        )
+        return {"frame_id": frame.id}
+
+    def _store_frame(
+        self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]
+    ) -> Frame:
+        info, hello = self._infos.get(number, {}), self._link.hello
+        factor = THUMBNAIL_FACTOR if transfer.kind == "thumbnail" else 1
+        columns = int(info.get("columns") or (hello.columns if hello else 0)) // factor
+        rows = len(data) // columns if columns else 0
+        pixels = np.frombuffer(data[: rows * columns], np.uint8).reshape(rows, columns)
+        settings = dict(self._settings.get(number, {}))
+        frame = self._frames.add_from_device(
+            pixels,
+            {
+                "contact_id": self._link.contact_id or transfer.contact_id,
+                "number": number or None,
+                "slot": int(transfer.target),
+                "name": f"frame {number}" if factor == 1 else f"thumbnail of frame {number}",
+                "taken": self._taken(info),
+                "bits": int(info.get("bits") or 8),
+                "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
+                "profile": hello.profile if hello and factor == 1 else None,
+                "mode": str(info["mode"]) if "mode" in info else None,
+                "complete": not held_bytes,
+                "rows_held": [[math.ceil(a / columns), min(b // columns, rows) - 1] for a, b in held_bytes]
+                or [[0, rows - 1]],
+                "truth": self._truths.get(number),
+                "bank_sha256": settings.pop("bank_sha256", None),
+                "parameters": settings,
+            },
+        )
+        if factor == 1 and frame.complete:
+            self._remember(self._stored, number, frame)
+            if number in self._records:
+                self._lay_beside(frame, self._records[number])
+        return frame
+
+    def _taken(self, info: Mapping[str, Any]) -> Any:
+        """The device's mid-exposure time put on the ground's clock, by the difference to its newest housekeeping."""
+        now = self._now()
+        newest = self._telemetry.latest_packet("housekeeping")
+        if newest is None or "frame_time_s" not in info:
+            return now
+        return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
+
+    def _lay_beside(self, frame: Frame, record: OnboardRecord) -> None:
+        if not record.centroids:
+            return
+        solution = self._frames.add_on_board(frame, record)
+        if record.attitude is not None:
+            self._replay.queue(frame, record, solution)
+
+    # --- banks --------------------------------------------------------------------------------------------------
+
+    def _bank_told(self, info: Mapping[str, Any]) -> None:
+        unknown = self._banks.told(info)
+        if unknown is not None and not self._transfers.busy(Direction.DOWN):
+            try:
+                self._transfers.download("catalogue", unknown, f"content of bank {info['bank']}")
+            except GssError as error:
+                self._bus.record("transfer", "watch", f"bank {info['bank']} was not read back: {error}")
+
+    def _bank_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
+        catalogue = self._banks.adopt(done.data)
+        return {"catalogue_id": catalogue.id} if catalogue else {}
+
+    def _bank_sent(self, transfer: Transfer, _done: TransferDone) -> dict[str, Any]:
+        self._bus.record(
+            "catalogue", "ok", f"{transfer.subject} is committed in bank {transfer.target}", transfer_id=transfer.id
+        )
+        self._ask("LIST_BANKS")
+        return {}

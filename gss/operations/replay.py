@@ -1,0 +1,113 @@
+"""Replay: the ground runs the sensor's own chain on the sensor's own frame, bank and parameters, and says equal or where not."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from gss.domain.errors import GssError
+from gss.domain.profiles import profile
+from gss.domain.results import Outcome, SolveResult
+from gss.operations.banks import BankService
+from gss.operations.clock import Monotonic
+from gss.operations.events import EventBus
+from gss.operations.frames import FrameService
+from gss.operations.onboard_results import OnboardRecord
+from gss.pipeline.chains import cubestar
+from gss.store.models import Frame, Solution
+
+# Centroids and weights travel as 32-bit floats; the quaternion as 64-bit.
+WIRE_CENTROID_PX = 1e-4
+WIRE_QUATERNION = 1e-12
+
+
+class ReplayService:
+    """Reruns `cubestar` on frames of the device, one after the other, on a thread of its own."""
+
+    def __init__(self, frames: FrameService, banks: BankService, bus: EventBus, stopwatch_s: Monotonic) -> None:
+        self._frames, self._banks, self._bus, self._stopwatch_s = frames, banks, bus, stopwatch_s
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
+
+    def stop(self) -> None:
+        """End after the running replay."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def queue(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
+        """Rerun this frame when there is time, and lay the result beside the sensor's."""
+        self._pool.submit(self._run, frame, record, on_board)
+
+    def _run(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
+        try:
+            result = self.rerun(frame, record)
+            text = compare(record, result)
+        except GssError as error:
+            self._frames.set_replay(on_board.id, f"not replayed: {error}")
+            return
+        except Exception as error:  # the thread must live on; the defect is shown where the answer would be
+            self._frames.set_replay(on_board.id, f"not replayed: defect, {type(error).__name__}: {error}")
+            return
+        self._frames.set_replay(on_board.id, text)
+        self._frames.keep_replay(frame, result, text)
+
+    def rerun(self, frame: Frame, record: OnboardRecord) -> SolveResult:
+        """The `cubestar` chain with the bank and the parameters that were active."""
+        bank = self._banks.onboard(frame.bank_sha256 or "")
+        if bank is None:
+            raise GssError(
+                "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
+            )
+        known = profile(frame.profile or "cubestar")
+        parameters = onboard_parameters(frame)
+        mode, hint = _mode_and_hint(frame)
+        pixels: Any = self._frames.pixels(frame)
+        return cubestar.solve(pixels, known.camera, bank, parameters, mode=mode, hint=hint, clock=self._stopwatch_s)
+
+
+def onboard_parameters(frame: Frame) -> cubestar.CubestarParameters:
+    """The chain's parameters as housekeeping told them when the frame was taken."""
+    import dataclasses
+
+    told: dict[str, Any] = frame.parameters
+    changes: dict[str, Any] = {}
+    for name, parameter in (
+        ("threshold_dn", "threshold_dn"),
+        ("min_pixels", "min_area_px"),
+        ("max_pixels", "max_area_px"),
+    ):
+        if name in told:
+            changes[parameter] = told[name]
+    return dataclasses.replace(cubestar.default_parameters(profile(frame.profile or "cubestar")), **changes)
+
+
+def _mode_and_hint(frame: Frame) -> tuple[cubestar.Mode, None]:
+    if frame.mode not in (None, "lost_in_space", "standby"):
+        raise GssError(
+            "only lost-in-space results can be replayed: the hint of other modes is not telemetered",
+            got=str(frame.mode),
+        )
+    return cubestar.Mode.LOST_IN_SPACE, None
+
+
+def compare(record: OnboardRecord, result: SolveResult) -> str:
+    """ "equal", or the first difference: centroids, then matches, then the quaternion."""
+    theirs = np.array([[row["col_px"], row["row_px"]] for row in record.centroids], float).reshape(-1, 2)
+    ours = result.centroids.pixels
+    if len(theirs) != len(ours):
+        return f"centroids differ: {len(theirs)} on board, {len(ours)} on the ground"
+    gap = np.abs(theirs - ours).max(axis=1) if len(ours) else np.zeros(0)
+    if (gap > WIRE_CENTROID_PX).any():
+        k = int(np.argmax(gap > WIRE_CENTROID_PX))
+        return f"centroid {k} differs by {gap[k]:.4f} px"
+    solved = record.attitude is not None and record.attitude.get("outcome") == "solved"
+    if solved != (result.outcome is Outcome.SOLVED):
+        return f"outcome differs: {'solved' if solved else 'none'} on board, {result.outcome} on the ground"
+    if not solved or result.attitude is None or record.attitude is None:
+        return "equal"
+    theirs_matched = {int(row["centroid"]): int(row["hip"]) for row in record.matches}
+    if result.matches is not None and len(theirs_matched) != len(result.matches):
+        return f"matches differ: {len(theirs_matched)} on board, {len(result.matches)} on the ground"
+    quaternion = np.array([float(record.attitude[f"quaternion_{a}"]) for a in "xyzw"])
+    step = float(np.min([np.abs(quaternion - s * result.attitude.quaternion).max() for s in (1, -1)]))
+    return "equal" if step <= WIRE_QUATERNION else f"quaternion differs by {step:.1e}"

@@ -1,0 +1,93 @@
+"""The Rerun viewer's own web files, taken out of the installed SDK so that page and recordings always match in version.
+
+The SDK carries the viewer inside its program and serves it from there. We start that program once, on loopback and in its
+own process group, copy the three files, and stop it. The cache is named after the SDK's version.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib.metadata
+import importlib.util
+import os
+import signal
+import socket
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+from gss.domain.errors import GssError, NotFound
+
+FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
+START_WAIT_S = 20.0
+POLL_S = 0.1
+
+
+class RerunViewer:
+    """Hands out the viewer's files; the first call takes some seconds and is remembered on disk."""
+
+    def __init__(self, cache: Path) -> None:
+        self._cache = cache
+        self._lock = threading.Lock()
+
+    def file(self, name: str) -> bytes:
+        """One of the viewer's files, gzip-compressed. NotFound for any other name."""
+        if name not in FILES:
+            raise NotFound("no such file of the viewer", expected=" | ".join(FILES), got=name)
+        with self._lock:
+            folder = self._cache / importlib.metadata.version("rerun-sdk")
+            if not all((folder / f"{f}.gz").exists() for f in FILES):
+                _extract(folder)
+        return (folder / f"{name}.gz").read_bytes()
+
+
+def _extract(folder: Path) -> None:
+    program = _program()
+    folder.mkdir(parents=True, exist_ok=True)
+    web_port, data_port = _free_port(), _free_port()
+    arguments = ["--serve-web", "--bind", "127.0.0.1", "--port", str(data_port), "--web-viewer-port", str(web_port)]
+    process = subprocess.Popen(  # noqa: S603 (the SDK's own program with our own arguments)
+        [str(program), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        for name in FILES:
+            data = _fetch(f"http://127.0.0.1:{web_port}/{name}", process)
+            part = folder / f"{name}.gz.part"
+            part.write_bytes(gzip.compress(data, compresslevel=6))
+            part.rename(folder / f"{name}.gz")
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _program() -> Path:
+    spec = importlib.util.find_spec("rerun_cli")
+    program = Path(spec.origin).parent / "rerun" if spec and spec.origin else None
+    if program is None or not program.exists():
+        raise GssError(
+            "the Rerun viewer is not installed",
+            expected="the program inside the rerun-sdk wheel",
+            hint="pip install rerun-sdk",
+        )
+    return program
+
+
+def _fetch(url: str, process: subprocess.Popen[bytes]) -> bytes:
+    deadline_s = time.monotonic() + START_WAIT_S
+    while True:
+        try:
+            with urllib.request.urlopen(url, timeout=START_WAIT_S) as reply:  # noqa: S310 (loopback, our own port)
+                return bytes(reply.read())
+        except (urllib.error.URLError, ConnectionError) as error:
+            if time.monotonic() > deadline_s or process.poll() is not None:
+                raise GssError("the Rerun viewer's program did not answer", got=str(error)) from error
+            time.sleep(POLL_S)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

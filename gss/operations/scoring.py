@@ -1,0 +1,27 @@
+"""A result against the truth that a simulator told."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import SolveResult, Truth, Verdict
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.stars import StarTable
+from gss.pipeline.score import score
+
+
+def judge(result: SolveResult, truth_quaternion: Array, known: CameraProfile, stars: StarTable) -> Verdict:
+    """Correct, imprecise, wrong or none."""
+    return score(result, truth_on(known.camera, truth_quaternion, stars), known.camera)
+
+
+def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:
+    """The stars that an attitude puts on the detector."""
+    cam_from_icrs = matrix_from_quaternion(quaternion)
+    near = np.flatnonzero(stars.icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad * 1.05 + 0.01))
+    pixels = camera.project(stars.icrs[near] @ cam_from_icrs.T)
+    on = camera.contains(pixels)
+    return Truth(quaternion, stars.hip[near][on], pixels[on], stars.v_mag[near][on])

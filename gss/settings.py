@@ -1,0 +1,44 @@
+"""Every setting, in one place, from GSS_* environment variables. Read by the command line and the wiring only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """What can be set. The defaults run everything on one machine."""
+
+    model_config = SettingsConfigDict(env_prefix="GSS_", extra="ignore")
+
+    data: Path = Field(
+        default=Path("var"), description="Folder of the database, frames, captures and the simulator's flash."
+    )
+    database: str = Field(default="", description="SQLAlchemy URL; empty: SQLite inside the data folder.")
+    blobs: str = Field(
+        default="", description="fsspec URL of frames and images of flash; empty: inside the data folder."
+    )
+    host: str = Field(default="127.0.0.1", description="Address to listen on. Only loopback addresses are accepted.")
+    port: int = Field(default=8181, ge=0, le=65535, description="Port of the console; 0 takes a free one.")
+    device: str = Field(
+        default="", description="Port of the sensor to open at start: a tty, socket:// or rfc2217:// URL."
+    )
+    simulator: str = Field(
+        default="", description="Camera profile of a simulated sensor to start and open, for example cubestar."
+    )
+    simulator_baud: int = Field(default=3_000_000, ge=0, description="Line rate of the simulated sensor; 0 is unpaced.")
+    simulator_seed: int = Field(default=1, description="Seed of the simulated sensor's noise and motion.")
+    user: str = Field(default="operator-1", description="Name of the single local user.")
+    solve_chain: str = Field(default="reference", description="Chain that runs on every frame that comes down.")
+
+    @property
+    def database_url(self) -> str:
+        """The database in force."""
+        return self.database or f"sqlite:///{(self.data / 'gss.db').resolve()}"
+
+    @property
+    def blobs_url(self) -> str:
+        """The blob store in force."""
+        return self.blobs or str((self.data / "blobs").resolve())

@@ -1,0 +1,164 @@
+"""The only place where objects meet: settings in, everything connected, started and stopped in order."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.device.dictionary_file import load_dictionary
+from gss.domain.errors import BadInput, GssError
+from gss.domain.profiles import profile
+from gss.domain.stars import StarTable
+from gss.operations.banks import BankService
+from gss.operations.build_catalogue import CatalogueService
+from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
+from gss.operations.commanding import CommandService
+from gss.operations.events import EventBus
+from gss.operations.frames import FrameService
+from gss.operations.jobs import JobService
+from gss.operations.link import LinkService
+from gss.operations.reception import Reception
+from gss.operations.replay import ReplayService
+from gss.operations.rerun_viewer import RerunViewer
+from gss.operations.solve import Solver, SolverCache
+from gss.operations.status import StatusService
+from gss.operations.telemetry import TelemetryService
+from gss.operations.transfers import TransferService
+from gss.settings import Settings
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, migrate, open_engine
+
+SIMULATOR_WAIT_S = 60.0
+
+
+@dataclass
+class Services:
+    """Everything a router may ask for."""
+
+    settings: Settings
+    stars: StarTable
+    bus: EventBus
+    link: LinkService
+    commands: CommandService
+    telemetry: TelemetryService
+    transfers: TransferService
+    frames: FrameService
+    banks: BankService
+    catalogues: CatalogueService
+    jobs: JobService
+    status: StatusService
+    viewer: RerunViewer
+    database: Database
+    replay: ReplayService
+    stopping: threading.Event = field(default_factory=threading.Event)
+
+    def start(self) -> None:
+        """Settle what the last server left behind, then open the line."""
+        self.jobs.start()
+        self.transfers.start()
+        self.commands.start()
+        self.link.start()
+        self.status.start()
+        if self.settings.device:
+            self.link.open_later(self.settings.device)
+
+    def stop(self) -> None:
+        """Close the line first, so that nothing new comes; then end what still works."""
+        self.stopping.set()
+        self.status.stop()
+        self.link.stop()
+        self.replay.stop()
+        self.frames.stop()
+        self.jobs.stop()
+        self.database.close()
+
+
+def build(settings: Settings) -> Services:
+    """Connect everything; nothing runs yet. The database is brought to the newest schema."""
+    settings.data.mkdir(parents=True, exist_ok=True)
+    migrate(settings.database_url)
+    database = Database(open_engine(settings.database_url))
+    blobs = BlobStore(settings.blobs_url)
+    bus = EventBus(database, utc_now)
+    stars = load_stars()
+    dictionary = load_dictionary()
+    link = LinkService(dictionary, database, bus, settings.data / "captures", utc_now, monotonic_s)
+    commands = CommandService(link, database, bus, utc_now)
+    telemetry = TelemetryService(dictionary, database, bus, utc_now)
+    transfers = TransferService(link, database, bus, utc_now)
+    solver = Solver(SolverCache(stars), stopwatch_s)
+    frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
+    banks = BankService(database, blobs, bus, stars, utc_now)
+    jobs = JobService(database, bus, utc_now)
+    catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, stars, utc_now)
+    replay = ReplayService(frames, banks, bus, stopwatch_s)
+    reception = Reception(link, commands, telemetry, transfers, frames, banks, replay, stars, bus, utc_now)
+    link.handlers += [telemetry.handle, commands.handle, transfers.handle, reception.handle]
+    status = StatusService(link, telemetry, banks, bus, utc_now, settings.user)
+    viewer = RerunViewer(settings.data / "rerun-viewer")
+    return Services(
+        settings,
+        stars,
+        bus,
+        link,
+        commands,
+        telemetry,
+        transfers,
+        frames,
+        banks,
+        catalogues,
+        jobs,
+        status,
+        viewer,
+        database,
+        replay,
+    )
+
+
+@contextlib.contextmanager
+def simulator(settings: Settings) -> Iterator[str]:
+    """A simulated sensor as a child process; the address of its line. It ends with the block."""
+    profile(settings.simulator)
+    folder = Path(settings.data / "simulator")
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "gss.device.simulator", "--profile", settings.simulator, "--pty"]
+    command += [
+        "--state-dir",
+        str(folder),
+        "--baud",
+        str(settings.simulator_baud),
+        "--seed",
+        str(settings.simulator_seed),
+    ]
+    log = (folder / "simulator.log").open("ab")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)  # noqa: S603 (our own module)
+    try:
+        yield _ready_url(process, folder / "simulator.log")
+    finally:
+        process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=5)
+        if process.poll() is None:
+            process.kill()
+        log.close()
+
+
+def _ready_url(process: subprocess.Popen[str], log: Path) -> str:
+    """What the simulator prints when its line can be opened."""
+    if process.stdout is None:
+        raise GssError("the simulator has no output")
+    timer = threading.Timer(SIMULATOR_WAIT_S, process.kill)
+    timer.start()
+    try:
+        for line in process.stdout:
+            if line.startswith("READY "):
+                return line.split(maxsplit=1)[1].strip()
+    finally:
+        timer.cancel()
+    raise BadInput("the simulator did not start", expected="a line READY …", hint=f"see {log}")
