@@ -16,9 +16,9 @@ from scipy import ndimage
 from gss.domain.angles import Array
 
 TILE_PX = 32
-SAMPLES_PER_TILE = 100  # enough for a level good to a sixth of the noise, few enough to cost nothing
+SAMPLES_PER_TILE = 64  # enough for a level good to a sixth of the noise, few enough to cost nothing
 CLIP_SIGMA = 3.0
-CLIP_ROUNDS = 3
+CLIP_ROUNDS = 2
 FLAT_PER_SIGMA = 0.08  # a tile's level is itself only known to about a tenth of the noise
 
 
@@ -44,25 +44,34 @@ class Background:
             both.append(top * (1 - fr) + bottom * fr)
         return both[0], both[1]
 
+    def scaled(self, level_factor: float, noise_factor: float) -> Background:
+        """The same mesh in another unit."""
+        return Background(self.level * level_factor, self.noise * noise_factor, self.tile_px)
+
     def lowest_threshold(self, sigma: float) -> Array:
         """Per tile a value that ``level + sigma·noise`` nowhere inside the tile falls below."""
         return np.asarray(ndimage.minimum_filter(self.level + sigma * self.noise, size=3, mode="nearest"))
 
 
 def _clipped(samples: Array) -> tuple[Array, Array]:
-    """Clipped mean and standard deviation of each row; NaN samples do not count."""
-    middle = np.nanmedian(samples, axis=1) if np.isnan(samples).any() else np.median(samples, axis=1)
-    deviation = np.abs(samples - middle[:, None])
-    spread = 1.4826 * (np.nanmedian(deviation, axis=1) if np.isnan(deviation).any() else np.median(deviation, axis=1))
-    # Coarsely quantised frames can have a zero median deviation although they are noisy.
-    spread = np.maximum(spread, np.minimum(np.nanmean(deviation, axis=1), 0.5))
+    """Clipped mean and standard deviation of each row; NaN samples do not count. One sort gives median and spread at once."""
+    ordered = np.sort(samples, axis=1)  # NaN last
+    count = ordered.shape[1] - np.isnan(ordered).sum(axis=1)
+    row = np.arange(len(ordered))
+
+    def quantile(share: float) -> Array:
+        return np.asarray(ordered[row, np.maximum((share * (count - 1) + 0.5).astype(np.intp), 0)])
+
+    middle, low, high = quantile(0.5), quantile(0.1587), quantile(0.8413)
+    # The lower half is free of stars; coarsely quantised frames can have equal quantiles although they are noisy.
+    spread = np.maximum(np.minimum(middle - low, high - middle) * 1.1, 0.3 * (high - low))
+    spread = np.maximum(spread, np.minimum(np.nanmean(np.abs(ordered - middle[:, None]), axis=1), 0.5))
     mean = middle
     for _ in range(CLIP_ROUNDS):
-        keep = np.abs(samples - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12
-        count = np.maximum(keep.sum(axis=1), 1)
-        filled = np.where(keep, samples, 0.0)
-        mean = np.where(keep.any(axis=1), filled.sum(axis=1) / count, middle)
-        squares = np.where(keep, (samples - mean[:, None]) ** 2, 0.0).sum(axis=1) / count
+        keep = np.abs(ordered - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12
+        n = np.maximum(keep.sum(axis=1), 1)
+        mean = np.where(keep.any(axis=1), np.where(keep, ordered, 0.0).sum(axis=1) / n, middle)
+        squares = np.where(keep, (ordered - mean[:, None]) ** 2, 0.0).sum(axis=1) / n
         spread = np.sqrt(squares) * 1.014  # what clipping a normal distribution at 3 sigma takes away
     return mean, spread
 
@@ -106,6 +115,16 @@ def measure_background(image: NDArray[np.generic], tile_px: int = TILE_PX) -> Ba
         level_mesh = np.full(shape, float(np.mean(level_mesh)))
     # A tile of dead or clipped pixels has no noise of its own; nothing may divide by it.
     return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
+
+
+def pixel_noise(image: NDArray[np.generic], background: Background, most: int = 5_000) -> float:
+    """Typical standard deviation of one sky pixel, from a regular subset of about ``most`` pixels."""
+    step = max(1, int(np.sqrt(image.size / most)) | 1)  # odd: not in step with tiles or two-pixel patterns
+    row, col = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
+    level, _ = background.at(col.ravel(), row.ravel())
+    residual = image[step // 2 :: step, step // 2 :: step].astype(float).ravel() - level
+    _, spread = _clipped(residual[None])
+    return float(max(spread[0], 1e-6))
 
 
 def _fill(mesh: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,16 @@ from scipy import ndimage
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids, Region
-from gss.pipeline.background import Background, measure_background
+from gss.pipeline.background import Background, measure_background, pixel_noise
 from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours
 
-THRESHOLD_SIGMA = 5.0
+THRESHOLD_SIGMA = 5.5
 MAX_PEAKS = 4000  # counted budget: brightest first, the rest is said to be left out
 MAX_STARS = 400
 STREAK_RATIO = 1.7
-SIGMA_RANGE_PX = (0.45, 6.0)
+BINOMIAL_GAIN = 256.0
+SINGLE_SHARE = 0.35  # of the light that a star must have beside its brightest pixel
+SIGMA_RANGE_PX = (0.55, 6.0)
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ def find_stars(
             if moved > 0.8:
                 notes.clear()
                 pass_one = _peaks(image, covariance, ceiling, threshold_sigma, notes)
+            else:
+                pass_one = _single_again(image, pass_one, covariance)
     return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes)
 
 
@@ -110,13 +114,14 @@ def _binomial_sum(image: NDArray[np.generic]) -> NDArray[np.generic]:
     return wide
 
 
-def _filtered(image: NDArray[np.generic], covariance: Array) -> NDArray[np.generic]:
-    """The frame under a filter close to its point-spread function. Any gain: noise is measured on the result."""
+def _filtered(image: NDArray[np.generic], covariance: Array) -> tuple[NDArray[np.generic], float]:
+    """The frame under a filter close to its point-spread function, and the filter's gain. Noise is measured on the result."""
     low, high = np.sqrt(np.linalg.eigvalsh(covariance))
     if high < 1.6:
-        return _binomial_sum(image)
+        return _binomial_sum(image), BINOMIAL_GAIN
     if high / low < STREAK_RATIO:
-        return np.asarray(ndimage.gaussian_filter(image.astype(np.float32), float(np.sqrt(low * high)), mode="nearest"))
+        smooth = ndimage.gaussian_filter(image.astype(np.float32), float(np.sqrt(low * high)), mode="nearest")
+        return np.asarray(smooth), 1.0
     half = int(np.ceil(2.5 * high))
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     q = np.linalg.inv(covariance)
@@ -124,7 +129,7 @@ def _filtered(image: NDArray[np.generic], covariance: Array) -> NDArray[np.gener
     from scipy.signal import oaconvolve
 
     wide = np.pad(image.astype(np.float32), half, mode="edge")
-    return np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid"))
+    return np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid")), 1.0
 
 
 @dataclass(frozen=True)
@@ -143,9 +148,9 @@ class _Peaks:
 def _peaks(
     image: NDArray[np.generic], covariance: Array, ceiling: float, threshold_sigma: float, notes: list[str]
 ) -> _Peaks:
-    smooth = _filtered(image, covariance)
+    smooth, gain = _filtered(image, covariance)
     background = measure_background(smooth)
-    raw_background = measure_background(image)
+    raw_background = _unfiltered(image, background, gain)
     row, col = _above(smooth, background, threshold_sigma)
     level, noise = background.at(col, row)
     snr = (smooth[row, col] - level) / noise
@@ -158,6 +163,18 @@ def _peaks(
     sky, raw_noise = raw_background.at(col, row)
     single = _is_single_pixel(image, row, col, sky, raw_noise, covariance)
     return _Peaks(col, row, snr, sky, raw_noise, single, raw_background)
+
+
+def _unfiltered(image: NDArray[np.generic], background: Background, gain: float) -> Background:
+    """Level and noise of single pixels from the mesh of a filtered frame; ``gain``: of the filter on a flat frame."""
+    level = background.scaled(1 / gain, 1.0)
+    return level.scaled(1.0, pixel_noise(image, level) / float(np.median(background.noise)))
+
+
+def _single_again(image: NDArray[np.generic], peaks: _Peaks, covariance: Array) -> _Peaks:
+    """Judge the shapes anew once the frame's own point-spread function is known."""
+    single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
+    return replace(peaks, single=single)
 
 
 def _above(
@@ -200,7 +217,7 @@ def _is_single_pixel(
     """Light that stands in one pixel, one row or one column only: a hot pixel, cosmic ray or column defect, no lens makes it.
 
     A star of covariance C leaves its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star;
-    half of that is asked for, along columns and along rows separately, within the noise.
+    about a third of that is asked for, along columns and along rows separately, within the noise.
     """
     rows, cols = image.shape
     side = np.arange(-1, 2)
@@ -218,12 +235,14 @@ def _is_single_pixel(
     expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], 0.25))
     expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], 0.25))
     doubt = 1.5 * noise
-    return np.asarray((across + doubt < 0.4 * expected_col * peak) | (along + doubt < 0.4 * expected_row * peak))
+    return np.asarray(
+        (across + doubt < SINGLE_SHARE * expected_col * peak) | (along + doubt < SINGLE_SHARE * expected_row * peak)
+    )
 
 
 def _measure_psf(image: NDArray[np.generic], peaks: _Peaks, ceiling: float) -> Array | None:
     """Covariance (2, 2) of the typical bright star, None where too few stars say anything."""
-    pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:60]
+    pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:30]
     if len(pick) < 3:
         return None
     half = 9

@@ -21,12 +21,17 @@ FOV_STEP = 1.22  # between field-of-view hypotheses where perspective matters
 FLAT_FIELD_RAD = np.radians(13.0)  # below this all fields of view give the same figures
 CODE_RADIUS = 0.014
 SMALLEST_FIGURE = 0.06  # of the frame's width
-ACCEPT = 1e-7
+ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
 PROBES = 14
+BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
 ACQUIRE = (0.003, 0.008)  # of the frame's width: a good lens, and one with strong distortion
+# Coincidences are counted within these parts of the acquisition radius and among so many of the brightest detections;
+# the best of all these counts is taken and pays for the others. Junk is mostly faint, and good lenses predict well.
+COUNT_WITHIN = (1.0, 0.5, 0.2)
+COUNT_AMONG = (8, 16, 40, 10_000)
 
 
 @dataclass(frozen=True)
@@ -255,7 +260,7 @@ def _prove(
     sigma = np.maximum(sigma_px, 0.15)
     radius = acquire_px
     fit = Refined(camera, cam_from_icrs, np.zeros((0, 2)), np.zeros(0), np.eye(3), radius)
-    chance = 1.0
+    first, expected = np.zeros((0, 2)), 0
     for round_ in range(6):
         seen, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, wanted)
         if len(seen) < 4:
@@ -264,7 +269,9 @@ def _prove(
         if len(m) < 5:
             return None
         if round_ == 0:
-            chance = min(1.0, len(seen) * np.pi * radius**2 / (camera.columns * camera.rows))
+            first = np.full((len(sky), 2), np.inf)
+            first[seen] = predicted
+            expected = len(seen)
         try:
             fit = refine(
                 pixels[m], sky.icrs[seen[p]], sigma[m], fit.camera, fit.cam_from_icrs, fit_focal=True, fit_k1=True
@@ -278,15 +285,35 @@ def _prove(
             if round_ < 3
             else float(np.clip(3.5 * fit.rms_px, 0.7, 3.5))
         )
-    keep = fit.weight > 0
+    difference = magnitude[m] - sky.v_mag[seen[p]]
+    keep = (fit.weight > 0) & (np.abs(difference - np.median(difference)) < BRIGHTNESS_GATE_MAG)
     rows, stars = m[keep], seen[p][keep]
     if len(rows) < 5 or not _plausible(fit):
         return None
-    position = binomial_tail(len(rows) - 4, len(pixels) - 4, chance)
+    offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
+    position = _position_tail(rows, offset, acquire_px, expected, len(pixels), camera)
     spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(magnitude)))
     brightness = brightness_tail(magnitude[rows], sky.v_mag[stars], spread)
     fit = replace(fit, residual_px=fit.residual_px[keep], weight=fit.weight[keep])
     return Solved(rows, stars, fit, len(seen), false_match_probability(hypotheses, position, brightness))
+
+
+def _position_tail(
+    rows: NDArray[np.intp], offset: Array, acquire_px: float, expected: int, detections: int, camera: Camera
+) -> float:
+    """Chance that detections scattered at random meet the first prediction so often.
+
+    ``offset``: (m,) px of the matched detections ``rows`` before any fit could pull stars together. Four are used up by the figure.
+    """
+    area_px2 = camera.columns * camera.rows
+    tails = []
+    for part in COUNT_WITHIN:
+        radius = part * acquire_px
+        chance = min(1.0, expected * np.pi * radius**2 / area_px2)
+        for among in COUNT_AMONG:
+            met = int(((offset <= radius) & (rows < among)).sum())
+            tails.append(binomial_tail(met - 4, min(detections, among) - 4, chance))
+    return min(1.0, min(tails) * len(tails) * len(ACQUIRE))
 
 
 def _plausible(fit: Refined) -> bool:
