@@ -1,0 +1,238 @@
+"""The renderer against FITS WCS, quadrature and counting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from astropy.wcs import WCS, Sip
+from scipy.integrate import dblquad
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.angles import Array, ra_dec_from_unit, unit_from_ra_dec
+from gss.domain.camera import Brown, Camera
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
+from gss.domain.stars import StarTable
+from gss.pipeline.render import FalseStar, FixedPattern, HotPixel, expose, render, spots
+
+CUBESTAR = profile("cubestar")
+CAMERA, SENSOR = CUBESTAR.camera, CUBESTAR.sensor
+QUIET = replace(SENSOR, bits=16, gain_e_per_dn=0.05, full_well_e=1e9, background_e_s=0.0, dark_current_e_s=0.0)
+
+
+@lru_cache
+def _sky() -> StarTable:
+    return load_stars(6.5)
+
+
+def _one_star(v_mag: float = 2.0) -> StarTable:
+    return replace(_sky().take(np.array([0])), icrs=np.array([[0, 0, 1.0]]), v_mag=np.array([v_mag]))
+
+
+def _attitude(seed: int) -> Array:
+    return matrix_from_quaternion(random_quaternion(np.random.default_rng(seed)))
+
+
+def _wcs(camera: Camera, ra_rad: float, dec_rad: float, roll_rad: float) -> WCS:
+    """TAN header of a pinhole: 1-based reference pixel, north ``roll`` counter-clockwise from −row."""
+    w = WCS(naxis=2)
+    w.wcs.ctype = ["RA---TAN", "DEC--TAN"]
+    w.wcs.crval = np.degrees([ra_rad, dec_rad])
+    w.wcs.crpix = [camera.centre_col_px + 1, camera.centre_row_px + 1]
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    scale = np.degrees(1 / np.array([camera.focal_col_px, camera.focal_row_px]))
+    w.wcs.cd = np.array([[-c, s], [-s, -c]]) * scale
+    return w
+
+
+@pytest.mark.parametrize(
+    ("ra_deg", "dec_deg", "roll_deg"), [(10, 20, 0), (200, -70, 123), (359.9, 89, 300), (77, 0, 45)]
+)
+def test_projection_is_that_of_a_fits_header(ra_deg: float, dec_deg: float, roll_deg: float) -> None:
+    """A pinhole with unequal focal lengths puts every star where astropy's TAN WCS does, to 1e-9 px."""
+    camera = replace(CAMERA, focal_row_px=1300.0, centre_col_px=500.25, distortion=Brown())
+    ra, dec, roll = np.radians([ra_deg, dec_deg, roll_deg])
+    rotation = cam_from_icrs(ra, dec, roll)
+    found = render(_sky(), camera, SENSOR, rotation, 0.1, np.random.default_rng(0), noise=False).truth
+    place = {int(h): v for h, v in zip(_sky().hip, _sky().icrs, strict=True)}
+    icrs = np.array([place[int(h)] for h in found.hip])
+    world = np.degrees(np.column_stack(ra_dec_from_unit(icrs)))
+    assert len(found.hip) > 50
+    np.testing.assert_allclose(_wcs(camera, ra, dec, roll).wcs_world2pix(world, 0), found.pixels, atol=1e-9)
+
+
+def test_distortion_is_that_of_a_sip_polynomial() -> None:
+    """Brown's coefficients written as the SIP inverse polynomial move pixels exactly as the camera does."""
+    d = CAMERA.distortion
+    assert isinstance(d, Brown)
+    f = CAMERA.focal_col_px
+    a, b = np.zeros((6, 6)), np.zeros((6, 6))
+    for (i, j), k in {(3, 0): d.k1, (1, 2): d.k1, (5, 0): d.k2, (3, 2): 2 * d.k2, (1, 4): d.k2}.items():
+        a[i, j], b[j, i] = k / f ** (i + j - 1), k / f ** (i + j - 1)
+    a[1, 1], a[2, 0], a[0, 2] = 2 * d.p1 / f, 3 * d.p2 / f, d.p2 / f
+    b[1, 1], b[2, 0], b[0, 2] = 2 * d.p2 / f, d.p1 / f, 3 * d.p1 / f
+    w = _wcs(CAMERA, 1.0, 0.3, 2.0)
+    w.sip = Sip(np.zeros((6, 6)), np.zeros((6, 6)), a, b, w.wcs.crpix)
+    rng = np.random.default_rng(1)
+    cam = np.column_stack([rng.uniform(-0.45, 0.45, 500), rng.uniform(-0.22, 0.22, 500), np.ones(500)])
+    cam /= np.linalg.norm(cam, axis=1, keepdims=True)
+    world = np.degrees(np.column_stack(ra_dec_from_unit(cam @ cam_from_icrs(1.0, 0.3, 2.0))))
+    flat = w.wcs_world2pix(world, 1)
+    bent = w.sip_foc2pix(flat - w.wcs.crpix, 1)
+    np.testing.assert_allclose(bent - 1, CAMERA.project(cam), atol=1e-9)
+
+
+def test_pixel_shares_are_the_integral_of_the_gaussian() -> None:
+    """The light in a pixel is the double integral of the spot over it, and all of it adds up to the star."""
+    image = spots(31, 41, np.array([[20.3, 15.6]]), np.array([1000.0]), 1.2)
+
+    def density(y: float, x: float) -> float:
+        return 1000 * np.exp(-((x - 20.3) ** 2 + (y - 15.6) ** 2) / (2 * 1.44)) / (2 * np.pi * 1.44)
+
+    for col, row in ((20, 16), (18, 15), (23, 13)):
+        expected, _ = dblquad(density, col - 0.5, col + 0.5, row - 0.5, row + 0.5)
+        assert image[row, col] == pytest.approx(expected, rel=1e-6)
+    assert image.sum() == pytest.approx(1000, rel=1e-5)
+
+
+def test_spots_across_the_edge_are_cut_not_wrapped() -> None:
+    """Half a star on the edge leaves half its light, a quarter in the corner a quarter, NaN and far ones nothing."""
+    at = np.array([[-0.5, 10.0], [-0.5, -0.5], [np.nan, 5], [1e9, 5], [-30, 5]])
+    image = spots(20, 30, at, np.full(5, 100.0), 1.0)
+    assert image.sum() == pytest.approx(75, rel=1e-5)
+    assert image[:, 15:].sum() < 1e-9
+
+
+def test_bright_star_sits_where_truth_says() -> None:
+    """The noise-free centre of gravity of a star is its true pixel to 0.002 px."""
+    off = rotation_from_vector(np.array([0.05, -0.12, 0.3]))
+    frame = render(_one_star(3), CAMERA, QUIET, off, 0.25, np.random.default_rng(0), noise=False)
+    light = frame.pixels.astype(float) - QUIET.bias_dn
+    row, col = np.indices(light.shape)
+    centre = [(light * col).sum() / light.sum(), (light * row).sum() / light.sum()]
+    np.testing.assert_allclose(centre, frame.truth.pixels[0], atol=2e-3)
+    assert light.sum() * QUIET.gain_e_per_dn == pytest.approx(float(SENSOR.star_e(3, 0.25)), rel=1e-3)
+
+
+def test_dark_sky_has_the_sensors_noise() -> None:
+    """An empty frame has mean and standard deviation of the sensor model."""
+    sensor = replace(SENSOR, bits=12)
+    frame = expose(np.zeros((400, 500)), sensor, 0.25, np.random.default_rng(3)).astype(float)
+    mean_dn = sensor.bias_dn + (sensor.dark_current_e_s + sensor.background_e_s) * 0.25 / sensor.gain_e_per_dn
+    assert frame.mean() == pytest.approx(mean_dn, abs=0.01)
+    assert frame.std() == pytest.approx(sensor.noise_e(0.25) / sensor.gain_e_per_dn, rel=0.01)
+
+
+def test_starlight_has_shot_noise() -> None:
+    """Even light of 2000 e varies by √2000 e besides the dark noise."""
+    sensor = replace(SENSOR, bits=12)
+    frame = expose(np.full((300, 300), 2000.0), sensor, 0.25, np.random.default_rng(4)) * sensor.gain_e_per_dn
+    assert frame.std() == pytest.approx(np.hypot(np.sqrt(2000), sensor.noise_e(0.25)), rel=0.01)
+
+
+def test_values_are_clipped_to_converter_and_full_well() -> None:
+    """Eight bits end at 255, a full well ends below where the converter would, and the type follows the bits."""
+    light = np.full((4, 4), 1e7)
+    assert expose(light, SENSOR, 0.25, np.random.default_rng(0)).dtype == np.uint8
+    assert (expose(light, SENSOR, 0.25, np.random.default_rng(0)) == 255).all()
+    deep = replace(SENSOR, bits=12)
+    full = expose(light, deep, 0.25, np.random.default_rng(0), noise=False)
+    assert full.dtype == np.uint16
+    assert (full == SENSOR.bias_dn + SENSOR.full_well_e / SENSOR.gain_e_per_dn).all()
+
+
+def test_a_seed_names_a_frame() -> None:
+    """The same seed gives the same pixels, another seed others, and a fixed pattern stays from frame to frame."""
+
+    def frame(seed: int, pattern: FixedPattern | None = None) -> Array:
+        rng = np.random.default_rng(seed)
+        return render(_sky(), CAMERA, SENSOR, _attitude(5), 0.25, rng, fixed_pattern=pattern).pixels.astype(float)
+
+    np.testing.assert_array_equal(frame(1), frame(1))
+    assert (frame(1) != frame(2)).mean() > 0.3
+    chip = FixedPattern(9, offset_sigma_dn=3.0)
+    a, b = frame(1, chip) - frame(1), frame(2, chip) - frame(2)
+    assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.9
+
+
+def test_hot_pixels_and_false_stars_are_where_they_were_put() -> None:
+    """A hot pixel is one pixel, a false star is a star-like spot, and neither is in the truth."""
+    bare = render(_sky(), CAMERA, SENSOR, _attitude(6), 0.25, np.random.default_rng(1), noise=False)
+    with_more = render(
+        _sky(),
+        CAMERA,
+        SENSOR,
+        _attitude(6),
+        0.25,
+        np.random.default_rng(1),
+        noise=False,
+        hot_pixels=[HotPixel(30, 40, 2000.0)],
+        false_stars=[FalseStar(700.2, 300.7, 2.5)],
+    )
+    more = with_more.pixels.astype(int) - bare.pixels
+    assert more[40, 30] == 100
+    assert np.count_nonzero(more[30:51, 20:41]) == 1
+    more[40, 30] = 0
+    assert np.unravel_index(np.argmax(more), more.shape) == (301, 700)
+    np.testing.assert_array_equal(with_more.truth.hip, bare.truth.hip)
+
+
+def test_smear_runs_between_the_attitudes_at_start_and_end() -> None:
+    """A turning camera draws each star as a line of the same light from where it was to where it will be."""
+    rate, exposure_s = np.array([0.0, 0.03, 0.05]), 1.0
+    middle = rotation_from_vector(np.array([0.1, 0.1, 0.0]))
+    still = render(_one_star(4), CAMERA, QUIET, middle, exposure_s, np.random.default_rng(0), noise=False)
+    moved = render(
+        _one_star(4), CAMERA, QUIET, middle, exposure_s, np.random.default_rng(0), noise=False, rate_rad_s=rate
+    )
+    ends = [CAMERA.project(_one_star().icrs @ (rotation_from_vector(-rate * t) @ middle).T)[0] for t in (-0.5, 0.5)]
+    length_px = float(np.linalg.norm(ends[1] - ends[0]))
+    light = moved.pixels.astype(float) - QUIET.bias_dn
+    assert 20 < length_px < 60
+    assert light.sum() == pytest.approx((still.pixels - QUIET.bias_dn).sum(), rel=0.05)
+    row, col = np.nonzero(light > light.max() * 0.2)
+    found = np.array([[col.min(), col.max()], [row.min(), row.max()]])
+    expected = np.sort(np.array(ends).T, axis=1)
+    np.testing.assert_allclose(found, expected, atol=2.5)
+
+
+def test_truth_is_what_the_camera_sees() -> None:
+    """Truth lists exactly the stars whose projection is on the detector and in front, brightest first."""
+    rotation = _attitude(8)
+    truth = render(_sky(), CAMERA, SENSOR, rotation, 0.1, np.random.default_rng(0), noise=False).truth
+    cam = _sky().icrs @ rotation.T
+    angle_ok = cam[:, 2] > np.cos(CAMERA.half_diagonal_rad + 0.01)
+    inside = CAMERA.contains(CAMERA.project(cam)) & angle_ok
+    assert set(truth.hip.tolist()) == set(_sky().hip[inside].tolist())
+    assert (np.diff(truth.v_mag) >= 0).all()
+    np.testing.assert_allclose(matrix_from_quaternion(truth.quaternion), rotation, atol=1e-14)
+
+
+def test_impossible_exposures_are_refused() -> None:
+    """No exposure time, a smear without end and a hot pixel off the detector raise BadInput."""
+    rng = np.random.default_rng(0)
+    with pytest.raises(BadInput, match="exposure"):
+        render(_sky(), CAMERA, SENSOR, np.eye(3), 0.0, rng)
+    with pytest.raises(BadInput, match="too fast"):
+        render(_sky(), CAMERA, SENSOR, np.eye(3), 1.0, rng, rate_rad_s=(0, 5.0, 0))
+    with pytest.raises(BadInput, match="hot pixel"):
+        render(_sky(), CAMERA, SENSOR, np.eye(3), 0.1, rng, hot_pixels=[HotPixel(2000, 3, 1.0)])
+
+
+def test_empty_sky_is_a_dark_frame() -> None:
+    """Without stars the frame is dark and truth is empty."""
+    none = _sky().take(np.zeros(0, np.intp))
+    frame = render(none, CAMERA, SENSOR, np.eye(3), 0.1, np.random.default_rng(0))
+    assert frame.pixels.shape == (512, 1024)
+    assert len(frame.truth.hip) == 0
+
+
+def test_unit_vectors_of_the_wcs_test_are_those_of_the_sky() -> None:
+    """Guard of the outside check: the world coordinates it uses give back the catalogue's vectors."""
+    ra, dec = ra_dec_from_unit(_sky().icrs)
+    np.testing.assert_allclose(unit_from_ra_dec(ra, dec), _sky().icrs, atol=1e-14)
