@@ -1,0 +1,53 @@
+"""Rotations against scipy, the outside check."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.domain.rotation import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    random_quaternion,
+    rotation_angle_rad,
+    rotation_from_vector,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+)
+
+
+def test_matrix_of_a_quaternion_is_scipys():
+    """The same scalar-last quaternion gives the same matrix as scipy's Rotation."""
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        q = random_quaternion(rng)
+        assert np.allclose(matrix_from_quaternion(q), Rotation.from_quat(q).as_matrix(), atol=1e-14)
+
+
+def test_quaternion_of_a_matrix_is_exact_near_every_half_turn():
+    """Shepperd's choice keeps full precision where the scalar part vanishes."""
+    rng = np.random.default_rng(4)
+    axes = np.vstack([np.eye(3), rng.normal(size=(50, 3))])
+    for axis in axes / np.linalg.norm(axes, axis=1, keepdims=True):
+        for angle in (np.pi, np.pi - 1e-7, 1e-7, 0.0, 2.0):
+            m = Rotation.from_rotvec(axis * angle).as_matrix()
+            q = quaternion_from_matrix(m)
+            assert q[3] >= 0
+            assert np.allclose(matrix_from_quaternion(q), m, atol=1e-14)
+
+
+@pytest.mark.parametrize(("ours", "axis"), [(rotation_x, "x"), (rotation_y, "y"), (rotation_z, "z")])
+def test_axis_rotations_change_coordinates_as_jacobs_prints_them(ours, axis):
+    """Jacobs 1995 eq. 1.10–1.12 turn the axes, which is the transpose of scipy's active rotation."""
+    assert np.allclose(ours(0.3), Rotation.from_euler(axis, 0.3).as_matrix().T, atol=1e-15)
+
+
+def test_rotation_vector_and_angle_agree_with_scipy():
+    """Rodrigues' rotation and the angle between two rotations are scipy's, small angles included."""
+    rng = np.random.default_rng(5)
+    for scale in (1e-8, 1e-3, 1.0):
+        v = rng.normal(size=3) * scale
+        assert np.allclose(rotation_from_vector(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-15)
+        assert rotation_angle_rad(rotation_from_vector(v), np.eye(3)) == pytest.approx(np.linalg.norm(v), rel=1e-6)
