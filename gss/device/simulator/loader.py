@@ -1,0 +1,449 @@
+"""The device's half of the transfer service: sessions, flash writing, read-back, commit; and sending images down."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.device.dictionary import Dictionary, Value
+from gss.device.protocol.codec import Decoded
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count
+from gss.device.simulator.firmware import SLOTS, Refusal, StarTracker, frame_bytes, thumbnail
+from gss.device.simulator.memory import BANKS, GOLDEN, BankRecord, FlashError, Memory, SuspendedUpload
+from gss.domain.errors import BadInput, CorruptData
+
+WINDOW_CHUNKS = 16
+CHUNK_RANGE = (16, 1536)
+SILENT_S = 15.0
+SILENT_REQUESTS = 8
+NO_SESSION_EVERY_S = 0.5
+MOST_SESSIONS = 8
+
+
+def _short(value: Value) -> str:
+    return value.hex()[:8] if isinstance(value, bytes) else str(value)
+
+
+@dataclass(frozen=True)
+class Outgoing:
+    """A transfer message to send."""
+
+    service: str
+    request_id: int
+    values: Mapping[str, Value]
+    lists: Mapping[str, list[Mapping[str, Value]]] = field(default_factory=dict)
+
+
+@dataclass
+class Session:
+    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set."""
+
+    id: int
+    request_id: int
+    kind: str
+    target: int
+    size: int
+    chunk_bytes: int
+    sha256: bytes
+    data: bytearray
+    heard_s: float
+    resumed: bool
+    frame_number: int = 0
+    receiver: ChunkReceiver | None = None
+    sender: ChunkSender | None = None
+    committed: bool = False
+
+    @property
+    def bank(self) -> str:
+        """Name of the target bank."""
+        return BANKS[self.target]
+
+
+class Loader:
+    """All transfers of the device. ``news``: (event name, text) for the device to report. ``origin_s``: zero of the
+    device's clock."""
+
+    def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
+        self._dictionary, self._memory, self._tracker = dictionary, memory, tracker
+        self._bytes_per_s = bytes_per_s
+        self._sessions: dict[int, Session] = {}
+        self._parts: dict[tuple[str, int], Session] = {}
+        self._out: deque[Outgoing] = deque()
+        self._turn = 0
+        self._refused_s: dict[int, float] = {}
+        self.news: list[tuple[str, str]] = []
+        self.origin_s = 0.0
+
+    @property
+    def open_sessions(self) -> int:
+        """Sessions that are not finished."""
+        return sum(not s.committed for s in self._sessions.values())
+
+    def restart(self) -> None:
+        """A reset: sessions and image parts are gone, what is in flash stays as suspended upload."""
+        self._sessions.clear()
+        self._parts.clear()
+        self._out.clear()
+
+    def take_messages(self) -> list[Outgoing]:
+        """Messages to send now."""
+        messages = list(self._out)
+        self._out.clear()
+        return messages
+
+    def abort_all(self) -> int:
+        """ABORT: tell the ground of each open session; how many there were."""
+        open_now = [s for s in self._sessions.values() if not s.committed]
+        for session in open_now:
+            self._abort(session.id, session.request_id, "aborted", "stopped by ABORT")
+            del self._sessions[session.id]
+        return len(open_now)
+
+    def busy_with(self, bank: str) -> bool:
+        """Does an open upload hold this bank?"""
+        return any(
+            s.receiver and s.kind == "catalogue" and s.bank == bank and not s.committed for s in self._sessions.values()
+        )
+
+    # --- messages -----------------------------------------------------------------------------------------------
+
+    def receive(self, service: str, request_id: int, message: Decoded, now_s: float) -> None:
+        """Act on a message from the ground."""
+        if service in ("OPEN_UPLOAD", "OPEN_DOWNLOAD"):
+            self._open(service, request_id, message.values, now_s)
+            return
+        session = self._sessions.get(int(message.values["session"]))
+        if session is None:
+            self._no_session(int(message.values["session"]), request_id, now_s)
+            return
+        session.heard_s = now_s
+        if service == "CHUNK" and session.receiver:
+            self._chunk(session, message.values)
+        elif service == "STATUS_REQUEST" and session.receiver:
+            page = session.receiver.status(int(message.values["from_index"]), int(message.values["serial"]))
+            self._status(session, page)
+        elif service == "STATUS" and session.sender:
+            session.sender.on_status(StatusPage.of(message), now_s)
+        elif service == "VERIFY" and session.receiver:
+            self._verify(session)
+        elif service == "COMMIT" and session.receiver:
+            self._commit(session, now_s)
+        elif service in ("CLOSE", "PAUSE", "ABORT_TRANSFER"):
+            self._end(session, service)
+
+    def _no_session(self, session_id: int, request_id: int, now_s: float) -> None:
+        """Say so, but not for every chunk of a window."""
+        if now_s - self._refused_s.get(session_id, -1e9) >= NO_SESSION_EVERY_S:
+            self._refused_s = {session_id: now_s}
+            self._abort(session_id, request_id, "no_session", "this session is not open")
+
+    def _abort(self, session_id: int, request_id: int, reason: str, detail: str) -> None:
+        values: dict[str, Value] = {"session": session_id, "reason": reason, "detail": detail[:120]}
+        self._out.append(Outgoing("ABORT_TRANSFER", request_id, values))
+
+    def _open(self, service: str, request_id: int, values: Mapping[str, Value], now_s: float) -> None:
+        session = next((s for s in self._sessions.values() if s.request_id == request_id), None)
+        if session is None:
+            try:
+                make = self._open_upload if service == "OPEN_UPLOAD" else self._open_download
+                session = make(request_id, values, now_s)
+            except Refusal as refusal:
+                self._abort(0, request_id, refusal.reason, refusal.detail)
+                return
+            self._sessions[session.id] = session
+            self._forget_oldest()
+        session.heard_s = now_s
+        self._out.append(
+            Outgoing(
+                "OPENED",
+                request_id,
+                {
+                    "session": session.id,
+                    "window_chunks": WINDOW_CHUNKS,
+                    "chunk_bytes": session.chunk_bytes,
+                    "size_bytes": session.size,
+                    "sha256": session.sha256,
+                    "frame_number": session.frame_number,
+                    "resumed": session.resumed,
+                },
+            )
+        )
+
+    def _forget_oldest(self) -> None:
+        for session_id in sorted(self._sessions)[:-MOST_SESSIONS]:
+            del self._sessions[session_id]
+
+    def _new_id(self) -> int:
+        record = self._memory.record
+        taken = record.next_session
+        record.next_session = taken % 0xFFFF + 1
+        return taken
+
+    @staticmethod
+    def _checked_chunk(values: Mapping[str, Value]) -> int:
+        low, high = CHUNK_RANGE
+        size = int(values["chunk_bytes"])
+        if not low <= size <= high:
+            raise Refusal("out_of_range", f"chunk size {low} – {high}, got {size}")
+        return size
+
+    # --- up -----------------------------------------------------------------------------------------------------
+
+    def _open_upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+        kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
+        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
+        if kind == "catalogue":
+            self._check_bank(v, target, size)
+            return self._open_bank(request_id, target, size, chunk_bytes, digest, now_s)
+        if kind != "image" or target >= SLOTS:
+            raise Refusal("not_found", f"nothing to write: {kind} {target}")
+        if size != self._tracker.frame_size:
+            raise Refusal("too_large", f"an image has {self._tracker.frame_size} B, got {size}")
+        return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
+
+    def _check_bank(self, v: Mapping[str, Value], target: int, size: int) -> None:
+        """May this content go into this bank?"""
+        if target >= len(BANKS):
+            raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
+        bank, record = BANKS[target], self._memory.record
+        if bank == GOLDEN:
+            raise Refusal("write_protected", "the golden bank cannot be written")
+        if bank == record.active or (record.unconfirmed and bank == record.previous):
+            raise Refusal("bank_active", f"bank {bank} is in use")
+        if not 0 < size <= self._memory.bank_bytes:
+            raise Refusal("too_large", f"a bank has {self._memory.bank_bytes} B, got {size}")
+        own: dict[str, Value] = {
+            "device_model": self._dictionary.device_model,
+            "profile": self._tracker.profile.name,
+            "dictionary_hash": self._dictionary.hash,
+            "format_version": FORMATS["cubestar"],
+        }
+        for name, wanted in own.items():
+            if v[name] != wanted:
+                raise Refusal("incompatible", f"{name}: expected {_short(wanted)}, got {_short(v[name])}")
+
+    def _open_bank(
+        self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
+    ) -> Session:
+        bank, record = BANKS[target], self._memory.record
+        for session_id in [
+            s.id for s in self._sessions.values() if s.receiver and s.kind == "catalogue" and s.target == target
+        ]:
+            del self._sessions[session_id]
+        upload = record.uploads.get(bank)
+        same = upload is not None and (upload.size, upload.sha256) == (size, digest.hex())
+        complete = record.banks[bank].sha256 == digest.hex() and self._memory.intact(bank)
+        if complete:
+            held = range(chunk_count(size, chunk_bytes))
+            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
+        elif same and upload is not None:
+            chunk_bytes = upload.chunk_bytes
+            numbers = [i for first, last in upload.held for i in range(first, last + 1)]
+            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, numbers)
+        else:
+            self._memory.erase_bank(bank)
+            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS)
+        if not complete:
+            record.banks[bank] = BankRecord("loading", size=size)
+            record.uploads[bank] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.held.ranges()[0])
+        session = Session(
+            self._new_id(),
+            request_id,
+            "catalogue",
+            target,
+            size,
+            chunk_bytes,
+            digest,
+            bytearray(),
+            now_s,
+            complete or same,
+        )
+        session.receiver = receiver
+        self._memory.save()
+        return session
+
+    def _open_image(
+        self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
+    ) -> Session:
+        part = self._parts.get(("image", target))
+        if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
+            data, chunk_bytes, resumed = part.data, part.chunk_bytes, True
+            held = [i for first, last in part.receiver.held.ranges()[0] for i in range(first, last + 1)]
+            self._sessions.pop(part.id, None)
+        else:
+            data, held, resumed = bytearray(size), [], False
+        session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
+        session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
+        self._parts["image", target] = session
+        return session
+
+    def _chunk(self, session: Session, v: Mapping[str, Value]) -> None:
+        receiver = session.receiver
+        assert receiver is not None  # noqa: S101 - the caller has checked it
+        index, data = int(v["index"]), bytes(v["data"])  # type: ignore[arg-type]
+        if receiver.accept(index, int(v["serial"]), len(data)) and not session.committed:
+            at = index * session.chunk_bytes
+            if session.kind == "image":
+                session.data[at : at + len(data)] = data
+            else:
+                try:
+                    self._memory.flash.program(self._memory.offset(session.bank) + at, data)
+                except FlashError as error:
+                    self._give_up(session, "flash_error", str(error))
+                    return
+        if receiver.status_due():
+            self._status(session, receiver.status())
+
+    def _give_up(self, session: Session, reason: str, detail: str) -> None:
+        self._abort(session.id, session.request_id, reason, detail)
+        self._sessions.pop(session.id, None)
+        self._memory.erase_bank(session.bank)
+        self.news.append(("FLASH_ERROR", detail))
+
+    def _status(self, session: Session, page: StatusPage) -> None:
+        if session.kind == "catalogue" and not session.committed:
+            self._keep_progress(session)
+        self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
+
+    def _keep_progress(self, session: Session) -> None:
+        upload = self._memory.record.uploads.get(session.bank)
+        if session.receiver is not None and upload is not None:
+            held = session.receiver.held.ranges()[0]
+            kept = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
+            self._memory.record.uploads[session.bank] = kept
+            self._memory.save()
+
+    def _content(self, session: Session) -> bytes:
+        """What is stored, read back."""
+        if session.kind == "image":
+            return bytes(session.data)
+        return self._memory.flash.read(self._memory.offset(session.bank), session.size)
+
+    def _verify(self, session: Session) -> None:
+        assert session.receiver is not None  # noqa: S101 - the caller has checked it
+        if not session.receiver.held.complete:
+            self._status(session, session.receiver.status())
+            return
+        digest = hashlib.sha256(self._content(session)).digest()
+        equal = digest == session.sha256
+        self._out.append(
+            Outgoing("VERIFIED", session.request_id, {"session": session.id, "equal": equal, "sha256": digest})
+        )
+        if not equal:
+            # Nothing tells which chunk is wrong: the next attempt starts from an empty bank.
+            del self._sessions[session.id]
+            self._parts.pop((session.kind, session.target), None)
+            if session.kind == "catalogue":
+                self._memory.erase_bank(session.bank)
+
+    def _commit(self, session: Session, now_s: float) -> None:
+        if not session.committed:
+            content = self._content(session)
+            if session.receiver is None or hashlib.sha256(content).digest() != session.sha256:
+                self._abort(session.id, session.request_id, "incomplete", "not verified")
+                return
+            if session.kind == "catalogue" and not self._commit_bank(session, content):
+                return
+            if session.kind == "image":
+                frame = self._tracker.put_image(session.target, content, now_s - self.origin_s)
+                self._parts.pop(("image", session.target), None)
+                session.frame_number = frame.number
+            session.committed = True
+        self._out.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
+
+    def _commit_bank(self, session: Session, content: bytes) -> bool:
+        try:
+            header, catalogue = read_header(content), decode(content)
+        except (CorruptData, BadInput) as error:
+            self._abort(session.id, session.request_id, "incompatible", str(error))
+            return False
+        if header.profile_name != self._tracker.profile.name:
+            text = f"catalogue is for {header.profile_name}, this is {self._tracker.profile.name}"
+            self._abort(session.id, session.request_id, "incompatible", text)
+            return False
+        self._memory.record.uploads.pop(session.bank, None)
+        self._memory.record.banks[session.bank] = BankRecord(
+            "committed",
+            session.size,
+            session.sha256.hex(),
+            len(catalogue),
+            len(catalogue.distances),
+            header.epoch_jyear,
+            FORMATS[header.format_name],
+            header.profile_name,
+        )
+        self._memory.save()
+        return True
+
+    def _end(self, session: Session, service: str) -> None:
+        if session.kind == "catalogue" and session.receiver and not session.committed:
+            self._keep_progress(session)
+        del self._sessions[session.id]
+        if service == "ABORT_TRANSFER":
+            self.news.append(("TRANSFER_ABORTED", f"{session.kind} {session.target}"))
+
+    # --- down ---------------------------------------------------------------------------------------------------
+
+    def _open_download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+        kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
+        data, number = self._download_content(kind, target)
+        digest = hashlib.sha256(data).digest()
+        session = Session(
+            self._new_id(),
+            request_id,
+            kind,
+            target,
+            len(data),
+            chunk_bytes,
+            digest,
+            bytearray(data),
+            now_s,
+            v["held_sha256"] == digest,
+            number,
+        )
+        patience_s = (
+            0.5 + (WINDOW_CHUNKS // 4 + 2) * (chunk_bytes + 64) / self._bytes_per_s if self._bytes_per_s else 0.5
+        )
+        # The ground may hold a part: the sender learns that first, from the ground's STATUS pages.
+        session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
+        return session
+
+    def _download_content(self, kind: str, target: int) -> tuple[bytes, int]:
+        if kind == "catalogue":
+            if target >= len(BANKS) or not self._memory.record.banks[BANKS[target]].size:
+                raise Refusal("bank_empty", f"bank {target} holds nothing")
+            return self._memory.content(BANKS[target]), 0
+        frame = self._tracker.stored(target)
+        return (frame.data if kind in ("frame", "image") else frame_bytes(thumbnail(frame.pixels))), frame.number
+
+    def next_chunk(self, now_s: float) -> Outgoing | None:
+        """The next chunk down, sessions in turn."""
+        senders = [s for s in self._sessions.values() if s.sender is not None]
+        for step in range(len(senders)):
+            session = senders[(self._turn + step) % len(senders)]
+            choice = session.sender.next_chunk(now_s) if session.sender else None
+            if choice is not None:
+                self._turn += step + 1
+                index, serial = choice
+                data = bytes(session.data[index * session.chunk_bytes : (index + 1) * session.chunk_bytes])
+                values: dict[str, Value] = {"session": session.id, "index": index, "serial": serial, "data": data}
+                return Outgoing("CHUNK", session.request_id, values)
+        return None
+
+    def step(self, now_s: float) -> None:
+        """Ask where nothing is heard; suspend what stays silent."""
+        for session in list(self._sessions.values()):
+            if session.sender is not None:
+                due = session.sender.request_due(now_s)
+                if due is not None and session.sender.silent_requests <= SILENT_REQUESTS:
+                    values = {"session": session.id, "serial": due[0], "from_index": due[1]}
+                    self._out.append(Outgoing("STATUS_REQUEST", session.request_id, values))
+            if now_s - session.heard_s > SILENT_S:
+                if not session.committed and not (session.sender and session.sender.complete):
+                    self._end(session, "silence")
+                    self.news.append(("TRANSFER_SUSPENDED", f"{session.kind} {session.target} went silent"))
+                else:
+                    del self._sessions[session.id]

@@ -1,0 +1,131 @@
+"""A ground and a device on a line in memory, with simulated time: nothing waits, everything is real but the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from gss.device.dictionary import Dictionary
+from gss.device.dictionary_file import load_dictionary
+from gss.device.golden import Golden, build_golden
+from gss.device.session import CommandStage, HostSession, SessionEvent, Stage, Telemetry, TransferUpdate
+from gss.device.simulator.factory import burn_golden
+from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.orbit import Inertial
+from gss.device.simulator.sky import Sky
+from gss.domain.profiles import profile
+
+STEP_S = 0.01
+
+
+@lru_cache(maxsize=1)
+def golden() -> Golden:
+    return build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
+
+
+class Bench:
+    """Host session and device joined by a line of a given rate; ``events`` collects what the host said."""
+
+    def __init__(self, baud: int = 921_600, faults: FaultRates | None = None, dictionary: Dictionary | None = None) -> None:
+        self.dictionary = load_dictionary()
+        self.baud, self.now_s = baud, 100.0
+        self.memory = Memory.in_ram()
+        burn_golden(self.memory, profile("cubestar"), golden())
+        motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
+        self.tracker = StarTracker(profile("cubestar"), Sky(profile("cubestar"), motion, 2026.0, 1), self.memory)
+        self.device = Device(self.dictionary, Identity(line_baud=baud), self.memory, self.tracker, self.now_s)
+        self.host = HostSession(dictionary or self.dictionary)
+        self.up_faults = LineFaults(faults or FaultRates(), 1)
+        self.down_faults = LineFaults(faults or FaultRates(), 2)
+        self.connected = True
+        self.events: list[SessionEvent] = []
+        self._up, self._down = bytearray(), bytearray()
+        self._credit = 0.0
+        self.host.link_up(self.now_s)
+
+    def step(self) -> None:
+        """One hundredth of a second."""
+        self.now_s += STEP_S
+        share = int(self.baud / 10 * STEP_S) or 1
+        out, events = self.host.poll(self.now_s)
+        self.events += events
+        self._up += out
+        going, self._up = bytes(self._up[:share]), self._up[share:]
+        self.device.advance(self.now_s)
+        if self.connected:
+            self.device.feed(self.up_faults.apply(going), self.now_s)
+        while len(self._down) < share:
+            frame = self.device.next_frame(self.now_s)
+            if frame is None:
+                break
+            self._down += frame
+        coming, self._down = bytes(self._down[:share]), self._down[share:]
+        if self.connected:
+            self.events += self.host.feed(self.down_faults.apply(coming), self.now_s)
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds / STEP_S)):
+            self.step()
+
+    def until(self, done: Callable[[], bool], seconds: float = 30.0) -> None:
+        """Let time pass until something holds; fails when it never does."""
+        for _ in range(round(seconds / STEP_S)):
+            if done():
+                return
+            self.step()
+        pytest.fail(f"not reached within {seconds} s of simulated time")
+
+    def stages(self, request_id: int) -> list[CommandStage]:
+        """What was said about a command."""
+        return [e for e in self.events if isinstance(e, CommandStage) and e.request_id == request_id]
+
+    def stage(self, request_id: int) -> Stage:
+        """Where a command is now."""
+        return self.stages(request_id)[-1].stage
+
+    def do(self, name: str, seconds: float = 30.0, **arguments: float | str | bool) -> CommandStage:
+        """Send a command and wait for its end."""
+        request_id = self.host.submit(name, arguments, self.now_s)
+        ends = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
+        self.until(lambda: bool(self.stages(request_id)) and self.stage(request_id) in ends, seconds)
+        return self.stages(request_id)[-1]
+
+    def telemetry(self, packet: str) -> list[Telemetry]:
+        """Packets of one name, in order."""
+        return [e for e in self.events if isinstance(e, Telemetry) and e.packet == packet]
+
+    def updates(self, transfer_id: int) -> list[TransferUpdate]:
+        """What was said about a transfer."""
+        return [e for e in self.events if isinstance(e, TransferUpdate) and e.transfer_id == transfer_id]
+
+    def transfer_ends(self, transfer_id: int, state: str, seconds: float = 60.0) -> TransferUpdate:
+        """Wait for a state of a transfer."""
+        self.until(lambda: any(u.state == state for u in self.updates(transfer_id)[-3:]), seconds)
+        return self.host.transfer(transfer_id)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    """A fast faultless line, greeted."""
+    made = Bench()
+    made.until(lambda: made.host.hello is not None)
+    yield made
+
+
+@pytest.fixture
+def make_bench() -> Callable[..., Bench]:
+    """Benches with other lines."""
+    return Bench
+
+
+@pytest.fixture
+def golden_catalogue() -> Golden:
+    """The factory catalogue of CubeStar."""
+    return golden()
