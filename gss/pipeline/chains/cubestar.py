@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -376,7 +377,14 @@ def calculate_attitude(
 
 def hint_error_rad(camera: Camera, parameters: CubestarParameters) -> float:
     """How far the boresight may be from the hint: what D_max leaves beyond the field's half diagonal (Erlank 2013 §4.3.4)."""
-    return max(parameters.assisted_radius_rad - camera.half_diagonal_rad, HINT_ERROR_RAD)
+    return max(parameters.assisted_radius_rad - _field_of(camera)[0], HINT_ERROR_RAD)
+
+
+@lru_cache(maxsize=16)
+def _field_of(camera: Camera) -> tuple[float, float]:
+    """Half diagonal, rad, and solid angle, sr, of the field; the same for every frame of a camera."""
+    fov_h, fov_v = camera.fov_rad
+    return camera.half_diagonal_rad, float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))
 
 
 def _off_hint(
@@ -409,8 +417,7 @@ def false_match_probability(
     n, k = len(matching.row), len(matching.selected)
     projected = camera.project(catalogue.icrs.astype(float) @ cam_from_icrs.T)
     in_view = max(1, int(np.count_nonzero(camera.contains(projected))))
-    fov_h, fov_v = camera.fov_rad
-    per_sr = in_view / (4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))
+    per_sr = in_view / _field_of(camera)[1]
     by_chance = min(1.0, float(per_sr * np.pi * parameters.tolerance_rad**2))
     if matching.mode is Mode.TRACKING:
         near = min(1.0, float(per_sr * np.pi * parameters.tracking_radius_rad**2))
