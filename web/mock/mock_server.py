@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
+import pathlib
 import sys
 from typing import Any
 
@@ -408,6 +410,26 @@ def events(after: int = 0, limit: int = 200) -> list[e.EventOut]:
 @app.get("/api/contacts")
 def contacts() -> list[e.ContactOut]:
     return [e.ContactOut(id=1, device="CubeStar twin 1", url="/dev/pts/4", started=iso(2400), ended=None, rx_bytes=5123400, tx_bytes=20111, frames=31, commands=9)]
+
+
+@app.get("/api/rerun/{name}")
+def viewer(name: str) -> Response:
+    folder = os.environ.get("GSS_MOCK_VIEWER", "")
+    path = pathlib.Path(folder) / name
+    if not folder or name not in ("re_viewer.js", "re_viewer_bg.wasm") or not path.exists():
+        raise HTTPException(404)
+    return Response(path.read_bytes(), media_type="text/javascript" if name.endswith("js") else "application/wasm")
+
+
+@app.get("/api/frames/{i}/recording.rrd")
+def rrd(i: int) -> Response:
+    import rerun as rr
+
+    stream = rr.RecordingStream("gss")
+    memory = stream.binary_stream()
+    stream.set_time("frame", sequence=i)
+    stream.log("camera/image", rr.Image(IMAGE))
+    return Response(memory.read() or b"", media_type="application/octet-stream")
 
 
 @app.get("/api/health")

@@ -49,7 +49,23 @@ export interface RawImage {
   columns: number;
   rows: number;
   bits: number;
+  /** What is painted: the values themselves, or 16-bit steps of a floating-point image. */
   pixels: Uint8Array | Uint16Array;
+  /** DN of a painted step: `offset + scale · step`. */
+  offset: number;
+  scale: number;
+}
+
+function decode(buffer: ArrayBuffer, dtype: string, count: number): Pick<RawImage, 'pixels' | 'offset' | 'scale'> {
+  const float = dtype.includes('float') || buffer.byteLength >= count * 4;
+  if (!float) return { pixels: buffer.byteLength >= count * 2 ? new Uint16Array(buffer) : new Uint8Array(buffer), offset: 0, scale: 1 };
+  const values = buffer.byteLength >= count * 8 ? new Float64Array(buffer) : new Float32Array(buffer);
+  let low = Infinity;
+  let high = -Infinity;
+  for (const v of values) if (Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); }
+  if (!(low < high)) [low, high] = [Number.isFinite(low) ? low : 0, (Number.isFinite(low) ? low : 0) + 1];
+  const scale = (high - low) / 65535;
+  return { pixels: Uint16Array.from(values, (v) => (Number.isFinite(v) ? Math.round((v - low) / scale) : 0)), offset: low, scale };
 }
 
 async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
@@ -59,8 +75,7 @@ async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
   const rows = Number(response.headers.get('X-Rows'));
   const bits = Number(response.headers.get('X-Bits'));
   const buffer = await response.arrayBuffer();
-  const pixels = buffer.byteLength >= columns * rows * 2 ? new Uint16Array(buffer) : new Uint8Array(buffer);
-  return { columns, rows, bits, pixels };
+  return { columns, rows, bits, ...decode(buffer, response.headers.get('X-Dtype') ?? '', columns * rows) };
 }
 
 function query(values: Record<string, string | number | undefined>): string {

@@ -11,9 +11,9 @@ export function grey(value: number, s: Stretch): number {
 }
 
 /** A table over all values of the image, so that each pixel is one look-up. */
-export function table(maxValue: number, s: Stretch): Uint8ClampedArray {
-  const out = new Uint8ClampedArray(maxValue + 1);
-  for (let v = 0; v <= maxValue; v++) out[v] = grey(v, s);
+export function table(maxStep: number, s: Stretch, offset = 0, scale = 1): Uint8ClampedArray {
+  const out = new Uint8ClampedArray(maxStep + 1);
+  for (let step = 0; step <= maxStep; step++) out[step] = grey(offset + scale * step, s);
   return out;
 }
 

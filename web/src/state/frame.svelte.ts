@@ -11,6 +11,8 @@ export class FrameView {
   histogram = $state.raw<Histogram | null>(null);
   solution = $state.raw<SolutionDetail | null>(null);
   selected = $state<number | null>(null);
+  /** A place without a centroid that the inspector should show. */
+  look = $state<{ col: number; row: number } | null>(null);
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
