@@ -430,6 +430,7 @@ class HostSession:
         self._events.append(DeviceEvent(definition.name, definition.severity, text, packet.time_s, packet.request_id))
         if definition.name == "BOOT":
             self._desk.device_restarted(now_s)
+            self._hello_due_s = now_s
 
     def _event_service(self) -> Service:
         return self._dictionary.service("EVENT")

@@ -53,11 +53,13 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Zenith:
-    """Earth-pointing satellite on a circular orbit, camera to the zenith. No drift of the node, no aberration."""
+    """Earth-pointing satellite on a circular orbit, camera to the zenith. No drift of the node, no aberration.
+
+    The default node puts the camera on Orion at the start, where the sky is easy."""
 
     altitude_km: float = 600.0
     inclination_rad: float = float(np.radians(97.8))
-    raan_rad: float = 0.0
+    raan_rad: float = float(np.radians(84.0))
     start_rad: float = 0.0
 
     @property

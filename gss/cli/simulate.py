@@ -1,0 +1,35 @@
+"""``gss simulate``: start the simulated star tracker as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+MODULE = "gss.device.simulator"
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the command. Its options are the simulator's own: ``gss simulate --help`` shows them."""
+    parser = subparsers.add_parser(
+        "simulate",
+        help="start a simulated star tracker on a pseudo-terminal or TCP port",
+        add_help=False,
+        prefix_chars="\0",
+    )
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="options of the simulator")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the simulator until it ends; its exit code is ours. It gets the signals of the terminal itself."""
+    command = [sys.executable, "-m", MODULE, *arguments.options]
+    with subprocess.Popen(command) as child:  # noqa: S603 - our own program
+        try:
+            return child.wait()
+        except KeyboardInterrupt:
+            return child.wait()
