@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.attitude import BASE_FROM_SUN, AttitudeLimits, base_from_icrs, euler_123, orbit_axes
 from gss.catalogue_tools.corrections import ICRS_FROM_ECLIPTIC
-from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.field import Disc, FieldShape
 from gss.catalogue_tools.orbits import OrbitRanges, Range
 from gss.catalogue_tools.reach import TOLERANCE_RAD, cosine_range, polar_interval, reachable
 from gss.domain.angles import Array
@@ -25,6 +25,9 @@ from gss.domain.frames import cam_from_icrs
 EDGE_POINTS = 121
 FIELD_POINTS = 24
 PATCH_ATTITUDES = 300
+# A fifth of the finest profile's pixel; where Sun and attitude move the same way, finer costs seconds.
+PATCH_TOLERANCE_RAD = 5e-5
+MAP_TOLERANCE_RAD = 5e-3
 POLAR_BINS = 1440
 PLANES_PER_BIN = 24
 
@@ -171,17 +174,24 @@ class PatchEnvelope:
     sun_longitude_rad: Range = (0.0, 0.0)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        u = np.asarray(unit, float)
+        return self._contains(np.asarray(unit, float), PATCH_TOLERANCE_RAD)
+
+    def _contains(self, u: Array, tolerance_rad: float) -> NDArray[np.bool_]:
         near = self._near(u)
         if self.limits.pointing == "inertial":
             base = cam_from_icrs(self.limits.ra_rad, self.limits.dec_rad, self.limits.field_roll_rad)
             pivot, spin = u[near], np.zeros(2)
         else:
             base, pivot, spin = BASE_FROM_SUN, u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
+        low, high, mounting = self.limits.low, self.limits.high, self.limits.cam_from_body
         result = np.zeros(len(u), bool)
-        result[near] = reachable(
-            pivot, base, spin, self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high
-        )
+        if high[2] - low[2] >= 2 * np.pi - 1e-9 and abs(mounting[2, 2]) > 1 - 1e-12:
+            # A whole turn about the boresight: the yaw axis need not be searched.
+            fixed = np.array([1.0, 1.0, 0.0])
+            disc = Disc(self.shape.half_diagonal_rad)
+            result[near] = reachable(pivot, base, spin, disc, mounting, low * fixed, high * fixed, tolerance_rad)
+        else:
+            result[near] = reachable(pivot, base, spin, self.shape, mounting, low, high, tolerance_rad)
         return result
 
     def time_fraction(self, unit: Array) -> Array:
@@ -193,7 +203,7 @@ class PatchEnvelope:
         share /= PATCH_ATTITUDES
         # Directions that the sample just missed are seen all the same.
         rare = near[share[near] == 0]
-        share[rare[self.contains(u[rare])]] = 0.5 / PATCH_ATTITUDES
+        share[rare[self._contains(u[rare], MAP_TOLERANCE_RAD)]] = 0.5 / PATCH_ATTITUDES
         return share
 
     def edges(self, at_end: bool) -> list[Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,28 @@ def widened(camera: Camera, margin_rad: float) -> Camera:
         centre_col_px=camera.centre_col_px + pixels,
         centre_row_px=camera.centre_row_px + pixels,
     )
+
+
+class Region(Protocol):
+    """A part of the sky round the boresight that answers the two questions of :mod:`gss.catalogue_tools.reach`."""
+
+    def inside(self, unit_cam: Array) -> NDArray[np.bool_]: ...
+
+    def may_be_within(self, unit_cam: Array, slack_rad: Array | float) -> NDArray[np.bool_]: ...
+
+
+@dataclass(frozen=True)
+class Disc:
+    """All that a field sweeps when it turns freely about its boresight."""
+
+    radius_rad: float
+
+    def inside(self, unit_cam: Array) -> NDArray[np.bool_]:
+        return self.may_be_within(unit_cam, 0.0)
+
+    def may_be_within(self, unit_cam: Array, slack_rad: Array | float) -> NDArray[np.bool_]:
+        x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
+        return np.asarray(np.arctan2(np.hypot(x, y), z) <= self.radius_rad + slack_rad)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.field import PER_SIDE, FieldShape
+from gss.catalogue_tools.field import PER_SIDE, FieldShape, Region
 from gss.domain.angles import Array
 
 # A direction closer than this to the edge of what can be seen counts as seen.
@@ -72,17 +72,18 @@ def reachable(
     unit: Array,
     base_from_pivot: Array,
     spin_rad: Array,
-    shape: FieldShape,
+    shape: Region,
     cam_from_body: Array,
     low: Array,
     high: Array,
+    tolerance_rad: float = TOLERANCE_RAD,
 ) -> NDArray[np.bool_]:
     """Which (n, 3) directions the field shows for some spin in [spin₀, spin₁] and some roll, pitch, yaw of the box.
 
     A direction of the pivot frame is turned by the spin about pivot z (coordinate change), then by ``base_from_pivot``,
     then by roll, pitch, yaw and the mounting. Branch and bound: a box is settled when its middle sees the direction, or
     when the direction is farther from the field than the box can turn; otherwise it is halved. Exact to
-    ``TOLERANCE_RAD``, in favour of seeing.
+    ``tolerance_rad``, in favour of seeing.
     """
     found = np.zeros(len(unit), bool)
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
@@ -92,13 +93,14 @@ def reachable(
         if len(who) > MOST_BOXES:
             found[who] = True
             break
-        v = _turn(unit[who], centres, base_from_pivot) @ cam_from_body.T
-        turn = float(half.sum())
-        hit = shape.inside(v) | (turn <= TOLERANCE_RAD)
-        hit[hit] = shape.may_be_within(v[hit], turn)
-        found[who[hit]] = True
-        keep = ~found[who]
-        keep[keep] = shape.may_be_within(v[keep], turn)
+        body = _turn(unit[who], centres, base_from_pivot)
+        v = body @ cam_from_body.T
+        other = float(half[:3].sum())
+        # Yaw comes last, about body z: a direction near that axis hardly moves.
+        slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
+        near = shape.may_be_within(v, slack)
+        found[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
+        keep = near & ~found[who]
         who, centres = who[keep], centres[keep]
         widest = int(np.argmax(half))
         half[widest] /= 2

@@ -1,0 +1,213 @@
+"""``gss catalogue``: build a sub-catalogue and its bank image from the real sky. Degrees only here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gss.catalogue_tools.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
+from gss.catalogue_tools.build import BuiltCatalogue, build
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import FORMATS
+from gss.catalogue_tools.orbits import Range
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
+from gss.catalogue_tools.selection import Rules
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES, profile
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+# Values such as -10:10 are numbers to argparse too, not unknown options.
+NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:-]*$")
+# Roll, pitch and yaw limits in degrees where the user gives none: Jacobs 1995 Table 5-2 for Sunsat.
+USUAL_DEG: dict[str, tuple[Range, Range, Range]] = {"sunsat": ((-10.0, 10.0), (-5.0, 5.0), (130.0, 140.0))}
+OTHER_USUAL_DEG: tuple[Range, Range, Range] = ((-5.0, 5.0), (-5.0, 5.0), (-5.0, 5.0))
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the group to the command line."""
+    group = subparsers.add_parser("catalogue", help="build star catalogues for a sensor's flash banks")
+    commands = group.add_subparsers(dest="catalogue_command", required=True, metavar="COMMAND")
+    _register_build(commands)
+
+
+def _register_build(commands: Subparsers) -> None:
+    p = commands.add_parser(
+        "build",
+        help="stars that an orbit and attitude limits will show, their distance table and bank image",
+        description="Ranges are MIN:MAX in degrees, or one number. Without an orbit the catalogue is the whole sky.",
+    )
+    p._negative_number_matcher = NEGATIVE_RANGE
+    p.add_argument("--profile", default="cubestar", help=" | ".join(PROFILES))
+    p.add_argument("--format", help=f"{' | '.join(FORMATS)} (default: the profile's own, else cubestar)")
+    p.add_argument("--inclination-deg", type=_range, help="orbit by elements: inclination, ICRS")
+    p.add_argument("--raan-deg", type=_range, help="orbit by elements: right ascension of the ascending node, ICRS")
+    p.add_argument("--tle", type=Path, metavar="FILE", help="orbit by a two-line element set")
+    p.add_argument("--from", dest="start", metavar="DATE", help="first day of use, UTC (default: today)")
+    p.add_argument("--days", type=float, default=14.0, help="days of use (default 14)")
+    p.add_argument("--pointing", help=f"{' | '.join(ORBIT_LAWS + FREE_LAWS)} (default: sunsat or zenith)")
+    for name in ("roll", "pitch", "yaw"):
+        p.add_argument(f"--{name}-deg", type=_range, help=f"limits of {name}")
+    for name in ("ra", "dec", "field-roll"):
+        p.add_argument(f"--{name}-deg", type=float, default=0.0, help="inertial pointing")
+    p.add_argument("--margin-deg", type=float, default=0.0, help="widen the field on every side")
+    p.add_argument("--mag-limit", type=float, help="faint limit in V (default: the profile's)")
+    p.add_argument("--bright-limit", type=float, default=-2.0, help="bright limit in V")
+    p.add_argument("--min-separation-deg", type=float, default=0.0, help="reject stars with closer neighbours")
+    p.add_argument("--brightest-per-field", type=int, default=0, help="keep the N brightest of each field (0: all)")
+    p.add_argument("--drop-variables", action="store_true", help="reject variable stars")
+    p.add_argument("--pair-min-deg", type=float, default=0.25, help="smallest tabulated distance")
+    p.add_argument("--pair-max-deg", type=float, help="largest tabulated distance (default: the field's diagonal)")
+    p.add_argument("--epoch", type=float, help="Julian year of the positions (default: middle of use)")
+    p.add_argument("--bank-bytes", type=int, help="capacity of the bank")
+    p.add_argument("--name", default="", help="name in the manifest")
+    p.add_argument("--author", default="", help="who is responsible for it")
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the image here and the manifest to FILE.json")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=run_build)
+
+
+def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> int:
+    """Build, write, print."""
+    begin = perf_counter()
+    built = build(request_of(arguments, now()), load_stars())
+    if arguments.out is not None:
+        _write(arguments.out, built.image)
+        _write(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
+    facts = facts_of(built) | {"elapsed_s": round(perf_counter() - begin, 3)}
+    if arguments.json:
+        print(json.dumps(facts, indent=1, allow_nan=False))
+    else:
+        _print_lines(facts | facts.pop("funnel"))
+    return 0
+
+
+def _print_lines(facts: dict[str, Any]) -> None:
+    width = max(map(len, facts))
+    print("\n".join(f"{name:<{width}}  {'-' if value in (None, '') else value}" for name, value in facts.items()))
+
+
+def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
+    """The request of parsed arguments: degrees become radians here."""
+    camera = profile(a.profile)
+    orbit = _orbit(a)
+    return BuildRequest(
+        profile_name=camera.name,
+        format_name=a.format or (camera.name if camera.name in FORMATS else "cubestar"),
+        rules=Rules(
+            faint_mag=camera.sensor.faint_limit_mag if a.mag_limit is None else a.mag_limit,
+            bright_mag=a.bright_limit,
+            min_separation_rad=float(np.radians(a.min_separation_deg)),
+            brightest_per_field=a.brightest_per_field,
+            drop_variables=a.drop_variables,
+        ),
+        name=a.name,
+        author=a.author,
+        orbit=orbit,
+        attitude=_attitude(a, orbit is not None),
+        start=_start(a.start, now),
+        days=a.days,
+        margin_rad=float(np.radians(a.margin_deg)),
+        pair_min_rad=float(np.radians(a.pair_min_deg)),
+        pair_max_rad=None if a.pair_max_deg is None else float(np.radians(a.pair_max_deg)),
+        epoch_jyear=a.epoch,
+        bank_bytes=a.bank_bytes,
+    )
+
+
+def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
+    """What a build prints."""
+    m, q = built.manifest, built.quality
+    return {
+        "name": m.name,
+        "profile": m.profile_name,
+        "format": m.format_name,
+        "stars": len(built.stars),
+        "pairs": len(built.distances),
+        "valid_from": m.valid_from or None,
+        "valid_to": m.valid_to or None,
+        "epoch_jyear": round(m.epoch_jyear, 4),
+        "worst_field_stars": q.worst_stars,
+        "worst_field_ra_deg": round(float(np.degrees(q.worst_ra_rad)), 3),
+        "worst_field_dec_deg": round(float(np.degrees(q.worst_dec_rad)), 3),
+        "mean_field_stars": round(q.mean, 3),
+        "p_fewer_than_3": q.p_fewer_than(3),
+        "p_fewer_than_5": q.p_fewer_than(5),
+        "candidates_per_query": round(q.candidates_per_query, 2),
+        "bytes": len(built.image),
+        "bank_bytes": built.plan.bank_bytes,
+        "sha256": built.sha256,
+        "funnel": {step.label: -step.stars if step.dropped else step.stars for step in built.selection.funnel},
+    }
+
+
+def _range(text: str) -> Range:
+    """``MIN:MAX`` or one number, degrees."""
+    parts = text.split(":")
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2) or len(values) != len(parts):
+        raise argparse.ArgumentTypeError(f"expected MIN:MAX or one number in degrees, got {text!r}")
+    return values[0], values[-1]
+
+
+def _radians(limits: Range) -> Range:
+    return float(np.radians(limits[0])), float(np.radians(limits[1]))
+
+
+def _orbit(a: argparse.Namespace) -> ElementsOrbit | TleOrbit | None:
+    if a.tle is not None:
+        if a.inclination_deg or a.raan_deg:
+            raise BadInput("two orbits were given", expected="either --tle or --inclination-deg with --raan-deg")
+        try:
+            return TleOrbit(a.tle.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInput("the TLE file cannot be read", got=f"{a.tle}: {error}") from None
+    if a.inclination_deg is None and a.raan_deg is None:
+        return None
+    if a.inclination_deg is None:
+        raise BadInput("a node without an inclination is no orbit", expected="--inclination-deg with --raan-deg")
+    return ElementsOrbit(_radians(a.inclination_deg), _radians(a.raan_deg or (0.0, 360.0)))
+
+
+def _attitude(a: argparse.Namespace, has_orbit: bool) -> AttitudeLimits | None:
+    given = (a.roll_deg, a.pitch_deg, a.yaw_deg)
+    if not has_orbit and a.pointing is None:
+        if any(given):
+            raise BadInput(
+                "attitude limits without an orbit", hint="--inclination-deg and --raan-deg, --tle or --pointing"
+            )
+        return None
+    law = a.pointing or ("sunsat" if a.profile == "sunsat" else "zenith")
+    usual = USUAL_DEG.get(law, OTHER_USUAL_DEG)
+    roll, pitch, yaw = (_radians(mine or default) for mine, default in zip(given, usual, strict=True))
+    ra, dec, field_roll = (float(np.radians(angle)) for angle in (a.ra_deg, a.dec_deg, a.field_roll_deg))
+    return AttitudeLimits(law, roll, pitch, yaw, ra, dec, field_roll)
+
+
+def _start(text: str | None, now: datetime) -> datetime:
+    if text is None:
+        return now.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise BadInput("the first day cannot be read", expected="2026-12-01 or 2026-12-01T12:00Z", got=text) from None
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise BadInput("the file cannot be written", got=f"{path}: {error}") from None
