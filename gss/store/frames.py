@@ -54,12 +54,9 @@ def page(
     if contact_id is not None:
         query = query.where(Frame.contact_id == contact_id)
     if outcome:
-        newest_ground = (
-            select(func.max(Solution.id))
-            .where(Solution.frame_id == Frame.id, Solution.origin == "ground")
-            .scalar_subquery()
-        )
-        query = query.join(Solution, Solution.id == newest_ground).where(Solution.outcome == outcome)
+        ground = select(func.max(Solution.id)).where(Solution.origin == "ground").group_by(Solution.frame_id)
+        chosen = select(Solution.frame_id).where(Solution.id.in_(ground), Solution.outcome == outcome)
+        query = query.where(Frame.id.in_(chosen))
     total = session.scalar(select(func.count()).select_from(query.subquery())) or 0
     rows = session.scalars(query.order_by(Frame.id.desc()).limit(limit).offset(offset))
     return total, list(rows)

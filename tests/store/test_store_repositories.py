@@ -1,0 +1,218 @@
+"""Repositories, on every database we support."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from gss.domain.errors import CorruptData, NotFound
+from gss.store import catalogues, commands, devices, events, frames, jobs, telemetry, transfers
+from gss.store.blobs import BlobStore
+from gss.store.engine import migrate
+from gss.store.models import Base, Catalogue, Frame, Job, Solution, TelemetryPacket, Transfer
+
+T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
+
+
+def a_frame(**values) -> Frame:
+    """A frame's row with the least it needs."""
+    row = {
+        "source": "device",
+        "name": "f",
+        "taken": T0,
+        "received": T0,
+        "columns": 4,
+        "rows": 2,
+        "bits": 8,
+        "dtype": "|u1",
+        "sha256": "0" * 64,
+        "complete": True,
+        "rows_held": [[0, 1]],
+        "parameters": {},
+    }
+    return Frame(**(row | values))
+
+
+def a_solution(frame_id: int, origin: str, outcome: str) -> Solution:
+    """A solution's row with the least it needs."""
+    return Solution(frame_id=frame_id, origin=origin, chain="c", version="1", created=T0, outcome=outcome, detail={})
+
+
+def test_migrations_lead_to_exactly_the_models(database):
+    """After all migrations nothing is left that autogenerate would change."""
+    with database.engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_migrating_twice_changes_nothing(database, database_url):
+    """Every start migrates; the second finds nothing to do and keeps the data."""
+    with database.unit_of_work() as session:
+        frames.add(session, a_frame(name="kept"))
+    migrate(database_url)
+    with database.unit_of_work() as session:
+        assert frames.latest(session).name == "kept"
+
+
+def test_moments_come_back_in_utc_and_local_time_is_refused(database):
+    """A stored moment has its zone again; one without a zone cannot be stored."""
+    with database.unit_of_work() as session:
+        frames.add(session, a_frame(taken=T0.astimezone()))
+    with database.unit_of_work() as session:
+        assert frames.latest(session).taken == T0
+        assert frames.latest(session).taken.tzinfo is UTC
+    with pytest.raises(Exception, match="without a time zone"), database.unit_of_work() as session:
+        frames.add(session, a_frame(taken=datetime(2026, 1, 1)))
+
+
+def test_a_failed_unit_of_work_leaves_nothing(database):
+    """One transaction: all of it or none."""
+
+    def half_done() -> None:
+        with database.unit_of_work() as session:
+            frames.add(session, a_frame())
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        half_done()
+    with database.unit_of_work() as session:
+        assert frames.latest(session) is None
+
+
+def test_frames_are_paged_newest_first_and_filtered_by_newest_ground_outcome(database):
+    """Filters combine; the outcome is that of the newest ground solution, not of an older one."""
+    with database.unit_of_work() as session:
+        a, b, c = (
+            frames.add(session, a_frame(number=n, source=s)) for n, s in ((1, "device"), (2, "import"), (3, "device"))
+        )
+        for frame, outcomes in ((a, ("none", "solved")), (b, ("solved",)), (c, ("solved", "none"))):
+            for outcome in outcomes:
+                frames.add_solution(session, a_solution(frame.id, "ground", outcome))
+        frames.add_solution(session, a_solution(c.id, "on board", "solved"))
+    with database.unit_of_work() as session:
+        assert [f.number for f in frames.page(session, 10, 0)[1]] == [3, 2, 1]
+        assert [f.number for f in frames.page(session, 1, 1)[1]] == [2]
+        total, solved = frames.page(session, 10, 0, outcome="solved")
+        assert (total, [f.number for f in solved]) == (2, [2, 1])
+        assert [f.number for f in frames.page(session, 10, 0, outcome="solved", source="device")[1]] == [1]
+        assert frames.newest_solution(session, c.id, "on board").outcome == "solved"
+        assert {k: s.outcome for k, s in frames.newest_solutions(session, [a.id, c.id], "ground").items()} == {
+            a.id: "solved",
+            c.id: "none",
+        }
+        with pytest.raises(NotFound):
+            frames.get(session, 999)
+
+
+def test_commands_keep_their_stages_and_those_in_flight_are_found(database):
+    """A restart asks for the largest request id and for what was under way."""
+    with database.unit_of_work() as session:
+        contact = devices.open_contact(session, "socket://x", T0, "c")
+        for request_id, result in ((7, "completed"), (4_294_967_290, "sent")):
+            row = commands.add(
+                session,
+                T0,
+                contact_id=contact.id,
+                request_id=request_id,
+                name="X",
+                arguments={"a": 1},
+                user="u",
+                source="form",
+            )
+            row.result = result
+    with database.unit_of_work() as session:
+        assert commands.last_request_id(session) == 4_294_967_290
+        assert [c.request_id for c in commands.left_in_flight(session)] == [4_294_967_290]
+        assert [s.stage for s in commands.by_request(session, 7).stages] == ["queued"]
+        assert [c.request_id for c in commands.newest(session, 1, contact.id)] == [4_294_967_290]
+
+
+def test_telemetry_spans_read_numbers_out_of_packets(database):
+    """A span gives each field's values in time order, both ends included, None where a packet lacks the field."""
+    with database.unit_of_work() as session:
+        rows = [
+            TelemetryPacket(
+                packet="hk",
+                received=T0 + timedelta(seconds=k),
+                device_time_s=k,
+                request_id=0,
+                values={"a": k / 2} if k != 2 else {},
+            )
+            for k in range(5)
+        ]
+        telemetry.add_batch(session, rows)
+    with database.unit_of_work() as session:
+        got = telemetry.span(session, "hk", ["a"], T0 + timedelta(seconds=1), T0 + timedelta(seconds=3))
+        assert [(at, v) for at, (v,) in got] == [
+            (T0 + timedelta(seconds=1), 0.5),
+            (T0 + timedelta(seconds=2), None),
+            (T0 + timedelta(seconds=3), 1.5),
+        ]
+        assert [p.device_time_s for p in telemetry.newest(session, "hk", 2)] == [4, 3]
+
+
+def test_contacts_count_their_frames_and_commands(database):
+    """The list of contacts joins device, frames and commands; a crash's open contact can be closed."""
+    with database.unit_of_work() as session:
+        device = devices.remember(session, T0, name="d", profile="p", firmware="1", simulated=True, dictionary_hash="h")
+        contact = devices.open_contact(session, "u", T0, "c")
+        devices.update_contact(session, contact.id, device_id=device.id, rx_bytes=10)
+        frames.add(session, a_frame(contact_id=contact.id))
+        devices.close_left_open(session, T0 + timedelta(seconds=9))
+    with database.unit_of_work() as session:
+        ((row, found, n_frames, n_commands),) = devices.list_contacts(session, 5)
+        assert (found.name, n_frames, n_commands, row.rx_bytes) == ("d", 1, 0, 10)
+        assert row.ended == T0 + timedelta(seconds=9)
+
+
+def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
+    """Unfinished transfers and jobs are what a restart has to settle; events are resumed after a number."""
+    with database.unit_of_work() as session:
+        catalogues.add(
+            session,
+            Catalogue(
+                name="c",
+                profile="p",
+                format="f",
+                created=T0,
+                author="a",
+                stars=1,
+                pairs=1,
+                size=1,
+                sha256="ab" * 32,
+                request={},
+                manifest={},
+                report={},
+            ),
+        )
+        for state in ("transferring", "committed"):
+            transfers.add(
+                session,
+                Transfer(direction="up", kind="k", target="A", subject="s", state=state, created=T0, stored=[], log=[]),
+            )
+            jobs.add(session, Job(kind="k", title="t", state={"committed": "done"}.get(state, "running"), created=T0))
+        for text in ("one", "two", "three"):
+            events.add(session, T0, "k", "ok", text, {})
+    with database.unit_of_work() as session:
+        assert catalogues.by_sha256(session, "ab" * 32).name == "c"
+        assert [t.state for t in transfers.unfinished(session)] == ["transferring"]
+        assert [j.state for j in jobs.unfinished(session)] == ["running"]
+        first = events.after(session, 0, 1)[0]
+        assert [e.text for e in events.after(session, first.seq, 10)] == ["two", "three"]
+        assert events.last_seq(session) == first.seq + 2
+
+
+def test_blobs_are_kept_once_under_their_hash_and_damage_is_told(tmp_path):
+    """Same bytes, same key; a missing or damaged file is an error that says so, never wrong bytes."""
+    store = BlobStore(str(tmp_path / "blobs"))
+    key = store.put(b"pixels")
+    assert store.put(b"pixels") == key
+    assert store.get(key) == b"pixels"
+    (path,) = [p for p in (tmp_path / "blobs").rglob("*") if p.is_file()]
+    path.write_bytes(b"pixelz")
+    with pytest.raises(CorruptData, match="damaged"):
+        store.get(key)
+    with pytest.raises(NotFound, match="missing"):
+        store.get("0" * 64)
