@@ -116,7 +116,7 @@ class Solver:
         self.cache = cache if cache is not None else SolverCache()
         self._stopwatch_s, self._epoch_jyear = stopwatch_s, epoch_jyear
 
-    def solve(self, pixels: NDArray[np.generic], request: SolveRequest) -> SolveResult:
+    def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
         """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
@@ -133,7 +133,7 @@ class Solver:
             result = reference.solve_known(pixels, camera, sensor, stars, hint=request.hint, clock=self._stopwatch_s)
         return replace(result, notes=(*result.notes, f"star positions of {epoch:.2f}"))
 
-    def _foreign(self, pixels: NDArray[np.generic], request: SolveRequest, epoch_jyear: float) -> SolveResult:
+    def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = (
             BLIND_FOV_RAD if request.fov_rad is None else (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
         )
@@ -141,7 +141,7 @@ class Solver:
         return reference.solve_foreign(pixels, limits, sky, self.cache.level(epoch_jyear), clock=self._stopwatch_s)
 
     def _cubestar(
-        self, pixels: NDArray[np.generic], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
+        self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
     ) -> SolveResult:
         if known is None:
             raise BadInput(

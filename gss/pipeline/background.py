@@ -8,6 +8,7 @@ and vignetting survive, single bright tiles do not). SExtractor's mesh (Bertin &
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class Background:
     noise: Array
     tile_px: int
 
-    def at(self, col: Array, row: Array) -> tuple[Array, Array]:
+    def at(self, col: Array | NDArray[np.intp], row: Array | NDArray[np.intp]) -> tuple[Array, Array]:
         """(level, noise) at pixel positions, bilinear between the middles of tiles, constant outside them."""
         r = np.clip((row + 0.5) / self.tile_px - 0.5, 0, self.level.shape[0] - 1)
         c = np.clip((col + 0.5) / self.tile_px - 0.5, 0, self.level.shape[1] - 1)
@@ -76,7 +77,7 @@ def _clipped(samples: Array) -> tuple[Array, Array]:
     return mean, spread
 
 
-def _tile_samples(image: NDArray[np.generic], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
+def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
     """(tiles, samples) of every ``step``-th pixel, the mesh's shape. Pixels past the last whole tile make short tiles."""
     rows, cols = image.shape
     shape = (-(-rows // tile_px), -(-cols // tile_px))
@@ -94,7 +95,7 @@ def _tile_samples(image: NDArray[np.generic], tile_px: int, step: int) -> tuple[
     return np.asarray(tiles), shape
 
 
-def measure_background(image: NDArray[np.generic], tile_px: int = TILE_PX) -> Background:
+def measure_background(image: NDArray[Any], tile_px: int = TILE_PX) -> Background:
     """Mesh of an image of any real type. Tiles of equal level within their own error become one plane (all equal)."""
     tile = int(min(tile_px, *image.shape))
     step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
@@ -117,7 +118,7 @@ def measure_background(image: NDArray[np.generic], tile_px: int = TILE_PX) -> Ba
     return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
 
 
-def pixel_noise(image: NDArray[np.generic], background: Background, most: int = 5_000) -> float:
+def pixel_noise(image: NDArray[Any], background: Background, most: int = 5_000) -> float:
     """Typical standard deviation of one sky pixel, from a regular subset of about ``most`` pixels."""
     step = max(1, int(np.sqrt(image.size / most)) | 1)  # odd: not in step with tiles or two-pixel patterns
     row, col = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]

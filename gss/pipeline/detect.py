@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class Detections:
 
 
 def find_stars(
-    pixels: NDArray[np.generic],
+    pixels: NDArray[Any],
     *,
     psf_sigma_px: float | None = None,
     saturation_dn: float | None = None,
@@ -79,7 +80,7 @@ def find_stars(
     return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes)
 
 
-def _checked(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
+def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
     image = np.asarray(pixels)
     if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "uif":
         raise BadInput(
@@ -92,7 +93,7 @@ def _checked(pixels: NDArray[np.generic]) -> NDArray[np.generic]:
     return image
 
 
-def _ceiling(image: NDArray[np.generic]) -> float:
+def _ceiling(image: NDArray[Any]) -> float:
     """Lowest value that counts as clipped: the frame's maximum where several pixels share it, as only clipping does."""
     top = image.max()
     floor_ = np.median(image[::8, ::8])
@@ -100,7 +101,7 @@ def _ceiling(image: NDArray[np.generic]) -> float:
     return float(top) if enough else float("inf")
 
 
-def _binomial_sum(image: NDArray[np.generic]) -> NDArray[np.generic]:
+def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
     """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat."""
     kind = np.uint16 if image.dtype == np.uint8 else np.float32
     wide = np.empty((image.shape[0] + 4, image.shape[1] + 4), kind)
@@ -114,7 +115,7 @@ def _binomial_sum(image: NDArray[np.generic]) -> NDArray[np.generic]:
     return wide
 
 
-def _filtered(image: NDArray[np.generic], covariance: Array) -> tuple[NDArray[np.generic], float]:
+def _filtered(image: NDArray[Any], covariance: Array) -> tuple[NDArray[Any], float]:
     """The frame under a filter close to its point-spread function, and the filter's gain. Noise is measured on the result."""
     low, high = np.sqrt(np.linalg.eigvalsh(covariance))
     if high < 1.6:
@@ -145,9 +146,7 @@ class _Peaks:
     background: Background
 
 
-def _peaks(
-    image: NDArray[np.generic], covariance: Array, ceiling: float, threshold_sigma: float, notes: list[str]
-) -> _Peaks:
+def _peaks(image: NDArray[Any], covariance: Array, ceiling: float, threshold_sigma: float, notes: list[str]) -> _Peaks:
     smooth, gain = _filtered(image, covariance)
     background = measure_background(smooth)
     raw_background = _unfiltered(image, background, gain)
@@ -165,21 +164,19 @@ def _peaks(
     return _Peaks(col, row, snr, sky, raw_noise, single, raw_background)
 
 
-def _unfiltered(image: NDArray[np.generic], background: Background, gain: float) -> Background:
+def _unfiltered(image: NDArray[Any], background: Background, gain: float) -> Background:
     """Level and noise of single pixels from the mesh of a filtered frame; ``gain``: of the filter on a flat frame."""
     level = background.scaled(1 / gain, 1.0)
     return level.scaled(1.0, pixel_noise(image, level) / float(np.median(background.noise)))
 
 
-def _single_again(image: NDArray[np.generic], peaks: _Peaks, covariance: Array) -> _Peaks:
+def _single_again(image: NDArray[Any], peaks: _Peaks, covariance: Array) -> _Peaks:
     """Judge the shapes anew once the frame's own point-spread function is known."""
     single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
     return replace(peaks, single=single)
 
 
-def _above(
-    smooth: NDArray[np.generic], background: Background, sigma: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _above(smooth: NDArray[Any], background: Background, sigma: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pixels that may be above threshold: each tile against its own lowest threshold."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
@@ -193,7 +190,7 @@ def _above(
     return np.divmod(flat, smooth.shape[1])
 
 
-def _is_maximum(smooth: NDArray[np.generic], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
     """No neighbour is higher; of equal ones the first in reading order counts."""
     rows, cols = smooth.shape
     here = smooth[row, col]
@@ -207,7 +204,7 @@ def _is_maximum(smooth: NDArray[np.generic], row: NDArray[np.intp], col: NDArray
 
 
 def _is_single_pixel(
-    image: NDArray[np.generic],
+    image: NDArray[Any],
     row: NDArray[np.intp],
     col: NDArray[np.intp],
     sky: Array,
@@ -240,7 +237,7 @@ def _is_single_pixel(
     )
 
 
-def _measure_psf(image: NDArray[np.generic], peaks: _Peaks, ceiling: float) -> Array | None:
+def _measure_psf(image: NDArray[Any], peaks: _Peaks, ceiling: float) -> Array | None:
     """Covariance (2, 2) of the typical bright star, None where too few stars say anything."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:30]
     if len(pick) < 3:
@@ -270,7 +267,7 @@ def _measure_psf(image: NDArray[np.generic], peaks: _Peaks, ceiling: float) -> A
 
 
 def _measure(
-    image: NDArray[np.generic],
+    image: NDArray[Any],
     peaks: _Peaks,
     covariance: Array,
     ceiling: float,
@@ -315,7 +312,7 @@ def _measure(
 
 
 def _not_shoulders(
-    image: NDArray[np.generic], peaks: _Peaks, stars: NDArray[np.intp], width: float, ceiling: float
+    image: NDArray[Any], peaks: _Peaks, stars: NDArray[np.intp], width: float, ceiling: float
 ) -> NDArray[np.intp]:
     """Rows of ``stars`` that are not mere bumps on a brighter neighbour: no dip in between, or swamped by its wings."""
     col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
@@ -349,9 +346,7 @@ def _not_shoulders(
     return np.flatnonzero(~drop)
 
 
-def _blown_kept(
-    stamps: Stamps, image: NDArray[np.generic], peaks: _Peaks, stars: NDArray[np.intp], half: int
-) -> Stamps:
+def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: _Peaks, stars: NDArray[np.intp], half: int) -> Stamps:
     """Stars so saturated that fewer than a third of their pixels are left are fitted with the clipped values."""
     blown = stamps.use.mean(1) < 0.34
     if not blown.any():
@@ -367,7 +362,7 @@ def _blown_kept(
     return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)
 
 
-def _reasons(image: NDArray[np.generic], fit: PsfFit, stamps: Stamps, width: float) -> list[str]:
+def _reasons(image: NDArray[Any], fit: PsfFit, stamps: Stamps, width: float) -> list[str]:
     rows, cols = image.shape
     outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > cols - 0.5) | (fit.row > rows - 0.5)
     return [

@@ -8,6 +8,7 @@ trailed stars.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class Stamps:
 
 
 def cut_stamps(
-    image: NDArray[np.generic], col: NDArray[np.intp], row: NDArray[np.intp], sky: Array, half: int, saturation: float
+    image: NDArray[Any], col: NDArray[np.intp], row: NDArray[np.intp], sky: Array, half: int, saturation: float
 ) -> Stamps:
     """Cut (2·half+1)² pixels round each of n integer positions and take the sky (n,) away."""
     side = np.arange(-half, half + 1)
@@ -109,7 +110,7 @@ def fit_stars(
     ``covariance``: (2, 2) px² of the point-spread function. ``noise``: (n,) standard deviation of a sky pixel.
     ``e_per_dn`` > 0 weighs pixels by their shot noise too.
     """
-    inverse = np.linalg.inv(covariance)
+    inverse: Array = np.asarray(np.linalg.inv(covariance), float)
     half = float(stamps.dx.max())
     x, y = start_col - stamps.col, start_row - stamps.row
     weight = stamps.use / noise[:, None] ** 2

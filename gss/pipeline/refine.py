@@ -63,7 +63,8 @@ def refine(
         k1_now = np.zeros(len(names))
         if fit_k1 and isinstance(camera.distortion, Brown):
             k1_now[-1] = camera.distortion.k1
-        step = np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), j.T @ (w * residual.ravel()) - prior * k1_now)
+        gradient = j.T @ (w * residual.ravel()) - prior * k1_now
+        step = np.asarray(np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < DONE:
             break
@@ -86,7 +87,7 @@ def _linearised(
         moved_camera, moved = _moved(camera, cam_from_icrs, step, names)
         columns.append((moved_camera.project(icrs @ moved.T) - base) / STEP)
     jacobian = np.stack(columns, axis=-1)
-    bad = ~np.isfinite(base).all(1) | ~np.isfinite(jacobian).all((1, 2))
+    bad: NDArray[np.bool_] = np.asarray(~np.isfinite(base).all(1) | ~np.isfinite(jacobian).all((1, 2)))
     jacobian[bad] = 0.0
     residual = np.where(bad[:, None], np.nan, pixels - base)
     return np.where(bad[:, None], 1e9, residual), jacobian
@@ -114,8 +115,5 @@ def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool
 def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
     """Inverse information, enlarged where the residuals are larger than the centroids' own errors say."""
     freedom = 2 * int(good.sum()) - parameters
-    if freedom <= 0:
-        factor = 1.0
-    else:
-        factor = max(1.0, float(np.sum(residual[good] ** 2 * weight[good, None])) / freedom)
+    factor = max(1.0, float(np.sum(residual[good] ** 2 * weight[good, None])) / freedom) if freedom > 0 else 1.0
     return np.asarray(np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal)))[:3, :3] * factor)

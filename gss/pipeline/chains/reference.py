@@ -7,7 +7,8 @@ identification code with the replicas of the documents' systems.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResul
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
-from gss.pipeline.identify.blind import identify_blind
+from gss.pipeline.identify.blind import BlindFound, identify_blind
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
 from gss.pipeline.identify.patterns import Level
@@ -28,6 +29,7 @@ from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
 NAME = "reference"
+MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def known_sky(sky: Sky, camera: Camera, faint_limit_mag: float, merge_px: float 
 
 
 def solve_known(
-    pixels: NDArray[np.generic],
+    pixels: NDArray[Any],
     camera: Camera,
     sensor: Sensor | None,
     stars: KnownSky,
@@ -89,46 +91,50 @@ def _identify_known(
     centroids: Centroids, camera: Camera, stars: KnownSky, hint: Hint | None, trace: Trace, found: Detections | None
 ) -> SolveResult:
     view = field_of(centroids, camera)
-    notes = found.notes if found else ()
     with trace.stage("identify"):
         result, said = _where(view, camera, stars, hint)
-    notes += said
-    regions = found.regions if found else ()
+    base = _unsolved(camera, centroids, found, (*(found.notes if found else ()), *said))
     evidence = result.evidence
     if evidence is None:
-        return SolveResult(
-            NAME,
-            Outcome.NONE,
-            result.reason,
-            camera,
-            regions,
-            centroids,
-            None,
-            None,
-            float("nan"),
-            dict(trace.timing_s),
-            notes,
-        )
+        with trace.stage("why not"):
+            mirrored = _solves_mirrored(centroids, camera, stars)
+        return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
+    rows, picked = evidence.rows, evidence.stars
     with trace.stage("attitude"):
-        fit = refine(
-            view.pixels[evidence.rows],
-            stars.sky.icrs[evidence.stars],
-            view.sigma_px[evidence.rows],
-            camera,
-            evidence.cam_from_icrs,
-        )
-    return SolveResult(
-        NAME,
-        Outcome.SOLVED,
-        "",
-        camera,
-        regions,
-        centroids,
-        _matches(view.centroid[evidence.rows], stars.sky.hip[evidence.stars], fit),
-        _attitude(fit),
-        evidence.false_match_probability,
-        dict(trace.timing_s),
-        notes,
+        fit = refine(view.pixels[rows], stars.sky.icrs[picked], view.sigma_px[rows], camera, evidence.cam_from_icrs)
+    solved = _solved(base, fit, view.centroid[rows], stars.sky.hip[picked], evidence.false_match_probability)
+    return replace(solved, timing_s=dict(trace.timing_s))
+
+
+def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> bool:
+    """Whether the left-right reverse of a frame would solve: then the file or the optics are reversed."""
+    if len(centroids) < 5:
+        return False
+    view = field_of(_mirrored(centroids, camera.columns), camera)
+    return identify_lost(view, stars.sky, stars.pairs, camera).evidence is not None
+
+
+def _mirrored(centroids: Centroids, columns: int) -> Centroids:
+    return replace(centroids, col_px=columns - 1 - centroids.col_px)
+
+
+def _unsolved(camera: Camera, centroids: Centroids, found: Detections | None, notes: tuple[str, ...]) -> SolveResult:
+    regions = found.regions if found else ()
+    return SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
+
+
+def _solved(
+    base: SolveResult, fit: Refined, rows: NDArray[np.intp], hip: NDArray[np.int32], false_match_probability: float
+) -> SolveResult:
+    matches = Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
+    attitude = Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
+    return replace(
+        base,
+        outcome=Outcome.SOLVED,
+        camera=fit.camera,
+        matches=matches,
+        attitude=attitude,
+        false_match_probability=false_match_probability,
     )
 
 
@@ -144,7 +150,7 @@ def _where(view: Field, camera: Camera, stars: KnownSky, hint: Hint | None) -> t
 
 
 def solve_foreign(
-    pixels: NDArray[np.generic],
+    pixels: NDArray[Any],
     fov_range_rad: tuple[float, float],
     sky: Sky,
     level: Callable[[float], Level],
@@ -160,50 +166,36 @@ def solve_foreign(
         found = find_stars(pixels)
     centroids = found.centroids
     shape = (int(pixels.shape[1]), int(pixels.shape[0]))
-    with np.errstate(divide="ignore"):
-        magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
     with trace.stage("identify"):
-        result = identify_blind(centroids.pixels, magnitude, centroids.sigma_px, shape, fov_range_rad, sky, level)
+        result = _blind(centroids, shape, fov_range_rad, sky, level)
     notes = found.notes
     if found.streak_px:
         notes = (
             *notes,
             f"stars are trailed by about {found.streak_px:.0f} px; positions are the middles of the trails",
         )
-    if result.solved is None:
-        guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-        return SolveResult(
-            NAME,
-            Outcome.NONE,
-            result.reason,
-            guess,
-            found.regions,
-            centroids,
-            None,
-            None,
-            float("nan"),
-            dict(trace.timing_s),
-            notes,
-        )
+    guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
+    base = _unsolved(guess, centroids, found, notes)
     solved = result.solved
-    return SolveResult(
-        NAME,
-        Outcome.SOLVED,
-        "",
-        solved.fit.camera,
-        found.regions,
-        centroids,
-        _matches(solved.rows, sky.hip[solved.stars], solved.fit),
-        _attitude(solved.fit),
-        solved.false_match_probability,
-        dict(trace.timing_s),
-        notes,
-    )
+    if solved is None:
+        with trace.stage("why not"):
+            reverse = (
+                _blind(_mirrored(centroids, shape[0]), shape, fov_range_rad, sky, level)
+                if len(centroids) >= 5
+                else None
+            )
+        mirrored = reverse is not None and reverse.solved is not None
+        return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
+    answer = _solved(base, solved.fit, solved.rows, sky.hip[solved.stars], solved.false_match_probability)
+    return replace(answer, timing_s=dict(trace.timing_s))
 
 
-def _matches(rows: NDArray[np.intp], hip: NDArray[np.int32], fit: Refined) -> Matches:
-    return Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
-
-
-def _attitude(fit: Refined) -> Attitude:
-    return Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
+def _blind(
+    centroids: Centroids,
+    shape: tuple[int, int],
+    fov_range_rad: tuple[float, float],
+    sky: Sky,
+    level: Callable[[float], Level],
+) -> BlindFound:
+    magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
+    return identify_blind(centroids.pixels, magnitude, centroids.sigma_px, shape, fov_range_rad, sky, level)

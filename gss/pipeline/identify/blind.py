@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
-from gss.pipeline.attitude import svd
 from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, false_match_probability
 from gss.pipeline.identify.patterns import Level, codes_of, radii_rad
+from gss.pipeline.identify.pyramid import counted
 from gss.pipeline.identify.verify import Sky, in_view, pair_up
 from gss.pipeline.refine import Refined, refine
 
@@ -24,6 +24,8 @@ SMALLEST_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
 PROBES = 14
+STRONG_HITS = 3
+MOST_PROVED = 40
 BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
@@ -79,40 +81,80 @@ def identify_blind(
     caller keeps them). Detections come with magnitudes of any zero point.
     """
     if len(pixels) < 5:
-        return BlindFound(None, 0, f"{len(pixels)} stars found: at least 5 are needed without a calibrated camera")
-    columns, rows = shape
-    ratio = min(1.0, rows / columns)
-    best: Solved | None = None
-    tried = full = 0
+        return BlindFound(None, 0, f"{counted(len(pixels))} found: at least 5 are needed without a calibrated camera")
+    search = _BlindSearch(pixels, magnitude, sigma_px, shape, fov_range_rad, sky, accept)
     for wanted in _rank_batches(len(pixels)):
         for fov in _fov_hypotheses(*fov_range_rad):
-            window = _fov_window(fov, fov_range_rad)
-            camera = replace(Camera.from_fov(columns, rows, fov), distortion=Brown())
-            unit = camera.unproject(pixels)
-            codes, ids, size = codes_of(unit[wanted], wanted)
-            wide = np.linalg.norm(pixels[ids[:, 0]] - pixels[ids[:, 1]], axis=1) > SMALLEST_FIGURE * columns
-            codes, ids, size = codes[wide], ids[wide], size[wide]
-            found: list[_Candidate] = []
-            for radius in radii_rad(window[0] * ratio, window[1] * ratio):
-                these, count = _look_up(level(radius), codes, ids, size, unit, camera, window, pixels, sky)
-                tried += count
-                found += these
-            found.sort(key=lambda c: -c.hits)
-            for candidate in found[:60]:
-                full += 1
-                solved = prove(candidate.camera, candidate.cam_from_icrs, pixels, magnitude, sigma_px, sky, tried)
-                if solved is None:
-                    continue
-                fov_found = solved.fit.camera.fov_rad[0]
-                if not fov_range_rad[0] * 0.97 < fov_found < fov_range_rad[1] * 1.03:
-                    continue
-                if solved.false_match_probability <= accept:
-                    return BlindFound(solved, tried)
-                if best is None or solved.false_match_probability < best.false_match_probability:
-                    best = solved
-            if tried > MAX_CANDIDATES or full > MAX_FULL_CHECKS:
-                return BlindFound(None, tried, _why(len(pixels), best, accept, "budget used up; "))
-    return BlindFound(None, tried, _why(len(pixels), best, accept, ""))
+            solved = search.run(wanted, fov, level)
+            if solved is not None:
+                return BlindFound(solved, search.tried)
+            if search.tried > MAX_CANDIDATES or search.full > MAX_FULL_CHECKS:
+                return BlindFound(None, search.tried, _why(len(pixels), search.best, accept, "budget used up; "))
+    return BlindFound(None, search.tried, _why(len(pixels), search.best, accept, ""))
+
+
+class _BlindSearch:
+    """Counts what was tried and remembers the best that was refused."""
+
+    def __init__(
+        self,
+        pixels: Array,
+        magnitude: Array,
+        sigma_px: Array,
+        shape: tuple[int, int],
+        fov_range_rad: tuple[float, float],
+        sky: Sky,
+        accept: float,
+    ) -> None:
+        self.pixels, self.magnitude, self.sigma_px, self.shape = pixels, magnitude, sigma_px, shape
+        self.limits, self.sky, self.accept = fov_range_rad, sky, accept
+        self.tried = self.full = 0
+        self.best: Solved | None = None
+
+    def run(self, wanted: NDArray[np.int32], fov_rad: float, level: Callable[[float], Level]) -> Solved | None:
+        """Test the figures ``wanted`` under one field of view, large circles first: they are few and quickly built."""
+        columns, rows = self.shape
+        ratio = min(1.0, rows / columns)
+        window = _fov_window(fov_rad, self.limits)
+        camera = replace(Camera.from_fov(columns, rows, fov_rad), distortion=Brown())
+        unit = camera.unproject(self.pixels)
+        codes, ids, size = codes_of(unit[wanted], wanted)
+        span = np.linalg.norm(self.pixels[ids[:, 0]] - self.pixels[ids[:, 1]], axis=1)
+        wide = span > SMALLEST_FIGURE * columns
+        weak: list[_Candidate] = []
+        for radius in reversed(radii_rad(window[0] * ratio, window[1] * ratio)):
+            found, count = _look_up(
+                level(radius), codes[wide], ids[wide], size[wide], camera, window, self.pixels, self.sky
+            )
+            self.tried += count
+            solved = self._prove_first([c for c in found if c.hits >= STRONG_HITS])
+            if solved is not None:
+                return solved
+            weak += [c for c in found if c.hits < STRONG_HITS]
+        return self._prove_first(weak)
+
+    def _prove_first(self, candidates: list[_Candidate]) -> Solved | None:
+        for candidate in sorted(candidates, key=lambda c: -c.hits)[:MOST_PROVED]:
+            self.full += 1
+            solved = prove(
+                candidate.camera,
+                candidate.cam_from_icrs,
+                self.pixels,
+                self.magnitude,
+                self.sigma_px,
+                self.sky,
+                max(self.tried, 1),
+            )
+            if solved is None:
+                continue
+            fov = solved.fit.camera.fov_rad[0]
+            if not self.limits[0] * 0.97 < fov < self.limits[1] * 1.03:
+                continue
+            if solved.false_match_probability <= self.accept:
+                return solved
+            if self.best is None or solved.false_match_probability < self.best.false_match_probability:
+                self.best = solved
+        return None
 
 
 def _why(n: int, best: Solved | None, accept: float, prefix: str) -> str:
@@ -162,7 +204,6 @@ def _look_up(
     codes: Array,
     ids: NDArray[np.int32],
     size: Array,
-    unit: Array,
     camera: Camera,
     window: tuple[float, float],
     pixels: Array,

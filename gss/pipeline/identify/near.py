@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.pyramid import Found
+from gss.pipeline.identify.pyramid import Found, counted
 from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
+
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 TOLERANCE_SIGMA = 3.5
 ACCEPT = 1e-4  # looser than without a hint: the answer must also lie where the caller says
@@ -30,7 +34,7 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
     """Identify with a prior. Candidates are (star seen, catalogue star) within the radius; consistent pairs vote."""
     n = min(len(field), MAX_STARS)
     if n < 3:
-        return Found(None, 0, f"{len(field)} stars found: at least 3 are needed near a known attitude")
+        return Found(None, 0, f"{counted(len(field))} found: at least 3 are needed near a known attitude")
     reach = np.cos(min(camera.half_diagonal_rad + hint.radius_rad, np.pi))
     local = np.flatnonzero(sky.icrs @ hint.cam_from_icrs[2] > reach)
     expected = sky.icrs[local] @ hint.cam_from_icrs.T
@@ -75,7 +79,7 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
     )
 
 
-def _agreement(field: Field, seen: Array, unit: Array, expected: Array, known: Array) -> Array:
+def _agreement(field: Field, seen: Rows, unit: Array, expected: Array, known: Rows) -> Mask:
     """(k, k) which two candidates keep their distance and are of different stars."""
     tolerance = TOLERANCE_SIGMA * np.sqrt(field.sigma_rad[seen][:, None] ** 2 + field.sigma_rad[seen] ** 2)
     a, b = _distances(unit), _distances(expected)

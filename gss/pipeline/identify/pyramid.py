@@ -12,15 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.pipeline.identify.kvector import PairTable
 from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
 
 TOLERANCE_SIGMA = 3.5
 ACCEPT = 1e-6
-MAX_STARS = 48
+MAX_STARS = 120
+LEAST_MATCHED = 4  # three stars never prove themselves against a whole sky, whatever the figure says
 MAX_JOINED_ROWS = 6_000_000
+ROWS_PER_PAIR = 600  # what one join costs however small it is
 COLLINEAR = 4.0
 
 
@@ -41,8 +42,8 @@ def identify_lost(
     ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
     """
     n = min(len(field), MAX_STARS)
-    if n < 3:
-        return Found(None, 0, f"{len(field)} stars found: at least 3 are needed, 4 to be sure")
+    if n < LEAST_MATCHED:
+        return Found(None, 0, f"{counted(len(field))} found: at least {LEAST_MATCHED} are needed without a hint")
     search = _Search(field, sky, table, n, scale_error)
     best: Evidence | None = None
     for i, j in _pair_order(n):
@@ -57,13 +58,18 @@ def identify_lost(
                 stars=np.array([first, second, *rows]),
                 hypotheses=search.hypotheses,
             )
-            if evidence is None:
+            if evidence is None or len(evidence.rows) < LEAST_MATCHED:
                 continue
             if evidence.false_match_probability <= accept:
                 return Found(evidence, search.hypotheses)
             if best is None or evidence.false_match_probability < best.false_match_probability:
                 best = evidence
     return Found(None, search.hypotheses, _why_not(field, best, accept))
+
+
+def counted(stars: int) -> str:
+    """ "1 star", "5 stars"."""
+    return f"{stars} star{'' if stars == 1 else 's'}"
 
 
 def _pair_order(n: int) -> Iterator[tuple[int, int]]:
@@ -75,7 +81,7 @@ def _pair_order(n: int) -> Iterator[tuple[int, int]]:
 
 def _why_not(field: Field, best: Evidence | None, accept: float) -> str:
     if best is None:
-        return f"no four of the {len(field)} stars fit the catalogue (other camera than stated, mirrored, or too few catalogue stars)"
+        return f"no four of the {len(field)} stars fit the catalogue: another camera than stated, or too few catalogue stars"
     return (
         f"best candidate has {len(best.rows)} of {len(field)} stars, but a false-match probability of "
         f"{best.false_match_probability:.1e} (limit {accept:.0e})"
@@ -130,7 +136,7 @@ class _Search:
             return []
         offsets, anchor_k, anchor_c = self._anchor(i)
         count = offsets[a + 1] - offsets[a]
-        self.joined_rows += int(count.sum())
+        self.joined_rows += int(count.sum()) + ROWS_PER_PAIR
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + np.repeat(offsets[a] - (np.cumsum(count) - count), count)
         k, c = anchor_k[pos], anchor_c[pos]

@@ -15,6 +15,7 @@ from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, fa
 
 RADIUS_SIGMA = 3.5
 ROUNDS = 3
+COUNT_WITHIN = (1.0, 0.5)
 MAX_RADIUS_PX = 25.0
 MIN_RADIUS_PX = 0.35
 
@@ -52,7 +53,8 @@ def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -
     pixels = centroids.pixels
     sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
     n = len(pixels)
-    steps = np.concatenate([pixels, pixels + [0.5, 0], pixels + [0, 0.5]])
+    half_col, half_row = np.array([0.5, 0.0]), np.array([0.0, 0.5])
+    steps = np.concatenate([pixels, pixels + half_col, pixels + half_row])
     unit = camera.unproject(steps) if n else np.zeros((0, 3))
     here, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
     px_rad = 2 * np.maximum(np.linalg.norm(right - here, axis=1), np.linalg.norm(below - here, axis=1))
@@ -108,7 +110,7 @@ def verify(
     Two stars fix the hypothesis; each further match is evidence. The chance of a coincidence uses the radius of the
     first prediction, before any fit could pull stars together.
     """
-    chance = 1.0
+    first, first_radius = np.full((len(sky), 2), np.inf), np.zeros(0)
     for round_ in range(ROUNDS):
         weights = 1 / field.sigma_rad[rows] ** 2
         cam_from_icrs = svd(field.unit[rows], sky.icrs[stars], weights)
@@ -117,12 +119,15 @@ def verify(
             return None
         radius = _radius(field, camera, sky.icrs[seen] @ cam_from_icrs.T, field.unit[rows], weights, calibration_px)
         if round_ == 0:
-            chance = _chance(camera, radius)
+            first[seen], first_radius = predicted, radius
+            reach = np.full(len(sky), np.nan)
+            reach[seen] = radius
         p, m = pair_up(predicted, field.pixels, radius)
         if len(m) < 3:
             return None
         rows, stars = m, seen[p]
-    position = binomial_tail(len(rows) - 2, len(field) - 2, chance)
+    offset = np.linalg.norm(first[stars] - field.pixels[rows], axis=1) / reach[stars]
+    position = _position_tail(offset, first_radius, len(field), camera)
     spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(field.magnitude)))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
     order = np.argsort(rows)
@@ -145,7 +150,15 @@ def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Arr
     return np.asarray(np.clip(radius, MIN_RADIUS_PX, MAX_RADIUS_PX))
 
 
-def _chance(camera: Camera, radius: Array) -> float:
-    """Probability that one random detection falls on any predicted star but the two of the hypothesis."""
-    area = np.pi * np.sort(radius**2)[2:].sum()
-    return float(min(1.0, area / (camera.columns * camera.rows)))
+def _position_tail(offset: Array, radius: Array, detections: int, camera: Camera) -> float:
+    """Chance that detections scattered at random meet the first prediction so well.
+
+    ``offset``: (m,) distances of the matches from it, in acceptance radii; ``radius``: (p,) px of all predicted stars. Two
+    matches are the hypothesis itself. The full radius and half of it are looked at, and both are paid for.
+    """
+    area_px2 = np.pi * float(np.sort(radius**2)[2:].sum())
+    tails = []
+    for part in COUNT_WITHIN:
+        chance = min(1.0, part**2 * area_px2 / (camera.columns * camera.rows))
+        tails.append(binomial_tail(int((offset <= part).sum()) - 2, detections - 2, chance))
+    return min(1.0, min(tails) * len(tails))
