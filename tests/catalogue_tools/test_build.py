@@ -1,0 +1,276 @@
+"""From request to verified image: funnel, quality, manifest, cancellation, and every wrong request."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.attitude import AttitudeLimits
+from gss.catalogue_tools.build import build, estimate_pairs, preview
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.manifest import check_image, read_manifest, require_profile
+from gss.catalogue_tools.onboard import decode, read_header
+from gss.catalogue_tools.quality import stars_per_field
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
+from gss.catalogue_tools.selection import Fate, Rules
+from gss.domain.angles import separation_rad
+from gss.domain.errors import BadInput, CorruptData, GssError
+from gss.domain.profiles import profile
+from gss.domain.stars import FLAG_VARIABLE
+
+START = datetime(2026, 12, 1, tzinfo=UTC)
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+SUNSAT = BuildRequest(
+    "sunsat",
+    "sunsat",
+    Rules(6.0, 2.5, *deg(0.25), brightest_per_field=0, drop_variables=True),
+    name="two weeks",
+    author="a catalogue manager",
+    orbit=ElementsOrbit(deg(97, 97), deg(133, 149)),
+    attitude=AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)),
+    start=START,
+    pointings=2000,
+)
+WHOLE_SKY = BuildRequest("cubestar", "cubestar", Rules(3.8), pair_max_rad=float(np.radians(43)), pointings=2000)
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return load_stars()
+
+
+@pytest.fixture(scope="module")
+def sunsat(stars):
+    return build(SUNSAT, stars)
+
+
+def test_image_holds_the_kept_stars_at_the_middle_of_use(sunsat):
+    """The image decodes to the kept stars, their positions those of the middle of validity."""
+    onboard = decode(sunsat.image, np.array(sunsat.manifest.hip))
+    assert np.array_equal(onboard.hip, sunsat.selection.kept.hip)
+    assert separation_rad(onboard.icrs, sunsat.stars.icrs).max() < 1e-6
+    assert len(onboard.distances) == len(sunsat.distances)
+    assert sunsat.stars.epoch_jyear == pytest.approx(2026.935, abs=0.002)
+
+
+def test_funnel_adds_up(sunsat):
+    """What came in less what went out is what is kept, and the reasons are the star's own."""
+    left, dropped = 0, 0
+    for step in sunsat.selection.funnel[2:-1]:
+        left, dropped = (left, dropped + step.stars) if step.dropped else (step.stars, dropped)
+    assert left - dropped == sunsat.selection.funnel[-1].stars == len(sunsat.stars)
+    assert sunsat.stars.v_mag.min() >= 2.5
+    assert sunsat.stars.v_mag.max() <= 6.0
+    assert not np.any(sunsat.stars.flags & FLAG_VARIABLE)
+    assert sunsat.plan.envelope.contains(sunsat.stars.icrs).all()
+    assert sunsat.selection.count(Fate.DOUBLE) > 0
+
+
+def test_close_doubles_go_unless_the_neighbour_is_harmless(sunsat, stars):
+    """No kept star has a neighbour of V ≤ 6 within the separation that is less than 2.5 mag fainter, or brighter."""
+    others = sunsat.selection.candidates
+    distance = separation_rad(sunsat.stars.icrs[:, None], others.icrs[None])
+    close = (distance < np.radians(0.25)) & (sunsat.stars.hip[:, None] != others.hip[None])
+    fainter = others.v_mag[None] - sunsat.stars.v_mag[:, None]
+    assert np.all(fainter[close] >= 2.5)
+
+
+def test_thinning_keeps_the_brightest_of_every_field(stars):
+    """With 6 per field fewer stars stay, every random field that had 6 keeps nearly as many, and the brightest are kept."""
+    request = replace(WHOLE_SKY, rules=Rules(4.5, brightest_per_field=6), pair_max_rad=None)
+    thinned, full = preview(request, stars).selection, preview(replace(request, rules=Rules(4.5)), stars).selection
+    assert 0.2 * len(full.kept) < len(thinned.kept) < 0.8 * len(full.kept)
+    assert np.isin(full.kept.hip[:20], thinned.kept.hip).all()
+    shape = FieldShape(profile("cubestar").camera)
+    attitudes = preview(request, stars).plan.envelope.attitudes(np.random.default_rng(3), 1000)
+    before = stars_per_field(full.kept.icrs, attitudes, shape)
+    after = stars_per_field(thinned.kept.icrs, attitudes, shape)
+    assert after[before >= 6].min() >= 3
+    assert after.mean() < 0.7 * before.mean()
+
+
+def test_counts_per_field_are_the_cameras(stars):
+    """The quick count equals projecting every star into the detector."""
+    camera = profile("sunsat").camera
+    bright = load_stars(6.0)
+    attitudes = preview(SUNSAT, stars).plan.envelope.attitudes(np.random.default_rng(9), 40)
+    counts = stars_per_field(bright.icrs, attitudes, FieldShape(camera))
+    for attitude, count in zip(attitudes, counts, strict=True):
+        seen = bright.icrs @ attitude.T
+        near = seen[seen[:, 2] > np.cos(np.radians(9))]
+        assert count == camera.contains(camera.project(near)).sum()
+
+
+def test_jacobs_statistics_of_the_whole_sky(stars):
+    """Jacobs 1995 Table 5-1: fewer than three stars of V ≤ 6 in 0.56 % of random fields, about 0.0021 % empty."""
+    request = BuildRequest("sunsat", "sunsat", Rules(6.0), bank_bytes=4_000_000, pointings=60_000)
+    quality = build(request, stars).quality
+    assert quality.p_fewer_than(3) == pytest.approx(0.0050, abs=0.0015)
+    assert quality.p_fewer_than(1) < 3e-4
+    assert 35 <= len(quality.histogram) - 1 <= 60
+
+
+def test_quality_report_is_consistent(sunsat):
+    """The histogram counts every pointing; the worst field really has so few stars, and is inside the envelope."""
+    q = sunsat.quality
+    assert q.histogram.sum() == q.pointings == 2000
+    assert q.histogram[: q.worst_stars].sum() == 0 < q.histogram[q.worst_stars]
+    assert q.p_fewer_than(3) == pytest.approx(q.histogram[:3].sum() / 2000)
+    assert q.candidates_per_query >= 1
+
+
+def test_preview_agrees_with_the_build(stars, sunsat):
+    """The quick look shows the same stars and the same map, and its size is right."""
+    quick = preview(SUNSAT, stars)
+    assert np.array_equal(quick.selection.kept.hip, sunsat.stars.hip)
+    assert quick.pairs == len(sunsat.distances)
+    assert quick.bytes == len(sunsat.image)
+    assert np.array_equal(quick.map.fraction, sunsat.map.fraction)
+
+
+def test_pair_estimate_is_close_for_many_stars():
+    """Above 800 stars the number of pairs is estimated, to a few percent."""
+    stars = load_stars(6.0)
+    low, high = np.radians(0.25), np.radians(13.9)
+    assert estimate_pairs(stars.icrs, low, high) == pytest.approx(len(distance_table(stars, low, high)), rel=0.04)
+    assert estimate_pairs(stars.icrs[:300], 0.0, np.pi) == 300 * 299 // 2
+
+
+def test_same_request_gives_the_same_bytes(stars, sunsat):
+    """Building twice gives the same image and the same manifest."""
+    again = build(SUNSAT, stars)
+    assert again.image == sunsat.image
+    assert again.manifest.as_json() == sunsat.manifest.as_json()
+
+
+def test_manifest_survives_and_proves_the_image(sunsat):
+    """The manifest reads back equal, names each row's star, and belongs to this image only."""
+    text = sunsat.manifest.as_json()
+    back = read_manifest(text)
+    assert back.as_json() == text
+    check_image(back, sunsat.image)
+    with pytest.raises(CorruptData, match="not the manifest's"):
+        check_image(back, sunsat.image[:-1] + b"\0")
+    content = json.loads(text)
+    assert content["hip"] == sunsat.stars.hip.tolist()
+    assert content["valid_from"] == "2026-12-01T00:00:00+00:00"
+    assert content["valid_to"] == "2026-12-15T00:00:00+00:00"
+    assert sum(content["bytes_by_part"].values()) == len(sunsat.image)
+    assert content["quantisation"]["position_rad"] < 1e-6
+
+
+def test_changed_manifest_is_found(sunsat):
+    """A manifest edited by hand, or something else altogether, is refused."""
+    with pytest.raises(CorruptData, match="changed after it was written"):
+        read_manifest(sunsat.manifest.as_json().replace("two weeks", "ten weeks"))
+    with pytest.raises(CorruptData, match="not a catalogue manifest"):
+        read_manifest("[]")
+
+
+def test_image_of_another_camera_is_refused(sunsat):
+    """A star list made for Sunsat is not for CubeStar."""
+    header = read_header(sunsat.image)
+    require_profile(header, profile("sunsat"))
+    with pytest.raises(BadInput, match="another camera"):
+        require_profile(header, profile("cubestar"))
+
+
+def test_whole_sky_does_not_expire(stars):
+    """CubeStar's whole-sky catalogue: 411 stars, the document's kind of table, no end of validity."""
+    built = build(replace(WHOLE_SKY, start=START), stars)
+    assert len(built.stars) == 411
+    assert len(built.distances) == pytest.approx(11_486 * (411 / 405) ** 2, rel=0.06)
+    assert (built.manifest.valid_from, built.manifest.valid_to) == ("2026-12-01T00:00:00+00:00", "")
+
+
+def test_progress_rises_and_can_cancel(stars):
+    """Progress goes from 0 to 1, and an exception from it ends the build."""
+    shares = []
+    build(replace(SUNSAT, pointings=100), stars, lambda stage, share: shares.append((share, stage)))
+    assert shares == sorted(shares)
+    assert (shares[0][0], shares[-1][0]) == (0.0, 1.0)
+
+    class Cancelled(Exception):
+        pass
+
+    def cancel(stage, share):
+        if stage == "distances":
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        build(SUNSAT, stars, cancel)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"format_name": "papyrus"}, "unknown on-board format"),
+        ({"profile_name": "hubble"}, "unknown camera profile"),
+        ({"orbit": None}, "follows the orbit"),
+        ({"attitude": None}, "without attitude limits"),
+        ({"orbit": TleOrbit("x"), "start": None}, "a TLE needs dates"),
+        ({"orbit": TleOrbit("x")}, "not a two-line element set"),
+        ({"attitude": AttitudeLimits("anti_sun"), "start": None}, "needs dates"),
+        ({"days": float("nan")}, "validity is out of range"),
+        ({"start": datetime(2026, 12, 1)}, "no time zone"),
+        ({"margin_rad": -0.1}, "margin is out of range"),
+        ({"epoch_jyear": 1950.0}, "epoch of the positions is far"),
+        ({"epoch_jyear": float("nan")}, "epoch of the positions is far"),
+        ({"epoch_jyear": 1000.0, "start": None}, "epoch is out of range"),
+        ({"pair_min_rad": 0.3}, "distance limits are impossible"),
+        ({"bank_bytes": 10_000}, "overflows the bank"),
+        ({"bank_bytes": 23_000}, "overflows the bank"),
+        ({"pointings": 0}, "no pointings"),
+    ],
+)
+def test_each_impossible_request_says_what_is_wrong(stars, change, words):
+    """Every kind of impossible request ends in a clear sentence, and builds nothing."""
+    with pytest.raises(GssError, match=words):
+        build(replace(SUNSAT, **{"rules": Rules(6.0), **change}), stars)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((6.0, 6.5), "not brighter than the faint limit"),
+        ((9.0,), "not that deep"),
+        ((float("nan"),), "not a number"),
+        ((6.0, 2.0, -0.1), "cannot be negative"),
+    ],
+)
+def test_impossible_rules_are_named(arguments, words):
+    """Magnitude limits out of order, too deep or not numbers."""
+    with pytest.raises(BadInput, match=words):
+        Rules(*arguments)
+
+
+def test_limits_that_leave_no_star_are_named(stars):
+    """No star so bright, no star in the envelope, and too few left are three different sentences."""
+    with pytest.raises(BadInput, match="leaves no stars"):
+        build(replace(SUNSAT, rules=Rules(-1.9)), stars)
+    still = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=-1.0)
+    sirius = AttitudeLimits("inertial", ra_rad=1.7678, dec_rad=-0.2917)
+    with pytest.raises(BadInput, match="the envelope holds no star"):
+        build(replace(SUNSAT, orbit=None, attitude=still, rules=Rules(0.0)), stars)
+    with pytest.raises(BadInput, match="too few stars are left"):
+        build(replace(SUNSAT, orbit=None, attitude=sirius, rules=Rules(0.0)), stars)
+
+
+def test_spoiled_star_tables_are_named(stars):
+    """NaN rows and numbers that occur twice are found before anything is built."""
+    few = stars.take(np.arange(200))
+    icrs = few.icrs.copy()
+    icrs[7, 1] = np.nan
+    with pytest.raises(BadInput, match="not numbers"):
+        build(replace(WHOLE_SKY, rules=Rules(3.0)), replace(few, icrs=icrs))
+    with pytest.raises(BadInput, match="twice"):
+        build(replace(WHOLE_SKY, rules=Rules(3.0)), few.take(np.r_[0:50, 10]))

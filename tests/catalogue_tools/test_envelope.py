@@ -1,0 +1,279 @@
+"""Envelopes against brute force over the sphere, and against the sub-catalogue sizes of Jacobs 1995 §5.2."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.attitude import AttitudeLimits, euler_123, orbit_axes
+from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.field import FieldShape, widened
+from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.orbits import from_elements
+from gss.catalogue_tools.reach import cosine_range
+from gss.domain.angles import separation_rad, unit_from_ra_dec
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs, orbit_from_icrs
+from gss.domain.profiles import PROFILES, profile
+from gss.domain.rotation import rotation_x, rotation_y, rotation_z
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+SUNSAT_LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140))
+
+
+def sunsat(raan_low, raan_high, inclination=97.0):
+    planes = from_elements(deg(inclination, inclination), deg(raan_low, raan_high))
+    return BandEnvelope(FieldShape(profile("sunsat").camera), SUNSAT_LIMITS, planes)
+
+
+def seen_by_sampling(envelope, unit, count, seed=1):
+    seen = np.zeros(len(unit), bool)
+    for attitude in envelope.attitudes(np.random.default_rng(seed), count):
+        seen |= envelope.shape.inside(unit @ attitude.T)
+    return seen
+
+
+def seen_by_corners(limits, shape, unit, raan_deg, inclination_deg, per_axis, per_orbit):
+    """Jacobs' way: step through every combination of the six parameters, ends included."""
+    seen = np.zeros(len(unit), bool)
+    latitude = np.arange(per_orbit) * 2 * np.pi / per_orbit
+    boxes = [np.linspace(a, b, per_axis) for a, b in zip(limits.low, limits.high, strict=True)]
+    for raan, inclination in itertools.product(raan_deg, inclination_deg):
+        orbit = orbit_axes(np.full(per_orbit, np.radians(raan)), np.full(per_orbit, np.radians(inclination)), latitude)
+        for angles in itertools.product(*boxes):
+            cam = limits.cam_from_body @ euler_123(angles) @ orbit
+            seen |= shape.inside(np.einsum("kij,nj->kni", cam, unit)).any(axis=0)
+    return seen
+
+
+@pytest.mark.parametrize(("inclination", "declination"), [(0, -90), (90, 0), (97, 7)])
+def test_sunsat_boresight_lies_where_the_document_says(inclination, declination):
+    """With yaw 135° the boresight of an orbit with i = 0, 90, 97° lies at Dec −90, 0, +7° all round the orbit."""
+    limits = AttitudeLimits("sunsat", yaw_rad=deg(135, 135))
+    for latitude in np.linspace(0, 2 * np.pi, 7):
+        orbit = orbit_from_icrs(0.4, np.radians(inclination), latitude)
+        boresight = (limits.cam_from_body @ euler_123(limits.low) @ orbit)[2]
+        assert np.degrees(np.arcsin(np.clip(boresight[2], -1, 1))) == pytest.approx(declination, abs=1e-5)
+
+
+def test_euler_rotation_is_the_product_of_the_three_matrices():
+    """Eq. 1.13 without its misprints."""
+    product = rotation_z(0.3) @ rotation_y(-0.2) @ rotation_x(1.1)
+    assert np.abs(euler_123([1.1, -0.2, 0.3]) - product).max() < 1e-15
+
+
+def test_orbit_axes_are_those_of_the_named_frame():
+    """The array form equals gss.domain.frames."""
+    assert np.abs(orbit_axes(0.3, 1.7, 2.0) - orbit_from_icrs(0.3, 1.7, 2.0)).max() < 1e-15
+
+
+@pytest.mark.parametrize("attitude_of", [("zenith", -1.0), ("nadir", 1.0)])
+def test_zenith_and_nadir_look_up_and_down(attitude_of):
+    """Zenith looks against the orbit's +z, nadir along it."""
+    law, sign = attitude_of
+    assert AttitudeLimits(law).cam_from_body[2] == pytest.approx([0, 0, sign])
+
+
+def test_cosine_range_is_that_of_a_fine_grid():
+    """Extremes of a cosine over any interval."""
+    rng = np.random.default_rng(5)
+    for low, width, peak in rng.uniform([-7, 0, -7], [7, 8, 7], (200, 3)):
+        grid = 2.5 * np.cos(np.linspace(low, low + width, 20001) - peak)
+        assert cosine_range(np.array(2.5), np.array(peak), low, low + width) == pytest.approx(
+            (grid.min(), grid.max()), abs=1e-6
+        )
+
+
+@pytest.mark.parametrize(
+    ("raan", "paper", "ours"), [((133, 149), 113, 144), ((0, 120), 540, 600), ((0, 360), 1300, 1433)]
+)
+def test_jacobs_sub_catalogues(raan, paper, ours):
+    """Jacobs found 113, 540 and 1300 stars by stepping a coarse grid; all that can be seen is a tenth to a quarter more."""
+    count = int(sunsat(*raan).contains(load_stars(6.0).icrs).sum())
+    assert count == ours
+    assert 1.0 < count / paper < 1.3
+
+
+def test_stepping_every_combination_finds_the_same_stars_but_for_the_corners():
+    """Jacobs' stepping finds no star that geometry leaves out, and all but the few that only a corner touches."""
+    stars = load_stars(6.0)
+    envelope = sunsat(133, 149)
+    geometric = envelope.contains(stars.icrs)
+    near = stars.icrs @ stars.icrs[geometric].mean(axis=0) > 0
+    stepped = seen_by_corners(SUNSAT_LIMITS, envelope.shape, stars.icrs[near], np.arange(133, 150, 4), [97], 3, 90)
+    assert not np.any(stepped & ~geometric[near])
+    assert np.count_nonzero(stepped) > 0.9 * np.count_nonzero(geometric)
+
+
+BANDS = {
+    "zenith": (AttitudeLimits("zenith", deg(-5, 5), deg(-5, 5), deg(-5, 5)), "cubestar", (97.6, 97.6), (49, 63)),
+    "nadir, node across 0°": (
+        AttitudeLimits("nadir", deg(-3, 3), deg(0, 4), deg(0, 90)),
+        "sunsat",
+        (51, 53),
+        (350, 372),
+    ),
+    "equatorial, looking at the poles": (SUNSAT_LIMITS, "sunsat", (0, 2), (0, 360)),
+    "wide yaw": (AttitudeLimits("zenith", deg(20, 30), deg(-1, 1), deg(-180, 180)), "oersted", (90, 90), (10, 11)),
+}
+
+
+@pytest.mark.parametrize("name", BANDS)
+def test_band_is_brute_force_over_the_sphere(name):
+    """Over the whole sphere, wrap and poles included: sampling finds nothing outside, and fills the inside but for its rim."""
+    limits, camera, inclination, raan = BANDS[name]
+    shape = FieldShape(profile(camera).camera)
+    envelope = BandEnvelope(shape, limits, from_elements(deg(*inclination), deg(*raan)))
+    unit = np.concatenate([centres(16), [[0, 0, 1.0], [0, 0, -1.0]]])
+    sampled, geometric = seen_by_sampling(envelope, unit, 2500), envelope.contains(unit)
+    assert not np.any(sampled & ~geometric)
+    missing = np.flatnonzero(geometric & ~sampled)
+    rim = [separation_rad(unit[m], unit[~geometric]).min() if (~geometric).any() else np.pi for m in missing]
+    assert all(r < np.radians(14) for r in rim)
+    assert len(missing) < 0.3 * geometric.sum()
+
+
+def test_band_reaches_exactly_as_far_as_its_corners():
+    """The polar interval is the extreme over a fine grid of attitudes and the whole outline, to 1e-4 rad, from outside."""
+    envelope = sunsat(133, 149)
+    boxes = [np.linspace(a, b, 21) for a, b in zip(SUNSAT_LIMITS.low, SUNSAT_LIMITS.high, strict=True)]
+    rotation = euler_123(np.array(list(itertools.product(*boxes))))
+    y = (envelope.shape.outline @ SUNSAT_LIMITS.cam_from_body) @ rotation[:, :, 1].T
+    lowest, highest = envelope.polar_interval
+    assert -1e-12 <= y.min() - lowest < 1e-4
+    assert highest == 1.0
+
+
+PATCHES = {
+    "round the pole": AttitudeLimits("inertial", deg(-3, 3), deg(-2, 4), deg(-30, 20), *deg(1, 88, 40)),
+    "across 0h": AttitudeLimits("inertial", deg(-1, 1), deg(-1, 1), deg(0, 0), *deg(359.5, -20, 10)),
+    "free roll": AttitudeLimits("inertial", deg(-2, 2), deg(-2, 2), deg(-180, 180), *deg(200, 10, 0)),
+    "anti-Sun": AttitudeLimits("anti_sun", deg(-3, 3), deg(-2, 2), deg(-10, 10)),
+}
+
+
+@pytest.mark.parametrize("name", PATCHES)
+@pytest.mark.parametrize("camera", ["sunsat", "cubestar"])
+def test_patch_is_brute_force_over_the_sphere(name, camera):
+    """Laws that do not turn with the orbit: as for the band."""
+    envelope = PatchEnvelope(FieldShape(profile(camera).camera), PATCHES[name], deg(355, 362))
+    unit = np.concatenate([centres(32), [[0, 0, 1.0], [0, 0, -1.0]]])
+    sampled, geometric = seen_by_sampling(envelope, unit, 1500), envelope.contains(unit)
+    assert geometric.any()
+    assert not np.any(sampled & ~geometric)
+    missing = np.flatnonzero(geometric & ~sampled)
+    rim = [separation_rad(unit[m], unit[~geometric]).min() for m in missing]
+    assert all(r < np.radians(4) for r in rim)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_field_shape_is_the_detector(name):
+    """Directions a hair inside the detector's edge are inside the shape, a hair outside are not, for every camera."""
+    camera = profile(name).camera
+    shape = FieldShape(camera)
+    assert shape.inside(widened(camera, -2 * camera.pixel_rad).outline(37)).all()
+    assert not shape.inside(widened(camera, 2 * camera.pixel_rad).outline(37)).any()
+    rng = np.random.default_rng(2)
+    unit = rng.normal(size=(20_000, 3)) * [0.3, 0.3, 0] + [0, 0, 1]
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    inner = camera.contains(camera.project(unit)) & (unit[:, 2] > np.cos(shape.half_diagonal_rad * 1.01))
+    assert np.mean(shape.inside(unit) == inner) > 0.9995
+
+
+@pytest.mark.parametrize("name", ["cubestar", "sunsat"])
+def test_field_is_never_ruled_out_when_it_is_near(name):
+    """may_be_within never denies a field that is within the slack, and does deny one clearly beyond."""
+    shape = FieldShape(profile(name).camera)
+    rng = np.random.default_rng(8)
+    unit = rng.normal(size=(400, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    distance = np.array([0.0 if shape.inside(u) else separation_rad(u, shape.outline).min() for u in unit])
+    assert shape.may_be_within(unit, distance + 1e-3).all()
+    far = distance > np.radians(3)
+    assert np.mean(shape.may_be_within(unit[far], 0.5 * distance[far])) < 0.5
+
+
+def test_margin_widens_the_field():
+    """A margin of half a degree makes both fields of view a degree wider, near enough."""
+    camera = profile("sunsat").camera
+    wider = np.degrees(widened(camera, np.radians(0.5)).fov_rad)
+    assert wider - np.degrees(camera.fov_rad) == pytest.approx([1.0, 1.0], abs=0.03)
+
+
+@pytest.mark.parametrize("envelope", [sunsat(133, 149), sunsat(0, 360)])
+def test_time_in_field_adds_up_to_one_field(envelope):
+    """Over the sky the share of time sums to the field's own solid angle, and it is never more than all the time."""
+    share = envelope.time_fraction(centres(32))
+    assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.01)
+    assert 0 <= share.min() <= share.max() <= 1
+
+
+def test_time_in_field_of_a_patch_adds_up_too():
+    """The same for a camera held still."""
+    envelope = PatchEnvelope(FieldShape(profile("sunsat").camera), PATCHES["round the pole"])
+    share = envelope.time_fraction(centres(32))
+    assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.05)
+
+
+def test_time_in_field_is_that_of_sampled_attitudes():
+    """The map's shade is the share of random moments in which the field holds the place."""
+    envelope = sunsat(133, 149)
+    place = unit_from_ra_dec(np.radians([231.0, 231.0, 225.0]), np.radians([7.0, 15.0, 0.0]))
+    attitudes = envelope.attitudes(np.random.default_rng(4), 20_000)
+    sampled = np.array([envelope.shape.inside(attitudes @ p).mean() for p in place])
+    assert envelope.time_fraction(place) == pytest.approx(sampled, abs=0.012)
+
+
+def test_edges_lie_on_the_border():
+    """Just inside a drawn edge is seen at that time, just outside is not."""
+    envelope = sunsat(133, 149)
+    for at_end, raan in ((False, 133), (True, 149)):
+        (line,) = envelope.edges(at_end)
+        now = sunsat(raan, raan)
+        middle = line.mean(axis=0) / np.linalg.norm(line.mean(axis=0))
+        inner, outer = line + 1e-3 * (middle - line), line - 1e-3 * (middle - line)
+        assert now.contains(inner / np.linalg.norm(inner, axis=1, keepdims=True)).all()
+        assert not now.contains(outer / np.linalg.norm(outer, axis=1, keepdims=True)).any()
+
+
+def test_inertial_edge_is_the_field_there():
+    """A camera held still draws its own outline."""
+    limits = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.5, field_roll_rad=2.0)
+    shape = FieldShape(profile("cubestar").camera)
+    (line,) = PatchEnvelope(shape, limits).edges(False)
+    seen = line @ cam_from_icrs(1.0, 0.5, 2.0).T
+    assert shape.camera.contains(shape.camera.project(seen), margin_px=-1).all()
+    assert not shape.camera.contains(shape.camera.project(seen), margin_px=1).any()
+
+
+def test_random_attitudes_are_rotations_and_look_inside():
+    """Every envelope's attitudes are proper rotations whose boresight it contains."""
+    shape = FieldShape(profile("sunsat").camera)
+    for envelope in (sunsat(133, 149), WholeSky(shape), PatchEnvelope(shape, PATCHES["across 0h"])):
+        attitudes = envelope.attitudes(np.random.default_rng(6), 200)
+        assert np.abs(attitudes @ np.swapaxes(attitudes, 1, 2) - np.eye(3)).max() < 1e-12
+        assert np.linalg.det(attitudes) == pytest.approx(np.ones(200))
+        assert envelope.contains(attitudes[:, 2]).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: from_elements(deg(97, 97), deg(149, 133)), "the minimum is above the maximum"),
+        (lambda: from_elements(deg(97, 197), deg(0, 1)), "inclination is out of range"),
+        (lambda: from_elements((float("nan"), 1.0), deg(0, 1)), "is not a number"),
+        (lambda: AttitudeLimits("sunsat", deg(10, -10)), "roll: the minimum is above the maximum"),
+        (lambda: AttitudeLimits("sunsat", yaw_rad=deg(0, 400)), "more than a turn apart"),
+        (lambda: AttitudeLimits("sideways"), "unknown pointing law"),
+        (lambda: AttitudeLimits("zenith", body_from_cam=(1.0,) * 9), "the mounting is no rotation"),
+    ],
+)
+def test_impossible_limits_are_named(make, text):
+    """Each kind of nonsense is bad input that says what is wrong."""
+    with pytest.raises(BadInput, match=text):
+        make()

@@ -1,0 +1,20 @@
+"""Pixel centres against astropy-healpix."""
+
+import numpy as np
+import pytest
+from astropy_healpix import HEALPix
+
+from gss.catalogue_tools.healpix import centres, pixel_area_sr
+from gss.domain.angles import unit_from_ra_dec
+
+
+@pytest.mark.parametrize("nside", [1, 2, 4, 16, 32])
+def test_centres_are_those_of_astropy_healpix(nside):
+    """Ring order, every centre, to rounding."""
+    lon, lat = HEALPix(nside, order="ring").healpix_to_lonlat(np.arange(12 * nside**2))
+    assert np.abs(centres(nside) - unit_from_ra_dec(lon.rad, lat.rad)).max() < 1e-14
+
+
+def test_pixels_fill_the_sphere():
+    """Pixels times area is 4π."""
+    assert len(centres(8)) * pixel_area_sr(8) == pytest.approx(4 * np.pi)

@@ -1,0 +1,210 @@
+"""Bank images byte by byte: golden files, an independent reader, and everything that can be wrong with one."""
+
+import struct
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.onboard import (
+    FORMATS,
+    HEADER,
+    HEADER_BYTES,
+    decode,
+    encode,
+    image_bytes,
+    quantisation_error,
+    read_header,
+)
+from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.stars import DistanceTable
+
+GOLDEN = Path(__file__).parent.parent / "golden"
+MIN_RAD, MAX_RAD = float(np.radians(0.25)), float(np.radians(30))
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return propagate(load_stars(2.0), 2026.5)
+
+
+@pytest.fixture(scope="module")
+def table(stars):
+    return distance_table(stars, MIN_RAD, MAX_RAD)
+
+
+def image_of(stars, table, format_name):
+    return encode(stars, table, format_name, format_name, bytes(range(8)))
+
+
+def resealed(image, at, content):
+    """The image with bytes changed and both checksums made right again."""
+    changed = bytearray(image)
+    changed[at : at + len(content)] = content
+    changed[56:60] = struct.pack("<I", zlib.crc32(changed[HEADER_BYTES:]))
+    changed[60:64] = struct.pack("<I", zlib.crc32(changed[:60]))
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_image_is_the_golden_file(stars, table, format_name):
+    """Byte for byte what was written before: bright stars of V ≤ 2.0 at J2026.5, 0.25° to 30°."""
+    assert image_of(stars, table, format_name) == (GOLDEN / f"onboard-{format_name}.bin").read_bytes()
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_decoding_and_encoding_gives_the_same_bytes(stars, table, format_name):
+    """What is decoded encodes to the very same image."""
+    image = image_of(stars, table, format_name)
+    back = decode(image, stars.hip)
+    again = replace(stars, icrs=back.icrs.astype(float))
+    if format_name == "sunsat":
+        again = replace(again, v_mag=back.v_mag.astype(float))
+    assert image_of(again, back.distances, format_name) == image
+    assert np.array_equal(back.hip, stars.hip)
+
+
+def test_header_says_what_is_inside(stars, table):
+    """Every field of the header comes back."""
+    h = read_header(image_of(stars, table, "sunsat"))
+    assert (h.format_name, h.stars, h.pairs) == ("sunsat", len(stars), len(table))
+    assert (h.epoch_jyear, h.profile_name, h.profile_hash) == (2026.5, "sunsat", bytes(range(8)))
+    assert (h.min_rad, h.max_rad) == pytest.approx((MIN_RAD, MAX_RAD))
+    assert HEADER.size + 4 == HEADER_BYTES == 64
+
+
+def test_cubestar_body_is_four_and_three_arrays(stars, table):
+    """Erlank 2013 §5.3.2: ids, x, y, z, then first, second, distance; read here with nothing but struct."""
+    image = image_of(stars, table, "cubestar")
+    n, m = len(stars), len(table)
+    ids = struct.unpack_from(f"<{n}h", image, 64)
+    x, y, z = (struct.unpack_from(f"<{n}f", image, 64 + 2 * n + 4 * n * k) for k in range(3))
+    first, second = (struct.unpack_from(f"<{m}h", image, 64 + 14 * n + 2 * m * k) for k in range(2))
+    distance = struct.unpack_from(f"<{m}f", image, 64 + 14 * n + 4 * m)
+    assert ids == tuple(range(n))
+    assert np.array_equal(np.transpose([x, y, z]), stars.icrs.astype("f4"))
+    assert np.array_equal(first, table.first)
+    assert np.array_equal(second, table.second)
+    assert np.array_equal(distance, table.distance_rad.astype("f4"))
+    assert len(image) == 64 + 14 * n + 8 * m
+
+
+def test_sunsat_body_is_records_of_reals(stars, table):
+    """Jacobs 1995 app. D.1, G.4: RA, Dec, magnitude as REAL32, then cardinal, cardinal, REAL32."""
+    image = image_of(stars, table, "sunsat")
+    ra, dec = ra_dec_from_unit(stars.icrs)
+    for k in (0, 7, len(stars) - 1):
+        assert struct.unpack_from("<3f", image, 64 + 12 * k) == pytest.approx((ra[k], dec[k], stars.v_mag[k]), rel=1e-6)
+    at = 64 + 12 * len(stars)
+    for k in (0, 5, len(table) - 1):
+        expected = (table.first[k], table.second[k], table.distance_rad[k])
+        assert struct.unpack_from("<HHf", image, at + 8 * k) == pytest.approx(expected, rel=1e-6)
+    assert len(image) == at + 8 * len(table)
+
+
+def test_sizes_are_those_of_the_document():
+    """405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB (Erlank 2013 §5.3.2); 288 464 entries 2.3 MB (Jacobs app. D.1)."""
+    assert (image_bytes("cubestar", 405, 0) - 64) / 1024 == pytest.approx(5.54, abs=0.005)
+    assert (image_bytes("cubestar", 0, 11_484) - 64) / 1024 == pytest.approx(89.7, abs=0.05)
+    assert image_bytes("sunsat", 0, 288_464) / 1e6 == pytest.approx(2.3, abs=0.05)
+
+
+def test_cost_of_the_number_widths(stars, table):
+    """Single precision costs less than 0.02″ in a unit vector, 0.1″ in an angle, and nothing to speak of in magnitude."""
+    cube = quantisation_error(stars, table, image_of(stars, table, "cubestar"))
+    sun = quantisation_error(stars, table, image_of(stars, table, "sunsat"))
+    assert 0 < cube.position_rad < 0.02 * ARCSEC_RAD
+    assert np.isnan(cube.v_mag)
+    assert 0 < sun.position_rad < 0.1 * ARCSEC_RAD
+    assert sun.v_mag < 1e-6
+    assert 0 < cube.distance_rad == sun.distance_rad < 0.01 * ARCSEC_RAD
+
+
+def test_bytes_after_the_image_do_not_matter(stars, table):
+    """A bank of flash is longer than its image."""
+    assert len(decode(image_of(stars, table, "cubestar") + b"\xff" * 1000)) == len(stars)
+
+
+def test_without_a_manifest_rows_stand_for_stars(stars, table):
+    """Without Hipparcos numbers the row numbers are the names."""
+    assert decode(image_of(stars, table, "cubestar")).hip.tolist() == list(range(len(stars)))
+
+
+@pytest.mark.parametrize("content", [b"", b"GSSB", b"\xff" * 64, b"\x00" * 4096, b"not a catalogue" * 100])
+def test_garbage_is_not_a_bank_image(content):
+    """Empty, short, erased or foreign bytes are named as no bank image."""
+    with pytest.raises(CorruptData, match="not a bank image"):
+        decode(content)
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_truncated_image_is_named(stars, table, format_name):
+    """An image that ends early says how many bytes are missing."""
+    image = image_of(stars, table, format_name)
+    for length in (HEADER_BYTES, len(image) // 2, len(image) - 1):
+        with pytest.raises(CorruptData, match="cut short"):
+            decode(image[:length])
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_any_flipped_bit_is_found(stars, table, format_name):
+    """A bit flipped anywhere, in the header or the body, is found."""
+    image = image_of(stars, table, format_name)
+    rng = np.random.default_rng(1)
+    for at in [*range(HEADER_BYTES), *rng.integers(HEADER_BYTES, len(image), 60)]:
+        broken = bytearray(image)
+        broken[at] ^= 1 << int(rng.integers(8))
+        with pytest.raises(CorruptData):
+            decode(bytes(broken))
+
+
+@pytest.mark.parametrize(
+    ("at", "content", "words"),
+    [
+        (4, b"\x02", "unknown kind"),
+        (5, b"\x07", "unknown kind"),
+        (64 + 2, b"\x05\x00", "not the row numbers"),
+        (64 + 2 * 49, struct.pack("<f", 3.0), "no unit vector"),
+        (64 + 2 * 49, struct.pack("<f", float("nan")), "no unit vector"),
+        (64 + 14 * 49, b"\xff\x7f", "not in the list"),
+        (64 + 14 * 49, b"\xff\xff", "not in the list"),
+    ],
+)
+def test_wrong_content_under_right_checksums_is_found(stars, table, at, content, words):
+    """A right CRC over wrong content does not pass: version, format, numbers, lengths of vectors, pairs."""
+    assert len(stars) == 49
+    with pytest.raises(CorruptData, match=words):
+        decode(resealed(image_of(stars, table, "cubestar"), at, content))
+
+
+def test_unsorted_table_is_found(stars, table):
+    """A table out of order would make a matcher miss stars silently."""
+    order = np.r_[1, 0, 2 : len(table)]
+    shuffled = DistanceTable(table.first[order], table.second[order], table.distance_rad[order], MIN_RAD, MAX_RAD)
+    with pytest.raises(CorruptData, match="not sorted"):
+        decode(image_of(stars, shuffled, "sunsat"))
+
+
+def test_list_of_another_image_is_refused(stars, table):
+    """Hipparcos numbers of another catalogue do not fit."""
+    with pytest.raises(BadInput, match="for another image"):
+        decode(image_of(stars, table, "cubestar"), stars.hip[:-1])
+
+
+def test_too_many_stars_for_sixteen_bits():
+    """More rows than the row number can count are refused, not wrapped."""
+    stars = load_stars(8.0)
+    empty = np.empty(0, np.int32)
+    with pytest.raises(BadInput, match="too many stars"):
+        encode(stars, DistanceTable(empty, empty, np.empty(0), 0.0, 1.0), "cubestar", "cubestar")
+
+
+def test_unknown_format_is_refused(stars, table):
+    """The known formats are listed."""
+    with pytest.raises(BadInput, match=r"cubestar \| sunsat"):
+        encode(stars, table, "punched-tape", "sunsat")

@@ -1,0 +1,104 @@
+"""Orbital planes from TLEs, against sgp4's own positions and astropy's TEME frame."""
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from astropy.coordinates import ICRS, TEME, CartesianRepresentation
+from astropy.time import Time
+from sgp4.api import Satrec, jday
+
+from gss.catalogue_tools.orbits import from_tle, jyear_of, node_rate_rad_s, read_tle
+from gss.domain.angles import separation_rad
+from gss.domain.errors import BadInput
+
+# The element set in the sgp4 package's own documentation, of 2019-12-09.
+TLE = """ISS (ZARYA)
+1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
+2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
+"""
+START = datetime(2019, 12, 10, tzinfo=UTC)
+PLANE_TOLERANCE_RAD = np.radians(0.1)
+
+
+def with_checksum(line):
+    total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+    return f"{line[:68]}{total}"
+
+
+@pytest.mark.parametrize("days", [0.5, 5, 20])
+def test_planes_are_those_of_sgp4_and_astropy(days):
+    """At both ends of the span the plane is the one that SGP4's position and velocity span in astropy's ICRS, to 0.1°."""
+    planes = from_tle(TLE, START, days)
+    satellite = Satrec.twoline2rv(*TLE.strip().splitlines()[1:])
+    for moment, raan in ((START, planes.raan_start_rad), (START + timedelta(days=days), planes.raan_end_rad)):
+        jd, part = jday(moment.year, moment.month, moment.day, moment.hour, moment.minute, moment.second)
+        _, position, velocity = satellite.sgp4(jd, part)
+        normal = np.cross(position, velocity)
+        teme = TEME(CartesianRepresentation(normal / np.linalg.norm(normal)), obstime=Time(jd, part, format="jd"))
+        expected = teme.transform_to(ICRS()).cartesian.xyz.value
+        expected = expected / np.linalg.norm(expected)
+        inclination = np.mean(planes.inclination_rad)
+        ours = [np.sin(raan) * np.sin(inclination), -np.cos(raan) * np.sin(inclination), np.cos(inclination)]
+        assert separation_rad(np.array(ours), expected) < PLANE_TOLERANCE_RAD
+
+
+def test_node_drifts_west_five_degrees_a_day():
+    """The station's node regresses 5° a day; the closed formula says the same."""
+    planes = from_tle(TLE, START, 10)
+    drift = np.degrees(planes.raan_end_rad - planes.raan_start_rad) / 10
+    assert drift == pytest.approx(-4.97, abs=0.05)
+    assert np.degrees(node_rate_rad_s(np.radians(51.64), 417e3)) * 86400 == pytest.approx(drift, rel=0.01)
+
+
+def test_drift_across_zero_is_one_short_range():
+    """A node that passes 0h gives a short range, not nearly a turn."""
+    line = with_checksum(TLE.splitlines()[2].replace("211.2001", "  4.0000"))
+    planes = from_tle("\n".join([TLE.splitlines()[1], line]), START, 3)
+    assert np.degrees(np.ptp(planes.raan_rad)) == pytest.approx(15, abs=0.5)
+
+
+def test_sun_synchronous_orbit_drifts_east_a_degree_a_day():
+    """Jacobs' 97° orbit: about 1° a day eastward."""
+    rate = np.degrees(node_rate_rad_s(np.radians(97.0), 600e3)) * 86400
+    assert 0.8 < rate < 1.1
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "days", "words"),
+    [
+        (TLE.replace("9991", "9992"), START, 5, "line 1 has a wrong checksum"),
+        (TLE.replace(" 9991", "9991"), START, 5, "wrong length"),
+        ("hello", START, 5, "not a two-line element set"),
+        ("", START, 5, "not a two-line element set"),
+        (TLE, datetime(2021, 1, 1, tzinfo=UTC), 5, "outside the TLE's validity"),
+        (TLE, datetime(2019, 11, 1, tzinfo=UTC), 5, "outside the TLE's validity"),
+        (TLE, START, 90, "outside the TLE's validity"),
+        (TLE, START, 0, "the span is empty"),
+        (TLE, datetime(2019, 12, 10), 5, "no time zone"),
+    ],
+)
+def test_unusable_tle_or_dates_are_named(text, start, days, words):
+    """Bad checksum, wrong length, no TLE, dates too early or late: each a clear error."""
+    with pytest.raises(BadInput, match=words):
+        from_tle(text, start, days)
+
+
+def test_decayed_orbit_is_named():
+    """A satellite that has come down within the span is no orbit."""
+    line = with_checksum(TLE.splitlines()[1].replace("38792-4", "99999-0"))
+    second = with_checksum(TLE.splitlines()[2].replace("15.50103472", "16.48000000"))
+    with pytest.raises(BadInput, match=r"decayed|no orbit"):
+        from_tle(f"{line}\n{second}", START, 40)
+
+
+def test_lines_of_two_satellites_are_named():
+    """Line 1 of one and line 2 of another do not make an orbit."""
+    second = with_checksum(TLE.splitlines()[2].replace("25544", "25545"))
+    with pytest.raises(BadInput, match="different satellites"):
+        read_tle("\n".join([TLE.splitlines()[1], second]))
+
+
+def test_julian_year_is_astropys():
+    """Epochs agree with astropy to a minute."""
+    assert jyear_of(START) == pytest.approx(Time(START).jyear, abs=2e-6)

@@ -1,0 +1,145 @@
+"""gss catalogue build, from arguments to what it prints and writes."""
+
+import argparse
+import hashlib
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.manifest import check_image, read_manifest
+from gss.catalogue_tools.onboard import decode
+from gss.cli.catalogue import register, run_build
+from gss.domain.errors import BadInput, NotFound
+
+SUNSAT = [
+    "--profile",
+    "sunsat",
+    "--inclination-deg",
+    "97",
+    "--raan-deg",
+    "133:149",
+    "--roll-deg",
+    "-10:10",
+    "--pitch-deg",
+    "-5:5",
+    "--yaw-deg",
+    "130:140",
+    "--mag-limit",
+    "6",
+]
+TLE = """ISS (ZARYA)
+1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
+2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
+"""
+
+
+def parse(*arguments):
+    parser = argparse.ArgumentParser(prog="gss")
+    register(parser.add_subparsers(dest="command", required=True))
+    return parser.parse_args(["catalogue", "build", *arguments])
+
+
+def run(*arguments):
+    return run_build(parse(*arguments), now=lambda: datetime(2026, 12, 1, 15, 30, tzinfo=UTC))
+
+
+def test_sunsat_two_weeks_as_json(capsys):
+    """The command that others rely on prints what they rely on, negative ranges and all."""
+    assert run(*SUNSAT, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    promised = [
+        "stars",
+        "pairs",
+        "valid_from",
+        "valid_to",
+        "worst_field_stars",
+        "p_fewer_than_3",
+        "bytes",
+        "sha256",
+        "elapsed_s",
+    ]
+    assert set(promised) <= set(facts)
+    assert facts["stars"] == 144
+    assert facts["bytes"] == 64 + 12 * 144 + 8 * facts["pairs"]
+    assert (facts["valid_from"], facts["valid_to"]) == ("2026-12-01T00:00:00+00:00", "2026-12-15T00:00:00+00:00")
+    assert 0 <= facts["p_fewer_than_3"] < 0.2
+    assert facts["funnel"]["Hipparcos"] == 117955
+
+
+def test_written_image_and_manifest_belong_together(tmp_path, capsys):
+    """--out writes the image and, beside it, the manifest that proves it."""
+    path = tmp_path / "sunsat.bin"
+    assert run(*SUNSAT, "--out", str(path), "--name", "wk 49", "--author", "cm", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    image = path.read_bytes()
+    manifest = read_manifest((tmp_path / "sunsat.bin.json").read_text("utf-8"))
+    check_image(manifest, image)
+    assert hashlib.sha256(image).hexdigest() == facts["sha256"]
+    assert len(decode(image, np.array(manifest.hip))) == facts["stars"]
+    assert (manifest.name, manifest.author) == ("wk 49", "cm")
+
+
+def test_whole_sky_without_an_orbit(capsys):
+    """Without an orbit: the whole sky, for CubeStar, for ever."""
+    assert run("--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["profile"], facts["stars"], facts["valid_to"]) == ("cubestar", 411, None)
+
+
+def test_tle_is_the_other_way_in(tmp_path, capsys):
+    """A TLE with a first day and a number of days."""
+    path = tmp_path / "iss.tle"
+    path.write_text(TLE)
+    assert run("--tle", str(path), "--from", "2019-12-10", "--days", "3", "--mag-limit", "4", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["valid_to"] == "2019-12-13T00:00:00+00:00"
+    assert 50 < facts["stars"] < 519
+    assert facts["epoch_jyear"] == pytest.approx(2019.943, abs=0.002)
+
+
+def test_readable_output_names_every_number(capsys):
+    """Without --json: one line per fact."""
+    assert run(*SUNSAT) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.split() == ["stars", "144"] for line in lines)
+    assert any(line.startswith("inside the envelope") for line in lines)
+
+
+def test_camera_held_still(capsys):
+    """Inertial pointing needs no orbit; a negative declination is a number, not an option."""
+    still = "--pointing inertial --ra-deg 83.8 --dec-deg -5.4 --roll-deg 0 --pitch-deg 0 --yaw-deg -180:180"
+    assert run(*still.split(), "--mag-limit", "5", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["worst_field_stars"] > 20
+    assert facts["worst_field_dec_deg"] == pytest.approx(-5.4, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ("--profile hubble", NotFound, "unknown camera profile"),
+        ("--raan-deg 10:20", BadInput, "a node without an inclination"),
+        ("--inclination-deg 97 --raan-deg 20:10", BadInput, "the minimum is above the maximum"),
+        ("--roll-deg -5:5", BadInput, "attitude limits without an orbit"),
+        ("--tle no-such-file", BadInput, "cannot be read"),
+        ("--tle x --inclination-deg 3", BadInput, "two orbits"),
+        ("--from yesterday", BadInput, "the first day cannot be read"),
+        ("--mag-limit 9", BadInput, "not that deep"),
+        ("--mag-limit 6", BadInput, "overflows the bank"),
+        ("--out /no/such/folder/file", BadInput, "cannot be written"),
+    ],
+)
+def test_bad_input_is_a_clear_sentence(arguments, error, words):
+    """Each mistake raises the error that ends in exit code 2 and one sentence."""
+    with pytest.raises(error, match=words):
+        run(*arguments.split())
+
+
+@pytest.mark.parametrize("text", ["ten", "1:2:3", ":", "5:"])
+def test_range_that_is_none_is_refused(text, capsys):
+    """A range is MIN:MAX or a number; anything else ends with exit code 2 and says so."""
+    with pytest.raises(SystemExit, match="2"):
+        parse("--roll-deg", text)
+    assert "expected MIN:MAX or one number in degrees" in capsys.readouterr().err
