@@ -1,7 +1,7 @@
 import { svelte } from '@sveltejs/vite-plugin-svelte';
 import { defineConfig } from 'vite';
 
-const api = process.env['GSS_API'] ?? 'http://127.0.0.1:8400';
+const api = process.env['GSS_API'] ?? 'http://127.0.0.1:8181';
 
 export default defineConfig({
   plugins: [svelte()],

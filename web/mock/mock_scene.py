@@ -80,4 +80,6 @@ def overlays() -> dict:
     up = CAMERA.outline(12) @ ATTITUDE
     field = [(float(np.degrees(np.arctan2(v[1], v[0])) % 360), float(np.degrees(np.arcsin(v[2])))) for v in up]
     rho = np.radians(ROLL)
-    return dict(regions=regions, stars=stars, predicted=predicted, grid=[g for g in grid if g], north=(-float(np.sin(rho)), -float(np.cos(rho))), field=field)
+    from gss.operations.camera_record import record_of
+
+    return dict(camera=record_of(CAMERA), regions=regions, stars=stars, predicted=predicted, grid=[g for g in grid if g], north=(-float(np.sin(rho)), -float(np.cos(rho))), field=field)

@@ -652,6 +652,40 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/rerun/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** Viewer */
+        get: operations["viewer_api_rerun__name__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/frames/{i}/recording.rrd": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** Rrd */
+        get: operations["rrd_api_frames__i__recording_rrd_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/health": {
         parameters: {
             query?: never;
@@ -805,6 +839,28 @@ export interface components {
             argument: boolean;
         };
         /**
+         * CameraOut
+         * @description Geometry behind a result; ``distortion``: model name and coefficients of Brown, RadialTilt … (docs/conventions.md).
+         */
+        CameraOut: {
+            /** Columns */
+            columns: number;
+            /** Rows */
+            rows: number;
+            /** Focal Col Px */
+            focal_col_px: number;
+            /** Focal Row Px */
+            focal_row_px: number;
+            /** Centre Col Px */
+            centre_col_px: number;
+            /** Centre Row Px */
+            centre_row_px: number;
+            /** Distortion */
+            distortion: {
+                [key: string]: unknown;
+            };
+        };
+        /**
          * CatalogueDetailOut
          * @description A built catalogue with its request, manifest, map and quality report.
          */
@@ -847,8 +903,8 @@ export interface components {
             funnel: components["schemas"]["FunnelOut"][];
             /** Sky */
             sky: components["schemas"]["SkyStarOut"][];
-            envelope: components["schemas"]["EnvelopeOut"];
-            quality: components["schemas"]["QualityOut"];
+            envelope: components["schemas"]["EnvelopeOut"] | null;
+            quality: components["schemas"]["QualityOut"] | null;
         };
         /**
          * CatalogueIn
@@ -1885,6 +1941,7 @@ export interface components {
                 number,
                 number
             ][];
+            camera: components["schemas"]["CameraOut"];
         };
         /**
          * SolutionOut
@@ -3291,6 +3348,68 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["ContactOut"][];
+                };
+            };
+        };
+    };
+    viewer_api_rerun__name__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": unknown;
+                };
+            };
+            /** @description Validation Error */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HTTPValidationError"];
+                };
+            };
+        };
+    };
+    rrd_api_frames__i__recording_rrd_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                i: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": unknown;
+                };
+            };
+            /** @description Validation Error */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HTTPValidationError"];
                 };
             };
         };

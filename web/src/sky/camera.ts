@@ -1,4 +1,4 @@
-/** Pinhole geometry for read-outs: pixels ↔ ICRS through the solution's quaternion. Without the distortion it is approximate. */
+/** Where a pixel points: the solution's camera with its distortion, and its quaternion. Read-outs only; no result is made here. */
 export type Vec = readonly [number, number, number];
 export type Matrix = readonly [Vec, Vec, Vec];
 const RAD = Math.PI / 180;
@@ -41,20 +41,68 @@ export function separationDeg(a: Vec, b: Vec): number {
   return Math.atan2(cross, dot(a, b)) / RAD;
 }
 
-export interface Pinhole { columns: number; rows: number; focalPx: number }
+/** Geometry behind a result, as the server gives it. Pixel centres at integer (col, row). */
+export interface Camera {
+  columns: number;
+  rows: number;
+  focal_col_px: number;
+  focal_row_px: number;
+  centre_col_px: number;
+  centre_row_px: number;
+  distortion: Record<string, unknown>;
+}
+type Point = readonly [number, number];
+const STEPS = 40;
 
-export function pinhole(columns: number, rows: number, fovDeg: readonly number[] | null | undefined): Pinhole | null {
-  const width = fovDeg?.[0];
-  return width ? { columns, rows, focalPx: columns / 2 / Math.tan((width / 2) * RAD) } : null;
+const numberOf = (d: Record<string, unknown>, name: string): number => (typeof d[name] === 'number' ? d[name] : 0);
+
+/** Brown–Conrady polynomial on the tangent plane. */
+function brown(d: Record<string, unknown>, [x, y]: Point): [number, number] {
+  const [k1, k2, k3, p1, p2] = ['k1', 'k2', 'k3', 'p1', 'p2'].map((n) => numberOf(d, n)) as [number, number, number, number, number];
+  const r2 = x * x + y * y;
+  const radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+  return [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y];
 }
 
-export function pixelToSky(camera: Pinhole, q: readonly number[], col: number, row: number): { ra: number; dec: number } {
-  const v: Vec = [(col - (camera.columns - 1) / 2) / camera.focalPx, (row - (camera.rows - 1) / 2) / camera.focalPx, 1];
-  return raDec(applyTransposed(matrixOf(q), v));
+function unBrown(d: Record<string, unknown>, measured: Point): [number, number] {
+  let [x, y] = measured;
+  for (let i = 0; i < STEPS; i++) {
+    const [u, v] = brown(d, [x, y]);
+    const [ex, ey] = [measured[0] - u, measured[1] - v];
+    x += ex;
+    y += ey;
+    if (Math.hypot(ex, ey) < 1e-13) break;
+  }
+  return [x, y];
 }
 
-export function skyToPixel(camera: Pinhole, q: readonly number[], ra: number, dec: number): { col: number; row: number } | null {
-  const [x, y, z] = apply(matrixOf(q), unit(ra, dec));
-  if (z <= 0) return null;
-  return { col: (camera.columns - 1) / 2 + (camera.focalPx * x) / z, row: (camera.rows - 1) / 2 + (camera.focalPx * y) / z };
+/** Tilted detector and radial polynomial (Jacobs 1995 eq. 6.13–6.16), measured to ideal. */
+function unRadialTilt(d: Record<string, unknown>, [x, y]: Point): [number, number] {
+  const focal = numberOf(d, 'focal_mm') || 1;
+  const radial = Array.isArray(d['radial']) ? (d['radial'] as number[]) : [];
+  const r = Math.hypot(x, y);
+  if (r === 0) return [x, y];
+  const tilt = Math.asin(Math.sin(numberOf(d, 'tilt_max_rad')) * Math.cos(Math.atan2(y, x) - numberOf(d, 'tilt_direction_rad')));
+  const delta = radial.reduce((sum, k, i) => sum + k * (r * focal) ** (i + 1), 0) / focal;
+  const scale = (Math.cos(tilt) * (r - delta)) / (1 + r * Math.sin(tilt)) / r;
+  return [x * scale, y * scale];
+}
+
+/** Measured tangent-plane point to ideal; null for a model this page does not know. */
+export function undistort(d: Record<string, unknown>, p: Point): [number, number] | null {
+  switch (d['model']) {
+    case 'Pinhole': return [p[0], p[1]];
+    case 'Brown': return unBrown(d, p);
+    case 'BrownUndistort': return brown(d, p);
+    case 'RadialTilt': return unRadialTilt(d, p);
+    default: return null;
+  }
+}
+
+/** ICRS direction of a pixel; `exact` is false where the distortion model is not known here. */
+export function pixelToSky(camera: Camera, q: readonly number[], col: number, row: number): { ra: number; dec: number; exact: boolean } {
+  const measured: Point = [(col - camera.centre_col_px) / camera.focal_col_px, (row - camera.centre_row_px) / camera.focal_row_px];
+  const ideal = undistort(camera.distortion, measured);
+  const [x, y] = ideal ?? measured;
+  return { ...raDec(applyTransposed(matrixOf(q), [x, y, 1])), exact: ideal !== null };
 }

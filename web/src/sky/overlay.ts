@@ -2,7 +2,6 @@
 import type { Frame, SolutionDetail } from '../api/types';
 import { fixed } from '../lib/format';
 import type { Overlay } from '../state/view.svelte';
-import { pinhole } from './camera';
 import { placeLabels, type Box, type Want } from './labels';
 
 export interface Screen { scale: number; x: number; y: number; width: number; height: number }
@@ -273,9 +272,9 @@ function compass(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => strin
 }
 
 function scaleBar(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string): void {
-  const camera = pinhole(scene.frame.columns, scene.frame.rows, scene.solution?.fov_deg);
+  const camera = scene.solution?.camera;
   if (!camera) return;
-  const length = (deg: number): number => ((deg * Math.PI) / 180) * camera.focalPx * s.scale;
+  const length = (deg: number): number => ((deg * Math.PI) / 180) * camera.focal_col_px * s.scale;
   const deg = [20, 10, 5, 2, 1, 0.5, 0.2, 0.1].find((d) => length(d) < s.width * 0.16) ?? 0.05;
   const [x1, x0, y] = [s.width - 16, s.width - 16 - length(deg), s.height - 12];
   ctx.save();
