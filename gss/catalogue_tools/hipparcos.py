@@ -18,7 +18,7 @@ FAINTEST_V_MAG = 8.0
 EPOCH_RANGE_JYEAR = (1800.0, 2200.0)
 UNKNOWN_COLOUR = -32768
 HIP2_STARS = 117_955
-# V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.011 mag for V ≤ 6).
+# V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.013 mag).
 HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.25028408, -0.00038726)
 
 

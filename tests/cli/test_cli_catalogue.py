@@ -14,20 +14,8 @@ from gss.cli.catalogue import register, run_build
 from gss.domain.errors import BadInput, NotFound
 
 SUNSAT = [
-    "--profile",
-    "sunsat",
-    "--inclination-deg",
-    "97",
-    "--raan-deg",
-    "133:149",
-    "--roll-deg",
-    "-10:10",
-    "--pitch-deg",
-    "-5:5",
-    "--yaw-deg",
-    "130:140",
-    "--mag-limit",
-    "6",
+    *("--profile", "sunsat", "--inclination-deg", "97", "--raan-deg", "133:149", "--mag-limit", "6"),
+    *("--roll-deg", "-10:10", "--pitch-deg", "-5:5", "--yaw-deg", "130:140"),
 ]
 TLE = """ISS (ZARYA)
 1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991

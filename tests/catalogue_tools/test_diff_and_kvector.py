@@ -1,0 +1,66 @@
+"""The difference of two catalogues, and the k-vector against plain bisection."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.diff import compare
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.kvector import k_vector
+from gss.catalogue_tools.onboard import decode, encode
+from gss.domain.errors import BadInput
+
+
+def onboard(stars, format_name="sunsat"):
+    return decode(encode(stars, distance_table(stars, 0.004, 0.5), format_name, format_name), stars.hip)
+
+
+def test_catalogue_does_not_differ_from_itself():
+    """Nothing added, dropped, moved or changed; the order of the rows does not matter."""
+    stars = load_stars(3.0)
+    shuffled = stars.take(np.random.default_rng(1).permutation(len(stars)))
+    d = compare(onboard(stars), onboard(shuffled))
+    assert (len(d.added), len(d.dropped), len(d.moved), len(d.magnitude_changed)) == (0, 0, 0, 0)
+    assert sorted(d.same) == sorted(stars.hip)
+    assert d.pairs[0] == d.pairs[1]
+
+
+def test_every_kind_of_change_is_listed():
+    """A star more, two less, the fast ones moved in a century, one re-measured."""
+    stars = load_stars(3.0)
+    v_mag = stars.v_mag.copy()
+    v_mag[10] += 0.3
+    new = propagate(replace(stars, v_mag=v_mag), 2091.25).take(np.arange(2, len(stars)))
+    d = compare(onboard(stars.take(np.arange(len(stars) - 1))), onboard(new))
+    assert d.added.tolist() == [stars.hip[-1]]
+    assert sorted(d.dropped) == sorted(stars.hip[:2])
+    assert d.magnitude_changed.tolist() == [stars.hip[10]]
+    arcturus, mintaka = 69673, 25930
+    assert arcturus in d.moved
+    assert d.moved_rad[d.moved == arcturus][0] == pytest.approx(228 / 206265, rel=0.02)
+    assert mintaka in d.same
+    assert len(d.moved) + len(d.same) == len(stars) - 3
+
+
+def test_k_vector_brackets_every_query():
+    """The rows it names hold all distances asked for and few others, for queries inside, across and beyond the ends."""
+    d = distance_table(load_stars(4.5), 0.004, 0.24).distance_rad
+    index = k_vector(d)
+    rng = np.random.default_rng(2)
+    lows = np.concatenate([rng.uniform(-0.01, 0.26, 500), d[[0, -1, 5]]])
+    for low, width in zip(lows, rng.uniform(0, 0.003, len(lows)), strict=True):
+        start, end = index.bounds(low, low + width)
+        first, last = np.searchsorted(d, low, "left"), np.searchsorted(d, low + width, "right")
+        if first < last:
+            assert start <= first
+            assert end >= last
+        assert (end - start) - (last - first) < 30
+
+
+@pytest.mark.parametrize("table", [[], [0.1], [0.1, 0.1], [0.2, 0.1]])
+def test_no_k_vector_of_nothing(table):
+    """Too short or unsorted tables have none."""
+    with pytest.raises(BadInput):
+        k_vector(np.array(table, float))
