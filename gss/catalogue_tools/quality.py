@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ def stars_per_field(unit: Array, attitudes: Array, shape: FieldShape) -> NDArray
         near = tree.query_ball_point(block[:, 2], reach, return_sorted=False)
         size = np.fromiter(map(len, near), int, len(near))
         which = np.repeat(np.arange(len(block)), size)
-        star = np.fromiter((s for found in near for s in found), int, int(size.sum()))
+        star = np.fromiter(chain.from_iterable(near), int, int(size.sum()))
         seen = shape.inside(np.einsum("nij,nj->ni", block[which], unit[star]))
         counts[start : start + BLOCK] = np.bincount(which[seen], minlength=len(block))
     return counts

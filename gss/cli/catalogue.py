@@ -15,13 +15,17 @@ import numpy as np
 
 from gss.catalogue_tools.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.build import BuiltCatalogue, build
+from gss.catalogue_tools.diff import compare
+from gss.catalogue_tools.exports import export
 from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.onboard import FORMATS
+from gss.catalogue_tools.manifest import Manifest, check_image, read_manifest
+from gss.catalogue_tools.onboard import FORMATS, decode
 from gss.catalogue_tools.orbits import Range
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
 from gss.catalogue_tools.selection import Rules
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
+from gss.domain.stars import OnboardCatalogue
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -38,6 +42,20 @@ def register(subparsers: Subparsers) -> None:
     group = subparsers.add_parser("catalogue", help="build star catalogues for a sensor's flash banks")
     commands = group.add_subparsers(dest="catalogue_command", required=True, metavar="COMMAND")
     _register_build(commands)
+    show = commands.add_parser("show", help="check a bank image with its manifest and say what is in it")
+    show.add_argument("image", type=Path, help="bank image; its manifest is IMAGE.json")
+    show.add_argument("--json", action="store_true", help="print one JSON object")
+    show.set_defaults(run=run_show)
+    diff = commands.add_parser("diff", help="what changes from one bank image to another")
+    diff.add_argument("old", type=Path)
+    diff.add_argument("new", type=Path)
+    diff.add_argument("--json", action="store_true", help="print one JSON object")
+    diff.set_defaults(run=run_diff)
+    export_ = commands.add_parser("export", help="write a bank image as a table for other programs")
+    export_.add_argument("image", type=Path)
+    export_.add_argument("--kind", default="csv", help="csv | ecsv | fits")
+    export_.add_argument("--out", type=Path, required=True, metavar="FILE")
+    export_.set_defaults(run=run_export)
 
 
 def _register_build(commands: Subparsers) -> None:
@@ -84,11 +102,69 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambd
         _write(arguments.out, built.image)
         _write(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
     facts = facts_of(built) | {"elapsed_s": round(perf_counter() - begin, 3)}
+    _print(facts if arguments.json else facts | facts.pop("funnel"), arguments.json)
+    return 0
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Check, print."""
+    catalogue, manifest = _read(arguments.image)
+    facts = {
+        "name": manifest.name,
+        "author": manifest.author,
+        "tool": manifest.tool,
+        "profile": manifest.profile_name,
+        "format": manifest.format_name,
+        "frame": manifest.frame,
+        "epoch_jyear": manifest.epoch_jyear,
+        "valid_from": manifest.valid_from or None,
+        "valid_to": manifest.valid_to or None,
+        "stars": len(catalogue),
+        "pairs": len(catalogue.distances),
+        "bytes": sum(manifest.bytes_by_part.values()),
+        "sha256": manifest.image_sha256,
+    }
+    _print(facts, arguments.json)
+    return 0
+
+
+def run_diff(arguments: argparse.Namespace) -> int:
+    """Compare, print."""
+    d = compare(_read(arguments.old)[0], _read(arguments.new)[0])
+    lists = {"added": d.added, "dropped": d.dropped, "moved": d.moved, "magnitude_changed": d.magnitude_changed}
     if arguments.json:
+        whole = {name: hip.tolist() for name, hip in lists.items()}
+        _print(whole | {"same": len(d.same), "pairs_old": d.pairs[0], "pairs_new": d.pairs[1]}, True)
+    else:
+        counts: dict[str, Any] = {name: len(hip) for name, hip in lists.items()}
+        _print(counts | {"same": len(d.same), "pairs": f"{d.pairs[0]} to {d.pairs[1]}"}, False)
+    return 0
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Convert, write."""
+    catalogue, manifest = _read(arguments.image)
+    _write(arguments.out, export(catalogue, manifest, arguments.kind))
+    return 0
+
+
+def _read(path: Path) -> tuple[OnboardCatalogue, Manifest]:
+    """A bank image and its manifest, checked against each other."""
+    paper = path.with_name(path.name + ".json")
+    try:
+        image, text = path.read_bytes(), paper.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput("the catalogue cannot be read", expected=f"{path} and {paper}", got=str(error)) from None
+    manifest = read_manifest(text)
+    check_image(manifest, image)
+    return decode(image, np.array(manifest.hip, np.int32)), manifest
+
+
+def _print(facts: dict[str, Any], as_json: bool) -> None:
+    if as_json:
         print(json.dumps(facts, indent=1, allow_nan=False))
     else:
-        _print_lines(facts | facts.pop("funnel"))
-    return 0
+        _print_lines(facts)
 
 
 def _print_lines(facts: dict[str, Any]) -> None:

@@ -7,11 +7,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from astropy.table import Table
 
 from gss.catalogue_tools.manifest import check_image, read_manifest
 from gss.catalogue_tools.onboard import decode
 from gss.cli.catalogue import register, run_build
-from gss.domain.errors import BadInput, NotFound
+from gss.domain.angles import separation_rad, unit_from_ra_dec
+from gss.domain.errors import BadInput, CorruptData, NotFound
 
 SUNSAT = [
     *("--profile", "sunsat", "--inclination-deg", "97", "--raan-deg", "133:149", "--mag-limit", "6"),
@@ -23,10 +25,15 @@ TLE = """ISS (ZARYA)
 """
 
 
-def parse(*arguments):
+def parse(*arguments, command="build"):
     parser = argparse.ArgumentParser(prog="gss")
     register(parser.add_subparsers(dest="command", required=True))
-    return parser.parse_args(["catalogue", "build", *arguments])
+    return parser.parse_args(["catalogue", command, *arguments])
+
+
+def do(command, *arguments):
+    parsed = parse(*arguments, command=command)
+    return parsed.run(parsed)
 
 
 def run(*arguments):
@@ -131,3 +138,59 @@ def test_range_that_is_none_is_refused(text, capsys):
     with pytest.raises(SystemExit, match="2"):
         parse("--roll-deg", text)
     assert "expected MIN:MAX or one number in degrees" in capsys.readouterr().err
+
+
+@pytest.fixture
+def two_weeks(tmp_path, capsys):
+    """Two catalogues: from Ω 133° and, two weeks later, from Ω 149°."""
+    paths = [tmp_path / "a.bin", tmp_path / "b.bin"]
+    for path, raan in zip(paths, ("133:149", "149:165"), strict=True):
+        arguments = [raan if a == "133:149" else a for a in SUNSAT]
+        assert run(*arguments, "--epoch", "2026.95", "--out", str(path)) == 0
+    capsys.readouterr()
+    return paths
+
+
+def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
+    """show reads image and manifest, and refuses one changed byte."""
+    assert do("show", str(two_weeks[0]), "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["stars"], facts["profile"], facts["frame"]) == (144, "sunsat", "ICRS")
+    assert facts["bytes"] == two_weeks[0].stat().st_size
+    image = bytearray(two_weeks[0].read_bytes())
+    image[500] ^= 1
+    two_weeks[0].write_bytes(image)
+    with pytest.raises(CorruptData, match="not the manifest's"):
+        do("show", str(two_weeks[0]))
+
+
+def test_diff_lists_what_comes_and_goes(two_weeks, capsys):
+    """Two weeks on, part of the sky is new, part is gone, and what stays has not moved."""
+    assert do("diff", *map(str, two_weeks), "--json") == 0
+    d = json.loads(capsys.readouterr().out)
+    assert len(d["dropped"]) + d["same"] == 144
+    assert d["added"]
+    assert d["dropped"]
+    assert (d["moved"], d["magnitude_changed"]) == ([], [])
+
+
+@pytest.mark.parametrize("kind", ["csv", "ecsv", "fits"])
+def test_exports_hold_the_stars(two_weeks, kind, tmp_path):
+    """Each kind reads back with astropy to the image's stars."""
+    out = tmp_path / f"stars.{kind}"
+    assert do("export", str(two_weeks[0]), "--kind", kind, "--out", str(out)) == 0
+    formats = {"csv": {"format": "ascii.csv"}, "ecsv": {"format": "ascii.ecsv"}, "fits": {"format": "fits", "hdu": 1}}
+    table = Table.read(out, **formats[kind])
+    manifest = read_manifest((two_weeks[0].parent / "a.bin.json").read_text("utf-8"))
+    catalogue = decode(two_weeks[0].read_bytes(), np.array(manifest.hip))
+    assert table["hip"].tolist() == list(manifest.hip)
+    ra, dec = (np.radians(np.asarray(table[c])) for c in (table.colnames[2], table.colnames[3]))
+    assert separation_rad(unit_from_ra_dec(ra, dec), catalogue.icrs).max() < 3e-9
+
+
+def test_missing_files_and_unknown_kinds_are_named(two_weeks, tmp_path):
+    """No file, and no such kind of export, are bad input."""
+    with pytest.raises(BadInput, match="cannot be read"):
+        do("show", str(tmp_path / "none.bin"))
+    with pytest.raises(BadInput, match=r"csv \| ecsv \| fits"):
+        do("export", str(two_weeks[0]), "--kind", "papyrus", "--out", str(tmp_path / "x"))

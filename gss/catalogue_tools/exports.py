@@ -1,0 +1,93 @@
+"""A catalogue as files for other programs: CSV, ECSV and FITS binary tables, angles in degrees as those expect."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.manifest import Manifest
+from gss.domain.angles import ra_dec_from_unit
+from gss.domain.errors import BadInput
+from gss.domain.stars import OnboardCatalogue
+
+UNITS = {"ra": "deg", "dec": "deg", "v": "mag", "distance": "deg"}
+
+
+def export(catalogue: OnboardCatalogue, manifest: Manifest, kind: str) -> bytes:
+    """The file of one kind: csv and ecsv hold the star list, fits the star list and the distance table."""
+    writers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits}
+    if kind not in writers:
+        raise BadInput("unknown kind of export", expected=" | ".join(writers), got=kind)
+    return writers[kind](catalogue, manifest)
+
+
+def _stars(catalogue: OnboardCatalogue) -> dict[str, Any]:
+    ra, dec = ra_dec_from_unit(catalogue.icrs.astype(float))
+    return {
+        "row": np.arange(len(catalogue), dtype=np.int32),
+        "hip": catalogue.hip.astype(np.int32),
+        "ra": np.degrees(ra),
+        "dec": np.degrees(dec),
+        "v": catalogue.v_mag.astype(float),
+    }
+
+
+def _pairs(catalogue: OnboardCatalogue) -> dict[str, Any]:
+    d = catalogue.distances
+    return {"first": d.first, "second": d.second, "distance": np.degrees(d.distance_rad.astype(float))}
+
+
+def _facts(manifest: Manifest) -> dict[str, Any]:
+    return {
+        "NAME": manifest.name,
+        "PROFILE": manifest.profile_name,
+        "RADESYS": manifest.frame,
+        "EPOCH": manifest.epoch_jyear,
+        "VALIDFR": manifest.valid_from,
+        "VALIDTO": manifest.valid_to,
+        "TOOL": manifest.tool,
+        "IMGSHA": manifest.image_sha256,
+    }
+
+
+def _csv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+    columns = _stars(catalogue)
+    head = ",".join(f"{name}_{UNITS[name]}" if name in UNITS else name for name in columns)
+    rows = (
+        f"{row},{hip},{ra:.7f},{dec:.7f},{'' if np.isnan(v) else f'{v:.3f}'}"
+        for row, hip, ra, dec, v in zip(*columns.values(), strict=True)
+    )
+    return ("\n".join([head, *rows]) + "\n").encode()
+
+
+def _ecsv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+    from astropy.table import Table  # a second of import, paid only by who exports
+
+    columns = _stars(catalogue)
+    table = Table(columns, meta=_facts(manifest), units={name: UNITS[name] for name in columns if name in UNITS})
+    text = io.StringIO()
+    table.write(text, format="ascii.ecsv")
+    return text.getvalue().encode()
+
+
+def _fits(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+    from astropy.io import fits
+
+    codes = {"i": "J", "f": "D"}
+
+    def table(name: str, columns: dict[str, Any]) -> Any:
+        made = [
+            fits.Column(name=column, format=codes[values.dtype.kind], array=values, unit=UNITS.get(column))
+            for column, values in columns.items()
+        ]
+        return fits.BinTableHDU.from_columns(made, name=name)
+
+    primary = fits.PrimaryHDU()
+    primary.header.update(_facts(manifest))
+    file = io.BytesIO()
+    fits.HDUList([primary, table("STARS", _stars(catalogue)), table("DISTANCES", _pairs(catalogue))]).writeto(
+        file, checksum=False
+    )
+    return file.getvalue()
