@@ -23,7 +23,7 @@ from gss.store.engine import Database
 from gss.store.models import Catalogue
 
 HOLDS_DATA = ("loaded", "committed")
-SAME_STAR_WITHIN_RAD = 120 * ARCSEC_RAD
+SAME_STAR_WITHIN_RAD = 300 * ARCSEC_RAD
 UNKNOWN_HIP = -1
 
 
@@ -142,7 +142,7 @@ class BankService:
 
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
-    """Hipparcos number of each row: the brightest star within 2′, which also covers decades of proper motion."""
+    """Hipparcos number of each row: the brightest star within 5′, which covers 60 years of α Centauri."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +44,7 @@ class CommandService:
 
     def __init__(self, link: LinkService, database: Database, bus: EventBus, now: Now) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
-        self.completed_hooks: list[Any] = []
+        self.completed_hooks: list[Callable[[str, Mapping[str, Any], Mapping[str, Any]], None]] = []
 
     def start(self) -> None:
         """Commands that were under way when the last server died become unknown; nothing is sent again by itself."""
@@ -173,7 +173,7 @@ class CommandService:
             self._bus.record("command", "warning", f"{row.name}: no report in time, fate unknown", command_id=row.id)
         if event.stage is Stage.COMPLETED:
             for hook in self.completed_hooks:
-                hook(row.name, event.values)
+                hook(row.name, row.arguments, event.values)
 
     def _change(self, command_id: int, stage: StageRow | None, **values: Any) -> Command:
         with self._database.unit_of_work() as session:

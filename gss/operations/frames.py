@@ -149,7 +149,7 @@ class FrameService:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
         on_board = next((s for s in solutions if s.origin == "on board"), None)
-        ground = [s for s in solutions if s.origin == "ground"]
+        ground = [s for s in solutions if s.origin == "ground" and s.replay is None]
         best = next((s for s in ground if s.outcome == Outcome.SOLVED), ground[0] if ground else None)
         return FrameDetail(frame, solutions, on_board, best)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ from gss.operations.events import EventBus
 from gss.operations.raw_capture import RECEIVED, SENT, RawCapture
 from gss.store import devices as store
 from gss.store.engine import Database
+
+log = logging.getLogger("gss.link")
 
 READ_BYTES = 65536
 READ_WAIT_S = 0.01
@@ -153,7 +156,14 @@ class LinkService:
             if isinstance(event, HelloReceived):
                 self._met(event)
         for handler in self.handlers:
-            handler(events)
+            try:
+                handler(events)
+            except (
+                Exception
+            ) as error:  # one operation's defect must not silence the line; it is told, and its cause is logged
+                log.exception("handler %r failed", handler)
+                text = f"defect in the server while it handled what came: {type(error).__name__}: {error}"
+                self._bus.record("link", "critical", text, contact_id=self.contact_id)
 
     def _met(self, hello: HelloReceived) -> None:
         self.hello = hello

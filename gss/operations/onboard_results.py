@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from gss.domain.angles import ARCSEC_RAD
+from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera import Camera
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.stars import StarTable
@@ -19,9 +19,18 @@ ON_BOARD_CHAIN = "cubestar"
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What the sensor knew before: the attitude it found last, and a commanded hint with its radius, where there are any."""
+
+    quaternion: Array | None = None
+    hint: Array | None = None
+    hint_radius_rad: float = math.radians(5.0)
+
+
+@dataclass(frozen=True)
 class OnboardRecord:
     """The packets of one frame as far as they have come. ``hip_of_row``: Hipparcos numbers of the active bank's rows,
-    None where the ground does not know that bank."""
+    None where the ground does not know that bank. ``prior``: what the sensor knew when it calculated the attitude."""
 
     frame_number: int
     centroids: Rows = ()
@@ -29,6 +38,7 @@ class OnboardRecord:
     attitude: Mapping[str, Any] | None = None
     hip_of_row: Sequence[int] | None = None
     icrs_of_hip: StarTable | None = None
+    prior: Prior = field(default_factory=Prior)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
         """The record with one more packet; a new centroid list makes older matches and attitude void."""
@@ -83,7 +93,7 @@ def _attitude(values: Mapping[str, Any] | None) -> Attitude | None:
 def _matches(record: OnboardRecord, camera: Camera, centroids: Centroids, attitude: Attitude | None) -> Matches | None:
     rows, hips = [], []
     for row in record.matches:
-        number = int(row["hip"])
+        number = int(row["star"])
         hip = number if record.hip_of_row is None else _at(record.hip_of_row, number)
         if 0 <= int(row["centroid"]) < len(centroids) and hip is not None:
             rows.append(row)

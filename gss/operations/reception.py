@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import timedelta
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 
 from gss.device.session_events import Direction, HelloReceived, SessionEvent, Telemetry, TransferDone, TransferUpdate
 from gss.domain.errors import GssError
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
 from gss.operations.clock import Now
@@ -22,7 +25,7 @@ from gss.operations.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
 from gss.operations.link import LinkService
-from gss.operations.onboard_results import OnboardRecord
+from gss.operations.onboard_results import OnboardRecord, Prior
 from gss.operations.replay import ReplayService
 from gss.operations.telemetry import TelemetryService
 from gss.operations.transfers import TransferService
@@ -61,6 +64,8 @@ class Reception:
         self._settings: OrderedDict[int, dict[str, Any]] = OrderedDict()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
+        self._prior = Prior()
+        commands.completed_hooks.append(self._command_completed)
         transfers.done_hooks[(Direction.DOWN, "frame")] = self._frame_arrived
         transfers.done_hooks[(Direction.DOWN, "thumbnail")] = self._frame_arrived
         transfers.done_hooks[(Direction.DOWN, "catalogue")] = self._bank_arrived
@@ -127,10 +132,25 @@ class Reception:
         record = self._records.get(number) or OnboardRecord(number)
         hips = self._banks.hip_of_row(self._detection_settings().get("bank_sha256", ""))
         record = record.with_packet(kind, values, items)
-        record = OnboardRecord(number, record.centroids, record.matches, record.attitude, hips, self._stars)
+        record = replace(record, hip_of_row=hips, icrs_of_hip=self._stars)
+        if kind == "attitude":
+            record = replace(record, prior=self._prior)
+            if values.get("outcome") == "solved":
+                self._prior = Prior(np.array([float(values[f"quaternion_{a}"]) for a in "xyzw"]))
         self._remember(self._records, number, record)
         if number in self._stored:
             self._lay_beside(self._stored[number], record)
+
+    def _command_completed(self, name: str, arguments: Mapping[str, Any], _values: Mapping[str, Any]) -> None:
+        """A commanded hint is what the sensor starts from until it finds an attitude; a reset forgets everything."""
+        if name == "SET_ATTITUDE_HINT":
+            angles = (math.radians(float(arguments.get(f"{a}_deg", 0.0))) for a in ("ra", "dec", "roll"))
+            radius_rad = math.radians(float(arguments.get("uncertainty_deg", 5.0)))
+            self._prior = replace(
+                self._prior, hint=quaternion_from_matrix(cam_from_icrs(*angles)), hint_radius_rad=radius_rad
+            )
+        elif name == "RESET":
+            self._prior = Prior()
 
     @staticmethod
     def _remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:

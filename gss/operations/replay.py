@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -59,35 +60,34 @@ class ReplayService:
                 "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
             )
         known = profile(frame.profile or "cubestar")
-        parameters = onboard_parameters(frame)
-        mode, hint = _mode_and_hint(frame)
+        parameters, mode, hint = onboard_parameters(frame, record), _mode(record), _hint(record)
         pixels: Any = self._frames.pixels(frame)
         return cubestar.solve(pixels, known.camera, bank, parameters, mode=mode, hint=hint, clock=self._stopwatch_s)
 
 
-def onboard_parameters(frame: Frame) -> cubestar.CubestarParameters:
-    """The chain's parameters as housekeeping told them when the frame was taken."""
-    import dataclasses
-
-    told: dict[str, Any] = frame.parameters
-    changes: dict[str, Any] = {}
-    for name, parameter in (
-        ("threshold_dn", "threshold_dn"),
-        ("min_pixels", "min_area_px"),
-        ("max_pixels", "max_area_px"),
-    ):
-        if name in told:
-            changes[parameter] = told[name]
-    return dataclasses.replace(cubestar.default_parameters(profile(frame.profile or "cubestar")), **changes)
+def onboard_parameters(frame: Frame, record: OnboardRecord) -> cubestar.CubestarParameters:
+    """The chain's parameters as housekeeping told them when the frame was taken, with the reach of a commanded hint."""
+    names = (("threshold_dn", "threshold_dn"), ("min_pixels", "min_area_px"), ("max_pixels", "max_area_px"))
+    changes: dict[str, Any] = {ours: frame.parameters[told] for told, ours in names if told in frame.parameters}
+    known = profile(frame.profile or "cubestar")
+    if _mode(record) is cubestar.Mode.ASSISTED:
+        changes["assisted_radius_rad"] = min(np.pi, known.camera.half_diagonal_rad + record.prior.hint_radius_rad)
+    return dataclasses.replace(cubestar.default_parameters(known, frame.exposure_s), **changes)
 
 
-def _mode_and_hint(frame: Frame) -> tuple[cubestar.Mode, None]:
-    if frame.mode not in (None, "lost_in_space", "standby"):
-        raise GssError(
-            "only lost-in-space results can be replayed: the hint of other modes is not telemetered",
-            got=str(frame.mode),
-        )
-    return cubestar.Mode.LOST_IN_SPACE, None
+def _mode(record: OnboardRecord) -> cubestar.Mode:
+    return cubestar.Mode(str((record.attitude or {}).get("mode", "lost_in_space")))
+
+
+def _hint(record: OnboardRecord) -> cubestar.Hint | None:
+    """What the sensor started from: nothing when lost, the last attitude in tracking, a commanded hint first when assisted."""
+    mode, prior = _mode(record), record.prior
+    if mode is cubestar.Mode.LOST_IN_SPACE:
+        return None
+    start = prior.quaternion if mode is cubestar.Mode.TRACKING or prior.hint is None else prior.hint
+    if start is None:
+        raise GssError("the attitude that the sensor started from was not received")
+    return cubestar.Hint.from_quaternion(start)
 
 
 def compare(record: OnboardRecord, result: SolveResult) -> str:
@@ -105,7 +105,7 @@ def compare(record: OnboardRecord, result: SolveResult) -> str:
         return f"outcome differs: {'solved' if solved else 'none'} on board, {result.outcome} on the ground"
     if not solved or result.attitude is None or record.attitude is None:
         return "equal"
-    theirs_matched = {int(row["centroid"]): int(row["hip"]) for row in record.matches}
+    theirs_matched = {int(row["centroid"]): int(row["star"]) for row in record.matches}
     if result.matches is not None and len(theirs_matched) != len(result.matches):
         return f"matches differ: {len(theirs_matched)} on board, {len(result.matches)} on the ground"
     quaternion = np.array([float(record.attitude[f"quaternion_{a}"]) for a in "xyzw"])
