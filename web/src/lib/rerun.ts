@@ -54,7 +54,7 @@ export async function openViewer(canvas: HTMLCanvasElement, url: string, progres
   const bindgen = await ready;
   const handle = new bindgen.WebHandle({
     url: [url], render_backend: 'webgl', hide_welcome_screen: true, persist: false, theme: 'dark', notebook: false, video_decoder: null,
-    panel_state_overrides: { top: 'hidden', blueprint: 'hidden', selection: 'hidden', time: 'collapsed' }, on_viewer_event: event,
+    panel_state_overrides: { top: 'Hidden', blueprint: 'Hidden', selection: 'Hidden', time: 'Collapsed' }, on_viewer_event: event,
   });
   await handle.start(canvas);
   return handle;
