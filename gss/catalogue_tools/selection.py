@@ -18,7 +18,6 @@ from gss.domain.stars import FLAG_VARIABLE, StarTable
 
 # A neighbour this much fainter pulls the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
-THINNING_NSIDE = 16
 
 
 class Fate(IntEnum):
@@ -153,16 +152,31 @@ def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
 
 def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -> NDArray[np.bool_]:
     """Stars (brightest first) that are among the ``count`` brightest of some field: fields are circles on a grid of
-    equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field)."""
+    equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field).
+
+    Only the brightest few stars are looked at first, and more of them for the fields that these do not fill.
+    """
     chosen = np.zeros(len(unit), bool)
-    if not len(unit):
-        return chosen
-    pointings = centres(THINNING_NSIDE)
-    pointings = np.concatenate([pointings[envelope.contains(pointings)], unit])
-    tree = cKDTree(unit)
-    for inside in tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True):
-        chosen[inside[:count]] = True
+    grid = centres(_grid_nside(radius_rad))
+    pointings = grid[envelope.contains(grid)]
+    circle_share = (1 - np.cos(radius_rad)) / 2
+    depth = int(4 * count / circle_share)
+    while len(pointings) and len(unit):
+        tree = cKDTree(unit[:depth])
+        found = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
+        filled = np.array([len(inside) >= count for inside in found])
+        for inside in found:
+            chosen[inside[:count]] = True
+        if depth >= len(unit):
+            break
+        pointings, depth = pointings[~filled], 4 * depth
     return chosen
+
+
+def _grid_nside(radius_rad: float) -> int:
+    """Pixels no larger than half the radius of a field, within reason."""
+    wanted = np.sqrt(np.pi / 3) / (radius_rad / 2)
+    return int(np.clip(2 ** np.ceil(np.log2(wanted)), 4, 64))
 
 
 def _check_stars(stars: StarTable) -> None:
