@@ -88,13 +88,14 @@ class Bench:
 
     def stage(self, request_id: int) -> Stage:
         """Where a command is now."""
-        return self.stages(request_id)[-1].stage
+        said = self.stages(request_id)
+        return said[-1].stage if said else Stage.QUEUED
 
     def do(self, name: str, seconds: float = 30.0, **arguments: float | str | bool) -> CommandStage:
         """Send a command and wait for its end."""
         request_id = self.host.submit(name, arguments, self.now_s)
         ends = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
-        self.until(lambda: bool(self.stages(request_id)) and self.stage(request_id) in ends, seconds)
+        self.until(lambda: self.stage(request_id) in ends, seconds)
         return self.stages(request_id)[-1]
 
     def telemetry(self, packet: str) -> list[Telemetry]:

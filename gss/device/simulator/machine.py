@@ -38,6 +38,7 @@ CYCLE_S = 1.0
 CYCLE_SLOTS = (2, 3)
 MOST_WAITING = 4
 BOOT_S = 0.3
+LAST_WORDS_S = 0.2
 FLASH_READ_BYTES_S = 400_000.0
 MOST_OUTGOING = 400
 REPLAYED_AT = 3
@@ -102,6 +103,7 @@ class Device:
         self._cycle_slot: int | None = None
         self._housekeeping_due_s = now_s + BOOT_S
         self._confirm_by_s: float | None = None
+        self._reset_due_s: float | None = None
         self._accepted = self._rejected = 0
         self._loader.restart()
         self._receiver.restart()
@@ -168,6 +170,9 @@ class Device:
         """Let time pass: running command, cycle, confirmations, transfers, housekeeping."""
         self._now_s = max(now_s, self._now_s)
         if now_s < self._asleep_until_s:
+            return
+        if self._reset_due_s is not None and now_s >= self._reset_due_s:
+            self.reset("command", now_s)
             return
         self._run()
         self._run_cycle()
@@ -357,7 +362,7 @@ class Device:
     def _complete(self, running: Running, values: Returns) -> None:
         self._stage(running, "completed", returned=encode(running.command.returns, values))
         if running.command.name == "RESET":
-            self.reset("command", self._now_s)
+            self._reset_due_s = self._now_s + LAST_WORDS_S
 
     def _stage(
         self, running: Running, stage: str, reason: str = "none", detail: str = "", returned: bytes = b""
@@ -483,8 +488,7 @@ class Device:
         self._send_housekeeping(self._request_id)
         return {}
 
-    def _do_reset(self, _: Mapping[str, Value]) -> Task:
-        yield 0.05
+    def _do_reset(self, _: Mapping[str, Value]) -> Returns:
         return {}
 
     def _do_abort(self, _: Mapping[str, Value]) -> Returns:

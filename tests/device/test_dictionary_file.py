@@ -1,0 +1,109 @@
+"""The dictionary is checked when it is read."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gss.device.dictionary import Conversion, Hazard, Precondition
+from gss.device.dictionary_file import load_dictionary, parse_dictionary
+from gss.device.icd import icd_markdown
+from gss.domain.errors import BadInput, NotFound
+
+TEXT = resources.files("gss.device").joinpath("dictionary.yaml").read_text("utf-8")
+
+
+def test_interface_document_is_up_to_date() -> None:
+    """docs/icd.md is what the dictionary says now; ``python -m gss.device.icd > docs/icd.md`` renews it."""
+    path = Path(__file__).parents[2] / "docs" / "icd.md"
+    assert path.read_text("utf-8") == icd_markdown(load_dictionary())
+
+
+def test_hash_depends_on_content_and_not_on_layout() -> None:
+    """A comment or another order of keys leaves the hash; a changed row does not."""
+    content = yaml.safe_load(TEXT)
+    assert parse_dictionary(yaml.safe_dump(content)).hash == load_dictionary().hash
+    assert parse_dictionary(TEXT + "# remark\n").hash == load_dictionary().hash
+    content["commands"][0]["purpose"] += "!"
+    assert parse_dictionary(yaml.safe_dump(content)).hash != load_dictionary().hash
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("code: 2\n    subsystem", "code: 1\n    subsystem", "given twice"),
+        ("name: GET_STATUS", "name: HELLO", "given twice"),
+        ("min: 1, max: 1000, default: 250", "min: 1, max: 1000, default: 1250", "default is not allowed"),
+        ("min: 1, max: 1000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
+        ("type: u16, unit: ms, min: 1, max: 1000,", "type: u12, unit: ms, min: 1, max: 1000,", "unknown type"),
+        ("enum: mode, default: lost_in_space", "enum: modes, default: lost_in_space", "enum is missing or unknown"),
+        ("enum: mode, default: lost_in_space", "enum: mode, default: lost", "default is not allowed"),
+        ("{linear: [0.0625, -50.0]}", "{eval: [0.0625, -50.0]}", "unknown conversion"),
+        ("{field: mode, op: ne,", "{field: mood, op: ne,", "unknown field"),
+        ("{field: mode, op: ne,", "{field: mode, op: is,", "unknown operator"),
+        ("hazard_reason: The bank's", "hazard_reasoning: The bank's", "unknown keys"),
+        ("watch: [-15, 45]", "watch: [45, -15]", "limits are crossed"),
+        ("commands:", "commands: [", "not YAML"),
+    ],
+)
+def test_a_wrong_row_is_refused_and_named(old: str, new: str, message: str) -> None:
+    """Each kind of mistake in the file is found when it is loaded."""
+    assert old in TEXT
+    with pytest.raises(BadInput) as caught:
+        parse_dictionary(TEXT.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+def test_hazards_are_where_they_belong() -> None:
+    """What can lose a catalogue or the session is marked."""
+    d = load_dictionary()
+    hazards = {c.name: c.hazard for c in d.commands if c.hazard is not Hazard.NONE}
+    assert hazards == {
+        "RESET": Hazard.WARNING,
+        "ACTIVATE_BANK": Hazard.CRITICAL,
+        "ROLLBACK_BANK": Hazard.WARNING,
+        "ERASE_BANK": Hazard.CRITICAL,
+    }
+    assert not any(d.command(name).idempotent for name in ("TAKE_IMAGE", "RUN_ITERATION", "RESET", *hazards))
+
+
+def test_names_that_are_not_there_say_what_is() -> None:
+    """Look-ups fail with the list of names; codes from the line give None."""
+    d = load_dictionary()
+    with pytest.raises(NotFound, match="TAKE_IMAGE"):
+        d.command("TAKE_PICTURE")
+    with pytest.raises(NotFound, match="housekeeping"):
+        d.packet("x")
+    assert d.command_of_code(250) is None
+    assert d.packet_of_code(250) is None
+    assert d.event_of_code(250) is None
+    assert d.service_of_code("transfer", 250) is None
+
+
+def test_conversion_is_the_polynomial() -> None:
+    """Raw to engineering by Horner; without coefficients nothing changes."""
+    assert Conversion((2.0, 3.0, 0.5)).engineering(4) == pytest.approx(2 + 12 + 8)
+    assert Conversion().engineering(4) == 4
+    assert Conversion((1.0, 1.0)).engineering("text") == "text"
+
+
+@pytest.mark.parametrize(
+    ("op", "value", "left", "met"),
+    [
+        ("eq", 1, 1, True),
+        ("ne", "standby", "standby", False),
+        ("lt", 3, 2, True),
+        ("le", 3, 4, False),
+        ("gt", 3, 4, True),
+        ("ge", 5, 4, False),
+    ],
+)
+def test_preconditions_compare(op: str, value: int | str, left: int | str, met: bool) -> None:
+    """Each operator, and unknown where the field is not known."""
+    condition = Precondition("f", op, value, "")
+    assert condition.met({"f": left}) is met
+    assert condition.met({}) is None
+    assert condition.met(None) is None
