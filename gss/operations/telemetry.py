@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from gss.store import telemetry as store
 from gss.store.engine import Database
 from gss.store.models import TelemetryPacket
 
-ARCHIVED_LISTS = False
+ITERATION_PAGES = ("attitude", "timing")
 STATE_WORDS = {State.OK: "ok", State.WATCH: "watch", State.WARNING: "warning", State.CRITICAL: "critical"}
 
 
@@ -60,8 +61,10 @@ class TelemetryService:
                 self._bus.publish("cycle", (at, dict(packet.values)))
 
     def _row(self, packet: Telemetry, at: datetime) -> TelemetryPacket:
-        values = {name: value.hex() if isinstance(value, bytes) else value for name, value in packet.values.items()}
-        lists = {name: [dict(item) for item in items] for name, items in packet.lists.items()}
+        values = {name: plain(value) for name, value in packet.values.items()}
+        lists = {
+            name: [{k: plain(v) for k, v in item.items()} for item in items] for name, items in packet.lists.items()
+        }
         return TelemetryPacket(
             contact_id=self.contact_id,
             packet=packet.packet,
@@ -94,15 +97,24 @@ class TelemetryService:
         if found is None:
             return FieldValue(field, packet, None, None, "never", None, None)
         at, telemetry = found
-        raw, value = telemetry.raw.get(field.name), telemetry.values.get(field.name)
+        raw, value = telemetry.raw.get(field.name), plain(telemetry.values.get(field.name))
         age_s = (now - at).total_seconds()
         if field.stale_after_s and age_s > field.stale_after_s:
             state = "stale"
-        elif isinstance(value, int | float):
+        elif value is None:
+            state = "never"  # sent as not-a-number: the device has not measured it yet
+        elif isinstance(value, int | float) and self._limits_hold(field):
             state = STATE_WORDS[field.limits.state(float(value))]
         else:
             state = "ok"
         return FieldValue(field, packet, raw, value, state, at, age_s)
+
+    def _limits_hold(self, field: TelemetryField) -> bool:
+        """Results and timing of iterations are judged only while the cycle runs: a sensor at rest finds no stars."""
+        if field.page not in ITERATION_PAGES:
+            return True
+        housekeeping = self.latest_packet("housekeeping")
+        return housekeeping is not None and bool(housekeeping.values.get("cycle_running"))
 
     def field(self, name: str) -> tuple[str, TelemetryField]:
         """(packet, definition) of a field; housekeeping wins where two packets share the name."""
@@ -135,6 +147,13 @@ class TelemetryService:
         """(received, values) of the newest iterations' timing."""
         with self._database.unit_of_work() as session:
             return [(row.received, row.values) for row in store.newest(session, "timing", limit)]
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: bytes in hex, not-a-number and infinities as None."""
+    if isinstance(value, bytes):
+        return value.hex()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def thin(t: list[float], y: list[float | None], points: int) -> tuple[list[float], list[float | None]]:

@@ -112,7 +112,7 @@ def request_of(body: CatalogueIn, user: str) -> BuildRequest:
     )
 
 
-def _radians(limits: tuple[float, float]) -> tuple[float, float]:
+def _radians(limits: list[float]) -> tuple[float, float]:
     return math.radians(limits[0]), math.radians(limits[1])
 
 

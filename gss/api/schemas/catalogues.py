@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
 
-Range = tuple[float, float]
+Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+"""Smallest and largest, degrees."""
 
 
 class CatalogueIn(In):
@@ -19,14 +20,14 @@ class CatalogueIn(In):
     format: str = "cubestar"
     orbit: Literal["none", "elements", "tle"] = "none"
     inclination_deg: float = Field(default=97.6, ge=0, le=180)
-    raan_deg: Range = (0.0, 360.0)
+    raan_deg: Range = Field(default=[0.0, 360.0])
     tle: str = Field(default="", max_length=400)
     start: str = ""
     days: float = Field(default=14, gt=0, le=400)
     pointing: Literal["sunsat", "zenith", "nadir"] = "zenith"
-    roll_deg: Range = (-5.0, 5.0)
-    pitch_deg: Range = (-5.0, 5.0)
-    yaw_deg: Range = (-5.0, 5.0)
+    roll_deg: Range = Field(default=[-5.0, 5.0])
+    pitch_deg: Range = Field(default=[-5.0, 5.0])
+    yaw_deg: Range = Field(default=[-5.0, 5.0])
     margin_deg: float = Field(default=0.5, ge=0, le=20)
     faint_mag: float = Field(default=3.8, ge=-2, le=8)
     bright_mag: float = Field(default=-2.0, ge=-3, le=8)
