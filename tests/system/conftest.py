@@ -1,0 +1,141 @@
+"""The real thing: server and simulator as processes, driven over HTTP."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+START_S = 60.0
+
+
+class Console:
+    """A client with the patience of an operator."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.http = httpx2.Client(base_url=f"{address}/api", headers={"X-GSS": "1"}, timeout=30)
+
+    def get(self, path: str, **query: Any) -> Any:
+        """JSON of a page that must exist."""
+        reply = self.http.get(path, params=query)
+        assert reply.status_code == 200, reply.text
+        return reply.json()
+
+    def post(self, path: str, body: Any = None, status: int = 201) -> Any:
+        """JSON of a change that must succeed."""
+        reply = self.http.post(path, json=body)
+        assert reply.status_code == status, reply.text
+        return reply.json()
+
+    def wait(self, what: str, look: Callable[[], Any], seconds: float = 30.0) -> Any:
+        """The first true value of ``look``; fails with ``what`` after a while."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            found = look()
+            if found:
+                return found
+            time.sleep(0.05)
+        pytest.fail(f"waited {seconds:g} s for {what}")
+
+    def command(self, name: str, *, confirm: str = "", **arguments: Any) -> Any:
+        """Send a command and wait for its end."""
+        row = self.post("/commands", {"name": name, "arguments": arguments, "confirm": confirm})
+        ended = ("completed", "rejected", "failed", "unknown")
+        return self.wait(
+            f"{name} to end",
+            lambda: next((c for c in [self.get(f"/commands/{row['id']}")] if c["result"] in ended), None),
+        )
+
+
+class Server:
+    """``gss serve`` as a child process on a free port."""
+
+    def __init__(self, folder: Path, *arguments: str, **environment: str) -> None:
+        self.folder = folder
+        command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+        self.log = (folder.parent / f"{folder.name}.log").open("ab")
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=self.log,
+            text=True,
+            env={**os.environ, "GSS_SIMULATOR_BAUD": "0", **environment},
+        )
+        self.console = Console(self._address())
+
+    def _address(self) -> str:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if "http://" in line:
+                return line[line.index("http://") :].strip()
+        pytest.fail(f"the server did not start: {Path(self.log.name).read_text()[-2000:]}")
+
+    def stop(self) -> None:
+        """As Ctrl-C would."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(timeout=20)
+        self._close()
+
+    def kill(self) -> None:
+        """As a power cut would (of the server alone: the simulator is its own process)."""
+        self.process.kill()
+        self.process.wait()
+        self._close()
+
+    def _close(self) -> None:
+        self.console.http.close()
+        if self.process.stdout:
+            self.process.stdout.close()
+        self.log.close()
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
+    """Starts servers on one data folder and ends those that are left."""
+    started: list[Server] = []
+
+    def start(*arguments: str, **environment: str) -> Server:
+        started.append(Server(tmp_path / "data", *arguments, **environment))
+        return started[-1]
+
+    yield start
+    for server in started:
+        if server.process.poll() is None:
+            server.stop()
+
+
+@pytest.fixture
+def simulator(tmp_path: Path) -> Iterator[str]:
+    """A simulated sensor on a TCP port, independent of any server; its address."""
+    folder = tmp_path / "sensor"
+    folder.mkdir()
+    command = [
+        sys.executable,
+        "-m",
+        "gss.device.simulator",
+        "--profile",
+        "cubestar",
+        "--tcp",
+        "0",
+        "--state-dir",
+        str(folder),
+    ]
+    process = subprocess.Popen([*command, "--baud", "0", "--seed", "7"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("READY"):
+            break
+    yield line.split()[1]
+    process.terminate()
+    process.wait(timeout=10)
+    process.stdout.close()

@@ -1,0 +1,96 @@
+"""What a crash, a lost line or a second server leave behind: nothing lost, nothing sent twice."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.timeout(240)
+
+
+def online(console):
+    """Wait until the sensor has answered on this server."""
+    return console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
+
+
+def test_server_killed_in_the_middle_loses_nothing_that_was_acknowledged(serve, simulator):
+    """After kill -9 the frames, commands and catalogues are there; the line opens again by itself; ids go on counting."""
+    first = serve("--device", simulator)
+    online(first.console)
+    taken = first.console.command("TAKE_IMAGE")
+    frame = first.console.wait("the frame", lambda: first.console.get("/frames")["frames"])[0]
+    first.kill()
+
+    second = serve("--device", simulator)
+    online(second.console)
+    assert second.console.get(f"/frames/{frame['id']}")["sha256"] == frame["sha256"]
+    kept = second.console.get(f"/commands/{taken['id']}")
+    assert (kept["result"], kept["request_id"]) == ("completed", taken["request_id"])
+    again = second.console.command("TAKE_IMAGE")
+    assert again["result"] == "completed"
+    assert again["request_id"] > taken["request_id"]
+    assert [c["ended"] is None for c in second.console.get("/contacts")] == [True, False]
+
+
+def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(serve, simulator):
+    """Its fate is the operator's to settle: nothing non-idempotent is repeated by software."""
+    first = serve("--device", simulator)
+    online(first.console)
+    before = first.console.get("/commands", limit=1)[0]["id"]
+    first.console.post("/commands", {"name": "TAKE_IMAGE", "arguments": {"exposure_ms": 1000}})
+    first.kill()
+
+    second = serve("--device", simulator)
+    online(second.console)
+    row = second.console.get(f"/commands/{before + 1}")
+    assert row["name"] == "TAKE_IMAGE"
+    if row["result"] == "unknown":
+        assert "restarted" in row["detail"]
+        settled = second.console.post(f"/commands/{row['id']}/resolve", {"note": "frame seen on board"}, status=200)
+        assert settled["result"] == "resolved"
+    else:  # the report came back late, to the new server, and was recognised by its id
+        assert row["result"] == "completed"
+    assert [c["name"] for c in second.console.get("/commands", limit=20)].count("TAKE_IMAGE") == 1
+
+
+def test_second_server_on_one_port_of_the_sensor_is_refused(serve, tmp_path):
+    """A port has one owner; the other is told who holds it and keeps running."""
+    first = serve("--simulator", "cubestar")
+    url = first.console.wait("the port", lambda: first.console.get("/link")["url"])
+    online(first.console)
+    reply = first.console.http.post("/link/open", json={"url": "/dev/does-not-exist"})
+    assert reply.status_code in (400, 404, 503)
+    assert first.console.get("/link")["url"] == url
+
+    command = [sys.executable, "-c", f"from gss.device.transport import open_stream; open_stream({url!r})"]
+    other = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert other.returncode != 0
+    assert "Conflict" in other.stderr
+    assert first.console.command("GET_STATUS")["result"] == "completed"
+
+
+def test_line_that_vanishes_and_returns_is_opened_again(serve, simulator):
+    """Closing and opening the line ends and begins a contact; the sensor answers again."""
+    server = serve("--device", simulator)
+    online(server.console)
+    server.console.post("/link/close", status=200)
+    server.console.wait("the line to close", lambda: not server.console.get("/link")["connected"])
+    refused = server.console.http.post("/commands", json={"name": "GET_STATUS"})
+    assert (refused.status_code, refused.json()["message"]) == (409, "the line is down")
+    server.console.post("/link/open", {"url": simulator}, status=200)
+    server.console.wait(
+        "the sensor again",
+        lambda: server.console.get("/link")["dictionary_match"] and server.console.get("/link")["connected"],
+    )
+    assert server.console.command("GET_STATUS")["result"] == "completed"
+    assert len(server.console.get("/contacts")) == 2
+
+
+def test_server_refuses_to_listen_beyond_this_machine():
+    """Without sign-in there is no other address than loopback."""
+    command = [sys.executable, "-m", "gss", "serve", "--host", "192.0.2.1", "--port", "0"]
+    other = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert other.returncode == 2
+    assert "loopback" in other.stderr
