@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.device.dictionary_file import load_dictionary
-from gss.domain.errors import BadInput, GssError
-from gss.domain.profiles import profile
 from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
 from gss.operations.build_catalogue import CatalogueService
@@ -33,8 +26,6 @@ from gss.operations.transfers import TransferService
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, migrate, open_engine
-
-SIMULATOR_WAIT_S = 60.0
 
 
 @dataclass
@@ -119,46 +110,3 @@ def build(settings: Settings) -> Services:
         database,
         replay,
     )
-
-
-@contextlib.contextmanager
-def simulator(settings: Settings) -> Iterator[str]:
-    """A simulated sensor as a child process; the address of its line. It ends with the block."""
-    profile(settings.simulator)
-    folder = Path(settings.data / "simulator")
-    folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "gss.device.simulator", "--profile", settings.simulator, "--pty"]
-    command += [
-        "--state-dir",
-        str(folder),
-        "--baud",
-        str(settings.simulator_baud),
-        "--seed",
-        str(settings.simulator_seed),
-    ]
-    log = (folder / "simulator.log").open("ab")
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)  # noqa: S603 (our own module)
-    try:
-        yield _ready_url(process, folder / "simulator.log")
-    finally:
-        process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=5)
-        if process.poll() is None:
-            process.kill()
-        log.close()
-
-
-def _ready_url(process: subprocess.Popen[str], log: Path) -> str:
-    """What the simulator prints when its line can be opened."""
-    if process.stdout is None:
-        raise GssError("the simulator has no output")
-    timer = threading.Timer(SIMULATOR_WAIT_S, process.kill)
-    timer.start()
-    try:
-        for line in process.stdout:
-            if line.startswith("READY "):
-                return line.split(maxsplit=1)[1].strip()
-    finally:
-        timer.cancel()
-    raise BadInput("the simulator did not start", expected="a line READY …", hint=f"see {log}")

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI, Request, Response
 
 from gss.api.errors import problem
-from gss.domain.errors import BadInput
 
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 MARK = "X-GSS"
@@ -25,19 +23,6 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-
-
-def check_host(host: str) -> str:
-    """The address to listen on, if it is a loopback one; sign-in comes before anything else may be allowed."""
-    try:
-        loopback = host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback:
-        raise BadInput(
-            "this server has no sign-in yet and listens on loopback only", expected="127.0.0.1 or ::1", got=host
-        )
-    return host
 
 
 def install(app: FastAPI) -> None:

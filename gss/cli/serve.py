@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
+    from gss.operations.simulated_sensor import SimulatedSensor
+    from gss.settings import Settings
 
 
 def register(subparsers: Subparsers) -> None:
@@ -24,12 +26,8 @@ def register(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
-    import uvicorn
-
-    from gss.api.app import create_app
-    from gss.api.security import check_host
+    from gss.api.loopback import check_host
     from gss.settings import Settings
-    from gss.wiring import build, simulator
 
     names = ("host", "port", "data", "device", "simulator")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
@@ -37,14 +35,31 @@ def run(arguments: argparse.Namespace) -> int:
     check_host(settings.host)
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listen(settings.host, settings.port))
+        sensor = None
         if settings.simulator:
-            settings = settings.model_copy(update={"device": stack.enter_context(simulator(settings))})
-        app = create_app(build(settings))
-        port = listener.getsockname()[1]
-        print(f"GSS is at http://{settings.host}:{port}", flush=True)
-        config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)
-        uvicorn.Server(config).run(sockets=[listener])
+            sensor = stack.enter_context(_sensor(settings))
+        _serve(listener, settings, sensor)
     return 0
+
+
+def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSensor]:
+    from gss.operations.simulated_sensor import simulated_sensor
+
+    folder = settings.data / "simulator"
+    return simulated_sensor(settings.simulator, folder, settings.simulator_baud, settings.simulator_seed)
+
+
+def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None) -> None:
+    """Load the server while the simulator gets ready: the imports here take seconds."""
+    import uvicorn
+
+    from gss.api.app import create_app
+    from gss.wiring import build
+
+    app = create_app(build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()})))
+    print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)
+    uvicorn.Server(config).run(sockets=[listener])
 
 
 def _listen(host: str, port: int) -> socket.socket:

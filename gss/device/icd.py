@@ -40,9 +40,9 @@ All numbers are big-endian.
 
 Packet types: {types}.
 
-Types of values: `u8 u16 u32 i8 i16 i32 f32 f64`; `bool` one byte 0 or 1; `enum` one byte; `bytesN`, `strN` N bytes, text as UTF-8 padded
-with zeros; `text` one byte of length and UTF-8; `rest` all that is left. A list is one byte with the number of rows, then
-the rows. Units are those of the wire and of the screen.
+Types of values: `u8 u16 u32 i8 i16 i32 f32 f64`; `bool` one byte 0 or 1; `enum` one byte; `bytesN`, `strN` N bytes, text as
+UTF-8 padded with zeros; `text` one byte of length and UTF-8; `rest` all that is left. A list is one byte with the number of
+rows, then the rows. Units are those of the wire and of the screen.
 
 ## Command life
 
@@ -76,10 +76,14 @@ def icd_markdown(dictionary: Dictionary) -> str:
         *(_packet(p) for p in dictionary.telemetry),
         "## Events\n",
         _table(
-            ("code", "event", "severity", "meaning"), [(e.code, e.name, e.severity, e.purpose) for e in dictionary.events]
+            ("code", "event", "severity", "meaning"),
+            [(e.code, e.name, e.severity, e.purpose) for e in dictionary.events],
         ),
         "## Reports, events and transfer messages\n",
-        *(f"### {s.name} ({s.packet}, code {s.code})\n\n{s.purpose}.\n\n{_layout(s.fields)}" for s in dictionary.services),
+        *(
+            f"### {s.name} ({s.packet}, code {s.code})\n\n{s.purpose}.\n\n{_layout(s.fields)}"
+            for s in dictionary.services
+        ),
     ]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -105,9 +109,7 @@ def _command(command: Command) -> str:
     ]
     if command.hazard.value != "none":
         facts.append(f"**Hazard: {command.hazard.value}.** {command.hazard_reason}")
-    facts += [
-        f"Only if: {p.text.lower()} (`{p.field} {p.op} {str(p.value).lower()}`)." for p in command.preconditions
-    ]
+    facts += [f"Only if: {p.text.lower()} (`{p.field} {p.op} {str(p.value).lower()}`)." for p in command.preconditions]
     if command.any_dictionary:
         facts.append("Taken from any dictionary.")
     text = f"### {command.name} (code {command.code})\n\n{command.purpose}. " + " ".join(facts) + "\n"

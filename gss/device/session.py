@@ -107,6 +107,7 @@ class HostSession:
     def submit(self, name: str, arguments: Mapping[str, Value], now_s: float) -> int:
         """Queue a command and return its request id. Missing arguments take their default.
 
+        Commands wait until the device has introduced itself; only ABORT does not.
         BadInput "0 – 255, got 300" out of range; Conflict while the dictionaries differ and nobody acknowledged it.
         """
         self._check_allowed(self._dictionary.command(name))
@@ -302,7 +303,7 @@ class HostSession:
             self._add("HELLO", {}, urgent=True)
 
     def _commands(self, now_s: float) -> list[bytes]:
-        records, events = self._lane.release(now_s)
+        records, events = self._lane.release(now_s, only_urgent=self._hello is None)
         self._events += events
         return [self._sender.packet(PacketType.COMMAND, r.command.code, r.request_id, r.payload) for r in records]
 
@@ -390,12 +391,15 @@ class HostSession:
             image_slots=int(v["image_slots"]),
             bank_bytes=int(v["bank_bytes"]),
             boot_count=int(v["boot_count"]),
+            last_request_id=int(v["last_request_id"]),
             device_time_s=device_time_s,
         )
         if match:
             self._sender.prefix, self._acknowledged = self._dictionary.prefix, False
         self._desk.line_bytes_s = self._hello.line_baud / 10 if self._hello.line_baud else None
         self._hello_due_s = None
+        # A ground without its old database must not use ids again that the device remembers.
+        self._ids.following = max(self._ids.following, self._hello.last_request_id + 1)
         self._events.append(self._hello)
         if match or self._acknowledged:
             self._desk.line_back(now_s)

@@ -95,11 +95,11 @@ class CommandLane:
         self._queue.appendleft(record)
         return record.to(Stage.QUEUED)
 
-    def release(self, now_s: float) -> tuple[list[CommandRecord], list[CommandStage]]:
+    def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandStage]]:
         """Commands to write now, with their stages."""
         records = list(self._urgent)
         self._urgent.clear()
-        if self._current is None and self._queue:
+        if self._current is None and self._queue and not only_urgent:
             self._current = self._queue.popleft()
             records.append(self._current)
         events: list[CommandStage] = []

@@ -159,6 +159,7 @@ class HelloReceived:
     image_slots: int
     bank_bytes: int
     boot_count: int
+    last_request_id: int
     device_time_s: float
 
 

@@ -65,8 +65,12 @@ class SerialStream:
 
     def close(self) -> None:
         """Give the port back. Closing twice is fine."""
+        # pyserial forgets to close its socket when the far end has gone first.
+        left_open = getattr(self._port, "_socket", None)
         with contextlib.suppress(OSError):
             self._port.close()
+        if left_open is not None:
+            left_open.close()
 
 
 def open_stream(url: str, baud: int = 115_200) -> ByteStream:

@@ -64,9 +64,8 @@ def _clipped(samples: Array) -> tuple[Array, Array]:
         return np.asarray(ordered[row, np.maximum((share * (count - 1) + 0.5).astype(np.intp), 0)])
 
     middle, low, high = quantile(0.5), quantile(0.1587), quantile(0.8413)
-    # The lower half is free of stars; coarsely quantised frames can have equal quantiles although they are noisy.
-    spread = np.maximum(np.minimum(middle - low, high - middle) * 1.1, 0.3 * (high - low))
-    spread = np.maximum(spread, np.minimum(np.nanmean(np.abs(ordered - middle[:, None]), axis=1), 0.5))
+    # Coarsely quantised frames can have equal quantiles although they are noisy.
+    spread = np.maximum((high - low) / 2, np.minimum(np.nanmean(np.abs(ordered - middle[:, None]), axis=1), 0.5))
     mean = middle
     for _ in range(CLIP_ROUNDS):
         keep = np.abs(ordered - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12

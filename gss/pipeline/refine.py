@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,19 +40,19 @@ def refine(
     cam_from_icrs: Array,
     *,
     fit_focal: bool = False,
-    fit_k1: bool = False,
+    fit_lens: Sequence[str] = (),
 ) -> Refined:
     """Fit attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` one common factor of both focal lengths,
-    with ``fit_k1`` the first radial coefficient of a :class:`Brown` lens, held near zero where the stars do not tell.
+    with ``fit_lens`` the named coefficients (k1 k2 p1 p2) of a :class:`Brown` lens, held near zero where the stars do
+    not tell.
 
-    ``camera``'s distortion must be Brown when ``fit_k1``. Gauss–Newton with numeric derivatives, outliers beyond
+    ``camera``'s distortion must be Brown when ``fit_lens`` is given. Gauss–Newton with numeric derivatives, outliers beyond
     4 robust sigmas weigh nothing.
     """
-    names = ["x", "y", "z", *(["focal"] if fit_focal else []), *(["k1"] if fit_k1 else [])]
-    prior = np.zeros(len(names))
-    corner2 = np.tan(min(camera.half_diagonal_rad, 1.2)) ** 2
-    if fit_k1:
-        prior[-1] = (corner2 / CORNER_DISTORTION) ** 2
+    names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
+    corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
+    loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
+    prior = np.array([0.0 if n not in loose else (CORNER_DISTORTION * loose[n]) ** -2 for n in names])
     weight = 1 / np.asarray(sigma_px, float) ** 2
     used = np.ones(len(pixels), bool)
     for _ in range(ROUNDS):
@@ -60,10 +61,8 @@ def refine(
         w = np.repeat(np.where(used, weight, 0.0), 2)
         j = jacobian.reshape(-1, len(names))
         normal = j.T @ (w[:, None] * j) + np.diag(prior)
-        k1_now = np.zeros(len(names))
-        if fit_k1 and isinstance(camera.distortion, Brown):
-            k1_now[-1] = camera.distortion.k1
-        gradient = j.T @ (w * residual.ravel()) - prior * k1_now
+        now = np.array([float(getattr(camera.distortion, n, 0.0)) if n in loose else 0.0 for n in names])
+        gradient = j.T @ (w * residual.ravel()) - prior * now
         step = np.asarray(np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < DONE:
@@ -99,7 +98,8 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
         if name == "focal":
             camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
         elif isinstance(camera.distortion, Brown):
-            camera = replace(camera, distortion=replace(camera.distortion, k1=camera.distortion.k1 + float(value)))
+            changed = replace(camera.distortion, **{name: getattr(camera.distortion, name) + float(value)})
+            camera = replace(camera, distortion=changed)
     return camera, turned
 
 

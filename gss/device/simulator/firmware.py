@@ -131,7 +131,7 @@ class StarTracker:
         memory, bank = self._memory, self._memory.record.active
         self.catalogue: OnboardCatalogue | None = None
         self.catalogue_problem = ""
-        if memory.record.banks[bank].state != "committed":
+        if memory.record.banks[bank].state not in ("committed", "corrupt"):
             self.catalogue_problem = f"bank {bank} is {memory.record.banks[bank].state}"
         else:
             try:
@@ -227,9 +227,10 @@ class StarTracker:
         return self.detection
 
     def match_stars(self) -> Matching:
-        """MATCH_STARS on the centroids found last."""
+        """MATCH_STARS on the centroids found last. Reads the bank anew: the catalogue is what flash holds now."""
         if self.detection is None or self.frame is None:
             raise Refusal("no_image", "no centroids: FIND_CENTROIDS comes first")
+        self.load_catalogue()
         if self.catalogue is None:
             raise Refusal("bank_corrupt", self.catalogue_problem)
         self.solution = None
@@ -292,7 +293,7 @@ class StarTracker:
         self.timing.match_ms = self.timing.attitude_ms = 0.0
         self.find_centroids(slot)
         reports = [self.centroid_report()]
-        if self.catalogue is None:
+        if self.load_catalogue():
             reports.append(self.attitude_report(self.catalogue_problem))
         else:
             self.match_stars()

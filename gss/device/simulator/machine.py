@@ -206,6 +206,7 @@ class Device:
             message: Decoded = decode(service.fields, packet.payload)
         except CorruptData:
             return
+        self._note_id(packet.request_id)
         frames_before = self._tracker.slots.copy()
         self._loader.receive(service.name, packet.request_id, message, self._now_s)
         for slot, frame in self._tracker.slots.items():
@@ -235,11 +236,12 @@ class Device:
     def _command(self, packet: Packet) -> None:
         digest = hashlib.sha256(bytes([packet.code]) + packet.payload).hexdigest()
         known = self._memory.request(packet.request_id)
-        if known is not None:
+        command = self._dictionary.command_of_code(packet.code)
+        # HELLO and ABORT must work for a ground that knows nothing of earlier ids.
+        if known is not None and not (command and command.any_dictionary):
             self._repeat(known, packet, digest)
             return
         request = StoredRequest(packet.request_id, packet.code, digest, "")
-        command = self._dictionary.command_of_code(packet.code)
         try:
             arguments = self._admit(command, packet)
         except Refusal as refusal:
@@ -312,10 +314,17 @@ class Device:
         self, request: StoredRequest, stage: str, reason: str = "none", detail: str = "", returned: bytes = b""
     ) -> None:
         payload = self._report_payload(stage, reason, detail, returned)
-        self._memory.remember(StoredRequest(request.request_id, request.code, request.digest, payload.hex()))
+        command = self._dictionary.command_of_code(request.code)
+        if command is None or not command.any_dictionary:
+            self._note_id(request.request_id)
+            self._memory.remember(StoredRequest(request.request_id, request.code, request.digest, payload.hex()))
         if stage not in ("accepted", "started"):
             self._memory.save()
         self._send_report(request.request_id, request.code, payload)
+
+    def _note_id(self, request_id: int) -> None:
+        record = self._memory.record
+        record.last_request_id = max(record.last_request_id, request_id)
 
     def _send_report(self, request_id: int, code: int, payload: bytes) -> None:
         self._push(self._sender.packet(PacketType.REPORT, code, request_id, payload, self.time_s))
@@ -392,8 +401,11 @@ class Device:
     def _iterate(self, slot: int, request_id: int) -> None:
         tracker = self._tracker
         mode, had = tracker.mode, tracker.solution is not None and tracker.solution.attitude is not None
+        readable = tracker.catalogue is not None
         for report in tracker.process(slot):
             self._telemetry(report, request_id)
+        if readable and tracker.catalogue is None:
+            self._event("BANK_CORRUPT", tracker.catalogue_problem, request_id)
         self._tell_mode(mode, request_id)
         if had and (tracker.solution is None or tracker.solution.attitude is None):
             self._event("ATTITUDE_LOST", f"frame {tracker.frame_number}", request_id)
@@ -482,6 +494,7 @@ class Device:
             "image_slots": SLOTS,
             "bank_bytes": self._memory.bank_bytes,
             "boot_count": self._memory.record.boots,
+            "last_request_id": self._memory.record.last_request_id,
         }
 
     def _do_get_status(self, _: Mapping[str, Value]) -> Returns:
@@ -601,7 +614,7 @@ class Device:
 
     def _do_match_stars(self, _: Mapping[str, Value]) -> Task:
         tracker, request_id = self._tracker, self._request_id
-        if tracker.catalogue is None:
+        if tracker.load_catalogue():
             self._event("BANK_CORRUPT", tracker.catalogue_problem, request_id)
         matching = tracker.match_stars()
         yield tracker.timing.match_ms / 1000

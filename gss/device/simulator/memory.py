@@ -99,6 +99,7 @@ class Record:
     time_base_s: float = 0.0
     frames: int = 0
     next_session: int = 1
+    last_request_id: int = 0
     active: str = GOLDEN
     previous: str = GOLDEN
     unconfirmed: bool = False

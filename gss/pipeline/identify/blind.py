@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
@@ -24,6 +25,10 @@ SMALLEST_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
 PROBES = 14
+WIDE_HALF_DIAGONAL_RAD = np.radians(12.0)
+WIDE_STARS = 20
+WIDE_LENS = ("k1", "k2", "p1", "p2")
+MERGE_PX = 2.5
 STRONG_HITS = 3
 MOST_PROVED = 40
 BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
@@ -281,10 +286,19 @@ def prove(
     return min(good, key=lambda r: r.false_match_probability) if good else None
 
 
+def _is_wide(camera: Camera) -> bool:
+    """Whether decentring and higher orders of the lens show."""
+    return camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD
+
+
 def _visible(sky: Sky, camera: Camera, cam_from_icrs: Array, wanted: int) -> tuple[NDArray[np.intp], Array]:
-    """The brightest ``wanted`` stars in view and their pixels."""
+    """The brightest ``wanted`` stars in view and their pixels, without faint companions that melt into a brighter star."""
     rows, pixels = in_view(sky, camera, cam_from_icrs)
-    return rows[:wanted], pixels[:wanted]
+    rows, pixels = rows[:wanted], pixels[:wanted]
+    keep = np.ones(len(rows), bool)
+    if len(rows) > 1:
+        keep[cKDTree(pixels).query_pairs(MERGE_PX, output_type="ndarray").max(axis=1)] = False
+    return rows[keep], pixels[keep]
 
 
 def _prove(
@@ -314,8 +328,9 @@ def _prove(
             first[seen] = predicted
             expected = len(seen)
         try:
+            lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
             fit = refine(
-                pixels[m], sky.icrs[seen[p]], sigma[m], fit.camera, fit.cam_from_icrs, fit_focal=True, fit_k1=True
+                pixels[m], sky.icrs[seen[p]], sigma[m], fit.camera, fit.cam_from_icrs, fit_focal=True, fit_lens=lens
             )
         except np.linalg.LinAlgError:
             return None

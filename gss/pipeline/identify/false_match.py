@@ -13,6 +13,7 @@ from scipy.special import betainc, chdtr
 from gss.domain.angles import Array
 
 SMALLEST = 1e-300
+ALONE_SHARE = 0.1
 
 
 def binomial_tail(at_least: int, trials: int, chance: float) -> float:
@@ -41,9 +42,14 @@ def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float
 
 
 def combined(position: float, brightness: float) -> float:
-    """Probability that the product of two independent p-values falls so low: x (1 − ln x), Fisher's method for two."""
+    """One p-value from two independent ones.
+
+    Fisher's method, x (1 − ln x) of the product x, costs a good position its logarithm where brightness says nothing; so
+    the position alone may speak too, for one part in ten of the error that is allowed.
+    """
     product = max(position * brightness, SMALLEST)
-    return float(min(position, product * (1 - np.log(product))))
+    together = product * (1 - np.log(product))
+    return float(min(1.0, min(together / (1 - ALONE_SHARE), position / ALONE_SHARE)))
 
 
 def false_match_probability(hypotheses: float, position: float, brightness: float) -> float:

@@ -20,7 +20,7 @@ TOLERANCE_SIGMA = 3.5
 ACCEPT = 1e-6
 MAX_STARS = 120
 LEAST_MATCHED = 4  # three stars never prove themselves against a whole sky, whatever the figure says
-MAX_JOINED_ROWS = 6_000_000
+MAX_JOINED_ROWS = 3_000_000
 ROWS_PER_PAIR = 600  # what one join costs however small it is
 COLLINEAR = 4.0
 
