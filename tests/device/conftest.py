@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -32,7 +32,9 @@ def golden() -> Golden:
 class Bench:
     """Host session and device joined by a line of a given rate; ``events`` collects what the host said."""
 
-    def __init__(self, baud: int = 921_600, faults: FaultRates | None = None, dictionary: Dictionary | None = None) -> None:
+    def __init__(
+        self, baud: int = 921_600, faults: FaultRates | None = None, dictionary: Dictionary | None = None
+    ) -> None:
         self.dictionary = load_dictionary()
         self.baud, self.now_s = baud, 100.0
         self.memory = Memory.in_ram()
@@ -113,11 +115,11 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def bench() -> Bench:
     """A fast faultless line, greeted."""
     made = Bench()
     made.until(lambda: made.host.hello is not None)
-    yield made
+    return made
 
 
 @pytest.fixture

@@ -53,9 +53,7 @@ def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) ->
     layout = LAYOUTS[name]
     values = {e.name: data.draw(values_of(e)) for e in layout if isinstance(e, Item)}
     lists = {
-        e.name: tuple(
-            {i.name: data.draw(values_of(i)) for i in e.items} for _ in range(data.draw(st.integers(0, 3)))
-        )
+        e.name: tuple({i.name: data.draw(values_of(i)) for i in e.items} for _ in range(data.draw(st.integers(0, 3))))
         for e in layout
         if isinstance(e, Group)
     }
@@ -137,7 +135,9 @@ def test_bytes_are_big_endian_and_in_order() -> None:
 def test_telemetry_comes_in_engineering_units() -> None:
     """Linear and polynomial conversion, and enumerations by name."""
     fields = [f for f in DICTIONARY.packet("housekeeping").fields if isinstance(f, Item)]
-    chosen = [f for f in fields if f.name in ("mode", "sensor_temperature_c", "processor_temperature_c", "supply_3v3_v")]
+    chosen = [
+        f for f in fields if f.name in ("mode", "sensor_temperature_c", "processor_temperature_c", "supply_3v3_v")
+    ]
     back = decode(chosen, struct.pack(">BHHH", 3, 1000, 1500, 3300))
     assert back.values["mode"] == "tracking"
     assert back.values["sensor_temperature_c"] == pytest.approx(12.5)

@@ -163,7 +163,11 @@ def test_detection_settings_reach_the_chain(bench: Bench) -> None:
 def test_bad_arguments_never_leave_the_ground(bench: Bench) -> None:
     """Range and type are checked before anything is queued; ids are not used up."""
     before = bench.host.next_request_id
-    for name, arguments in (("SET_EXPOSURE", {"exposure_ms": 1001}), ("SET_MODE", {"mode": "sleep"}), ("HELLO", {"x": 1})):
+    for name, arguments in (
+        ("SET_EXPOSURE", {"exposure_ms": 1001}),
+        ("SET_MODE", {"mode": "sleep"}),
+        ("HELLO", {"x": 1}),
+    ):
         with pytest.raises(BadInput):
             bench.host.submit(name, arguments, bench.now_s)
     with pytest.raises(NotFound):
@@ -174,7 +178,11 @@ def test_bad_arguments_never_leave_the_ground(bench: Bench) -> None:
 def test_the_device_checks_ranges_itself(bench: Bench) -> None:
     """A ground that does not check is answered out_of_range; too few or too many bytes are bad_length."""
     lane = bench.host._lane
-    for request_id, payload, reason in ((900, b"\xff\xff", "out_of_range"), (901, b"\1", "bad_length"), (902, bytes(3), "bad_length")):
+    for request_id, payload, reason in (
+        (900, b"\xff\xff", "out_of_range"),
+        (901, b"\1", "bad_length"),
+        (902, bytes(3), "bad_length"),
+    ):
         lane.add(request_id, "SET_EXPOSURE", {"exposure_ms": 5})
         record = lane.record(request_id)
         assert record is not None
@@ -194,6 +202,18 @@ def test_preview_shows_the_bytes_that_go_out(bench: Bench) -> None:
     from cobs import cobs
 
     assert cobs.decode(out.strip(b"\0")) == b"".join(data for _, data in groups)
+
+
+def test_a_ground_without_memory_goes_on_above_the_ids_of_the_device(bench: Bench) -> None:
+    """HELLO tells the highest id; a wiped server never gets an old report for a new command."""
+    for _ in range(4):
+        bench.do("TAKE_IMAGE")
+    bench.host, bench.events = HostSession(bench.dictionary), []
+    bench.host.link_up(bench.now_s)
+    bench.until(lambda: bench.host.hello is not None)
+    end = bench.do("TAKE_IMAGE")
+    assert not end.replayed
+    assert end.values["frame_number"] == 5
 
 
 def test_silence_makes_a_command_unknown_and_a_retry_brings_the_stored_answer(bench: Bench) -> None:
@@ -239,15 +259,10 @@ def test_a_late_report_counts_and_says_so(bench: Bench) -> None:
 def test_the_same_id_with_other_content_is_rejected(bench: Bench) -> None:
     """Ids are never re-used for something else."""
     done = bench.do("SET_EXPOSURE", exposure_ms=100)
-    other = HostSession(bench.dictionary, next_request_id=done.request_id)
-    other.link_up(bench.now_s)
-    other._hello_due_s = None
-    other.submit("SET_EXPOSURE", {"exposure_ms": 101}, bench.now_s)
-    out, _ = other.poll(bench.now_s)
-    bench.device.feed(out, bench.now_s)
-    frame = bench.device.next_frame(bench.now_s) or b""
-    stages = [e for e in other.feed(b"\0" + frame, bench.now_s) if hasattr(e, "stage")]
-    assert [(e.stage, e.reason) for e in stages] == [(Stage.REJECTED, "id_reused")]
+    bench.host._ids.following = done.request_id
+    again = bench.do("SET_EXPOSURE", exposure_ms=101)
+    assert again.request_id == done.request_id
+    assert (again.stage, again.reason) == (Stage.REJECTED, "id_reused")
     assert bench.tracker.exposure_ms == 100
 
 
@@ -359,9 +374,8 @@ def test_commands_get_through_a_noisy_line_with_retries(make_bench: Callable[...
         end = bench.do("TAKE_IMAGE")
         while end.stage is Stage.UNKNOWN:
             bench.host.retry(end.request_id, bench.now_s)
-            final = (Stage.COMPLETED, Stage.UNKNOWN)
             bench.run(0.05)
-            bench.until(lambda e=end: bench.stage(e.request_id) in final)
+            bench.until(lambda e=end: bench.stage(e.request_id) in (Stage.COMPLETED, Stage.UNKNOWN))  # type: ignore[misc]
             end = bench.stages(end.request_id)[-1]
         assert end.values["frame_number"] == count
     assert bench.memory.record.frames == 12

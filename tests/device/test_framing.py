@@ -15,7 +15,7 @@ packets = st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=8)
 
 
 def split(data: bytes, seed: int) -> list[bytes]:
-    chooser = random.Random(seed)  # noqa: S311
+    chooser = random.Random(seed)
     cuts = sorted(chooser.randrange(len(data) + 1) for _ in range(chooser.randrange(12)))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
 
@@ -41,7 +41,7 @@ def numbered(count: int, sizes: random.Random) -> tuple[list[bytes], list[bytes]
 @settings(max_examples=200)
 def test_damage_loses_only_the_frames_it_touches(seed: int, kind: str, hits: int) -> None:
     """A flipped, inserted or lost byte costs the frame it is in and no other, and nothing false comes through."""
-    chooser = random.Random(seed)  # noqa: S311
+    chooser = random.Random(seed)
     frames, payloads = numbered(8, chooser)
     touched: set[int] = set()
     damaged = []
@@ -61,7 +61,9 @@ def test_damage_loses_only_the_frames_it_touches(seed: int, kind: str, hits: int
     receiver = LineReceiver(from_device=True)
     got = [p.payload for p in receiver.feed(b"\0" + b"".join(damaged))]
     assert set(got) <= set(payloads)
-    assert [p for i, p in enumerate(payloads) if i not in touched] == [p for p in got if payloads.index(p) not in touched]
+    assert [p for i, p in enumerate(payloads) if i not in touched] == [
+        p for p in got if payloads.index(p) not in touched
+    ]
 
 
 @given(st.binary(max_size=5000), st.integers())

@@ -32,7 +32,13 @@ def examples() -> dict[str, Packet]:
     d: Dictionary = load_dictionary()
     report = encode(
         d.service("REPORT").fields,
-        {"stage": "rejected", "reason": "out_of_range", "progress": 0, "replayed": False, "detail": "slot: 0 – 3, got 9"},
+        {
+            "stage": "rejected",
+            "reason": "out_of_range",
+            "progress": 0,
+            "replayed": False,
+            "detail": "slot: 0 – 3, got 9",
+        },
     )
     status = encode(
         d.service("STATUS").fields,
@@ -48,12 +54,12 @@ def examples() -> dict[str, Packet]:
     return {
         "hello": command("HELLO", 1, 0),
         "take-image": command("TAKE_IMAGE", 0x01020304, 5, slot=2, exposure_ms=250),
-        "hint": command(
-            "SET_ATTITUDE_HINT", 9, 6, ra_deg=84.0, dec_deg=-5.5, roll_deg=12.25, uncertainty_deg=5.0
-        ),
+        "hint": command("SET_ATTITUDE_HINT", 9, 6, ra_deg=84.0, dec_deg=-5.5, roll_deg=12.25, uncertainty_deg=5.0),
         "report": Packet(PacketType.REPORT, 33, 0x01020304, report, PREFIX, False, 16383, 3661.25),
         "matches": Packet(PacketType.TELEMETRY, 4, 0, matches, PREFIX, False, 100, 7.5),
-        "event": Packet(PacketType.EVENT, 1, 0, encode(d.service("EVENT").fields, {"text": "power_on, boot 1"}), PREFIX, False),
+        "event": Packet(
+            PacketType.EVENT, 1, 0, encode(d.service("EVENT").fields, {"text": "power_on, boot 1"}), PREFIX, False
+        ),
         "status": Packet(PacketType.TRANSFER, 6, 12, status, PREFIX, False, 3, 99.999),
         "chunk": Packet(PacketType.TRANSFER, 4, 12, chunk, PREFIX, True, 8),
     }

@@ -1,0 +1,112 @@
+"""The real simulator process and a real port, driven by the sans-IO session."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gss.device.dictionary_file import load_dictionary
+from gss.device.session import CommandStage, HostSession, SessionEvent, Stage, TransferUpdate
+from gss.device.transport import ByteStream, open_stream
+
+ENDS = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
+
+
+class Contact:
+    """A session on an open port."""
+
+    def __init__(self, url: str) -> None:
+        self.stream: ByteStream = open_stream(url)
+        self.host = HostSession(load_dictionary())
+        self.host.link_up(time.monotonic())
+        self.events: list[SessionEvent] = []
+
+    def until(self, done: Callable[[], bool], seconds: float = 30.0) -> None:
+        """Move bytes until something holds. The time is only the limit after which a broken thing is given up."""
+        limit_s = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < limit_s, self.events[-5:]
+            out, events = self.host.poll(time.monotonic())
+            self.events += events
+            if out:
+                self.stream.write(out)
+            data = self.stream.read(8192, 0.01)
+            self.events += self.host.feed(data, time.monotonic())
+
+    def do(self, name: str, **arguments: float | str | bool) -> CommandStage:
+        """Send a command and wait for its end."""
+        request_id = self.host.submit(name, arguments, time.monotonic())
+
+        def end() -> list[CommandStage]:
+            mine = [e for e in self.events if isinstance(e, CommandStage) and e.request_id == request_id]
+            return [e for e in mine if e.stage in ENDS]
+
+        self.until(lambda: bool(end()))
+        return end()[-1]
+
+    def finish(self, transfer_id: int) -> TransferUpdate:
+        """Wait for the end of a transfer."""
+        ends = ("verified", "committed", "failed", "aborted")
+        self.until(lambda: self.host.transfer(transfer_id).state in ends)
+        # One more turn, so that the events of the end are there too.
+        self.events += self.host.poll(time.monotonic())[1]
+        return self.host.transfer(transfer_id)
+
+
+class Simulator:
+    """A child process that has said READY."""
+
+    def __init__(self, *options: str) -> None:
+        command = [sys.executable, "-m", "gss.device.simulator", "--exit-with-stdin", *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        first = self.process.stdout.readline().split()
+        assert first[:1] == ["READY"], first
+        self.url = first[1]
+
+    def stop(self) -> int:
+        """SIGTERM, and its exit code."""
+        self.process.terminate()
+        return self.process.wait(20)
+
+    def clean_up(self) -> None:
+        """Leave nothing behind."""
+        self.process.kill()
+        self.process.wait(20)
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+@pytest.fixture
+def simulator(tmp_path: Path) -> Iterator[Callable[..., Simulator]]:
+    """Starts simulators; ends them after the test."""
+    started: list[Simulator] = []
+
+    def start(*options: str) -> Simulator:
+        started.append(Simulator(*options))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.clean_up()
+
+
+@pytest.fixture
+def contact() -> Iterator[Callable[[str], Contact]]:
+    """Opens contacts; closes them after the test."""
+    opened: list[Contact] = []
+
+    def open_contact(url: str) -> Contact:
+        opened.append(Contact(url))
+        opened[-1].until(lambda: opened[-1].host.hello is not None)
+        return opened[-1]
+
+    yield open_contact
+    for one in opened:
+        one.stream.close()

@@ -1,0 +1,155 @@
+"""The simulator as a process on a pseudo-terminal and on TCP."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import encode
+from gss.device.session import Compatibility, Stage, Telemetry, TransferDone
+from gss.device.simulator.__main__ import main
+from gss.device.transport import open_stream
+from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
+
+if TYPE_CHECKING:
+    from conftest import Contact, Simulator
+
+Start = Callable[..., "Simulator"]
+Open = Callable[[str], "Contact"]
+
+
+def catalogue() -> bytes:
+    stars = load_stars(3.6)
+    return encode(stars, distance_table(stars, 0.0044, 1.0), "cubestar", "cubestar")
+
+
+def compatible(contact: Contact) -> Compatibility:
+    hello = contact.host.hello
+    assert hello is not None
+    return Compatibility(hello.device_model, hello.profile, bytes.fromhex(hello.dictionary_hash), 1, 1991.25)
+
+
+@pytest.mark.parametrize("place", ["pty", "tcp"])
+def test_the_main_job_over_a_real_line(simulator: Start, contact: Open, tmp_path: Path, place: str) -> None:
+    """Take an image, bring it down, solve on board, send a catalogue up, verify, activate, confirm; state survives."""
+    where = ["--tcp", "0"] if place == "tcp" else ["--symlink", str(tmp_path / "port")]
+    options = [*where, "--state-dir", str(tmp_path / "state"), "--baud", "0", "--attitude", "84,5,20", "--speed", "5"]
+    unit = simulator(*options)
+    c = contact(unit.url)
+    taken = c.do("TAKE_IMAGE", slot=1)
+    update = c.finish(c.host.start_download("frame", 1, 0.0))
+    assert update.state == "verified"
+    (frame,) = [e for e in c.events if isinstance(e, TransferDone)]
+    assert (len(frame.data), frame.frame_number) == (1024 * 512, taken.values["frame_number"])
+    (info,) = [e for e in c.events if isinstance(e, Telemetry) and e.packet == "frame_info"]
+    assert hashlib.sha256(frame.data).digest() == info.values["sha256"]
+    assert np.frombuffer(frame.data, np.uint8).max() > 100
+    assert c.do("RUN_ITERATION").values["outcome"] == "solved"
+    image = catalogue()
+    up = c.finish(c.host.start_upload("catalogue", 1, image, compatible(c), 0.0))
+    assert (up.state, up.stored_bytes) == ("committed", len(image))
+    assert c.do("VERIFY_BANK", bank="B").values["sha256"] == hashlib.sha256(image).digest()
+    assert c.do("ACTIVATE_BANK", bank="B").stage is Stage.COMPLETED
+    assert c.do("CONFIRM_BANK", bank="B").stage is Stage.COMPLETED
+    assert c.do("RUN_ITERATION").values["outcome"] == "solved"
+    c.stream.close()
+    assert unit.stop() == 0
+    again = contact(simulator(*options).url)
+    again.do("GET_STATUS")
+    assert again.host.housekeeping is not None
+    assert again.host.housekeeping["active_bank"] == "B"
+    assert again.host.housekeeping["last_frame"] == 3
+    assert again.host.hello is not None
+    assert again.host.hello.boot_count == 2
+
+
+def test_a_killed_simulator_is_a_lost_line_and_the_upload_resumes(
+    simulator: Start, contact: Open, tmp_path: Path
+) -> None:
+    """Crash of the device in the middle of a write: what is in its flash file counts."""
+    options = ["--tcp", "0", "--state-dir", str(tmp_path), "--baud", "921600"]
+    unit = simulator(*options)
+    c, image = contact(unit.url), catalogue()
+    transfer_id = c.host.start_upload("catalogue", 2, image, compatible(c), 0.0)
+    c.until(lambda: c.host.transfer(transfer_id).stored_bytes > len(image) // 2)
+    unit.process.kill()
+    with pytest.raises(LinkDown):
+        c.until(lambda: False)
+    second = contact(simulator(*options).url)
+    again = second.finish(second.host.start_upload("catalogue", 2, image, compatible(second), 0.0))
+    assert (again.state, again.resumed) == ("committed", True)
+    assert second.host.counters.sent.bytes < 0.7 * len(image)
+
+
+def test_the_process_ends_with_its_input_and_removes_its_name(simulator: Start, tmp_path: Path) -> None:
+    """Nobody keeps a simulator that nobody holds."""
+    link = tmp_path / "port"
+    unit = simulator("--symlink", str(link))
+    assert link.is_symlink()
+    assert unit.url == str(link)
+    assert unit.process.stdin is not None
+    unit.process.stdin.close()
+    unit.process.stdin = None
+    assert unit.process.wait(20) == 0
+    assert not link.is_symlink()
+
+
+def test_a_port_is_held_by_one_process(simulator: Start) -> None:
+    """A second opener is told who is in the way; after closing it may come."""
+    unit = simulator("--baud", "0")
+    first = open_stream(unit.url)
+    with pytest.raises(Conflict, match="another process holds"):
+        open_stream(unit.url)
+    first.close()
+    first.close()
+    open_stream(unit.url).close()
+
+
+def test_lines_that_cannot_be_opened_say_why(simulator: Start, tmp_path: Path) -> None:
+    """No port, no device, nobody listening, no address."""
+    plain = tmp_path / "file"
+    plain.write_text("")
+    with pytest.raises(NotFound):
+        open_stream(str(tmp_path / "nothing"))
+    with pytest.raises(BadInput, match="no serial port"):
+        open_stream(str(plain))
+    with pytest.raises(BadInput):
+        open_stream("")
+    unit = simulator("--tcp", "0")
+    unit.stop()
+    with pytest.raises(LinkDown):
+        open_stream(unit.url)
+    with pytest.raises(LinkDown):
+        open_stream("nonsense://x")
+
+
+@pytest.mark.parametrize("options", [["--attitude", "1,2"], ["--attitude", "1,95,0"], ["--speed", "0"]])
+def test_bad_options_end_with_code_2(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The message goes to standard error, READY is never printed."""
+    assert main(options) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "expected" in said.err
+
+
+def test_gss_simulate_is_the_same_process(tmp_path: Path) -> None:
+    """The command passes its options on, READY comes through, and SIGTERM ends both."""
+    command = [sys.executable, "-m", "gss", "simulate", "--tcp", "0", "--exit-with-stdin"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ.copy()
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdin is not None
+        assert child.stdout.readline().startswith("READY socket://127.0.0.1:")
+        child.stdin.close()
+        assert child.wait(20) == 0

@@ -1,0 +1,100 @@
+"""Flash, motion, sky and line faults of the simulator, each against its own rule."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.device.simulator.memory import BankRecord, Flash, FlashError, Memory, StoredRequest, SuspendedUpload
+from gss.device.simulator.orbit import EARTH_RADIUS_KM, Inertial, Motion, Zenith
+from gss.device.simulator.sky import Sky
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.profiles import profile
+
+
+def test_flash_bits_are_only_cleared_until_erased() -> None:
+    """Programming over other data fails; the same data again does not; erasing takes whole sectors."""
+    flash = Flash(bytearray(b"\xff" * 3 * 4096))
+    flash.program(4090, b"\x0f\xf0abcdefgh")
+    flash.program(4090, b"\x0f\xf0abcdefgh")
+    with pytest.raises(FlashError):
+        flash.program(4091, b"\xff")
+    flash.erase(4096, 1)
+    assert flash.read(4090, 10) == b"\x0f\xf0abcd" + b"\xff" * 4
+
+
+def test_state_survives_a_restart(tmp_path: Path) -> None:
+    """Flash and record come back from the directory exactly, a suspended write included."""
+    memory = Memory.in_directory(tmp_path)
+    memory.burn("A", b"catalogue", BankRecord(stars=3, profile="cubestar", epoch_jyear=2025.5))
+    memory.record.uploads["B"] = SuspendedUpload(1000, 100, "ab" * 32, ((0, 3), (5, 5)))
+    memory.remember(StoredRequest(7, 33, "cd", "0500"))
+    memory.activate("A")
+    memory.save()
+    again = Memory.in_directory(tmp_path)
+    assert asdict(again.record) == asdict(memory.record)
+    assert again.content("A") == b"catalogue"
+    assert again.intact("A")
+    again.flash.flip(again.offset("A"))
+    assert not again.intact("A")
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [Zenith(), Zenith(raan_rad=1.0, start_rad=2.0), Inertial.pointing(1.0, -0.4, 2.0, (0.001, -0.002, 0.0005))],
+)
+def test_rate_is_the_derivative_of_attitude(motion: Motion) -> None:
+    """The angular velocity handed to the renderer is how the attitude turns (scipy's Rotation is the judge)."""
+    for time_s in (0.0, 1234.5):
+        before, after = motion.at(time_s - 0.5), motion.at(time_s + 0.5)
+        change = Rotation.from_matrix(after.cam_from_icrs @ before.cam_from_icrs.T).as_rotvec()
+        assert change == pytest.approx(-motion.at(time_s).rate_rad_s, abs=1e-6)
+        assert np.linalg.det(before.cam_from_icrs) == pytest.approx(1.0)
+
+
+def test_the_zenith_camera_goes_round_once_per_orbit() -> None:
+    """The boresight is a great circle inclined like the orbit; 600 km take 96.7 minutes."""
+    motion = Zenith()
+    period_s = 2 * np.pi / motion.mean_motion_rad_s
+    assert period_s / 60 == pytest.approx(96.7, abs=0.1)
+    assert motion.altitude_km + EARTH_RADIUS_KM == pytest.approx(6978, abs=1)
+    assert np.allclose(motion.at(0).cam_from_icrs, motion.at(period_s).cam_from_icrs)
+    declinations = [ra_dec_roll_rad(motion.at(t).cam_from_icrs)[1] for t in np.linspace(0, period_s, 400)]
+    assert np.degrees(max(declinations)) == pytest.approx(180 - 97.8, abs=0.1)
+
+
+def test_a_seed_and_a_number_name_a_picture() -> None:
+    """The same frame again is the same to the bit; another number has other noise."""
+    camera = profile("cubestar")
+    skies = [Sky(camera, Zenith(), 2026.0, 5) for _ in range(2)]
+    first, second = (sky.expose(10.0, 0.25, 3).pixels for sky in skies)
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, skies[0].expose(10.0, 0.25, 4).pixels)
+
+
+def test_bit_errors_come_at_their_rate() -> None:
+    """A million bits at 1e-3 flip about a thousand; none at rate zero."""
+    data = bytes(125_000)
+    spoiled = LineFaults(FaultRates(bit_error_rate=1e-3), 3).apply(data)
+    flipped = int(np.unpackbits(np.frombuffer(spoiled, np.uint8)).sum())
+    assert 900 < flipped < 1100
+    assert LineFaults(FaultRates(), 3).apply(data) == data
+
+
+def test_drops_and_doubles_come_in_pieces() -> None:
+    """Whole runs of 64 bytes vanish or come twice."""
+    data = bytes(64 * 1000)
+    assert 64 * 850 < len(LineFaults(FaultRates(drop_rate=0.1), 3).apply(data)) < 64 * 950
+    assert 64 * 1050 < len(LineFaults(FaultRates(duplicate_rate=0.1), 3).apply(data)) < 64 * 1150
+
+
+def test_stalls_last_their_time() -> None:
+    """A stalled line stands still and then goes on."""
+    faults = LineFaults(FaultRates(stall_rate=1.0, stall_s=0.5), 4)
+    states = [faults.stalled(t) for t in np.arange(0, 60, 0.01)]
+    assert 0.2 < np.mean(states) < 0.5

@@ -1,0 +1,419 @@
+"""Transfers both ways, with errors, breaks and resets, in simulated time."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import encode
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, ChunkSet, chunk_count
+from gss.device.session import Compatibility, DeviceEvent, HeldPart, Stage, TransferDone
+from gss.device.simulator.faults import FaultRates
+from gss.device.simulator.firmware import thumbnail
+from gss.domain.errors import BadInput, Conflict, NotFound
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+B, C, GOLDEN = 1, 2, 3
+
+
+def small_catalogue() -> bytes:
+    stars = load_stars(3.4)
+    return encode(stars, distance_table(stars, 0.01, np.radians(40)), "cubestar", "cubestar")
+
+
+def compatible(bench: Bench, **changes: object) -> Compatibility:
+    facts: dict[str, object] = {
+        "device_model": bench.dictionary.device_model,
+        "profile": "cubestar",
+        "dictionary_hash": bench.dictionary.hash,
+        "format_version": 1,
+        "epoch_jyear": 1991.25,
+    }
+    return Compatibility(**(facts | changes))  # type: ignore[arg-type]
+
+
+def upload(bench: Bench, bank: int, data: bytes) -> int:
+    return bench.host.start_upload("catalogue", bank, data, compatible(bench), bench.now_s)
+
+
+def done(bench: Bench, transfer_id: int) -> TransferDone:
+    (end,) = [e for e in bench.events if isinstance(e, TransferDone) and e.transfer_id == transfer_id]
+    return end
+
+
+@pytest.mark.parametrize("baud", [115_200, 921_600])
+def test_a_frame_comes_down_whole_at_nearly_the_line_s_rate(make_bench: Callable[..., Bench], baud: int) -> None:
+    """Every pixel, and at least 92 % of the line's bytes are pixels."""
+    bench = make_bench(baud=baud)
+    bench.until(lambda: bench.host.hello is not None)
+    number = bench.do("TAKE_IMAGE").values["frame_number"]
+    start_s = bench.now_s
+    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    update = bench.transfer_ends(transfer_id, "verified")
+    share = update.size / (bench.now_s - start_s) / (baud / 10)
+    assert share >= 0.92
+    assert update.resent == 0
+    end = done(bench, transfer_id)
+    assert end.frame_number == number
+    assert end.data == bench.tracker.slots[0].pixels.tobytes()
+    assert hashlib.sha256(end.data).digest() == bench.telemetry("frame_info")[-1].values["sha256"]
+
+
+def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
+    """Averages of 4x4 pixels, rows top to bottom."""
+    bench.do("TAKE_IMAGE")
+    transfer_id = bench.host.start_download("thumbnail", 0, bench.now_s)
+    bench.transfer_ends(transfer_id, "verified")
+    pixels = bench.tracker.slots[0].pixels
+    expected = np.rint(pixels[:4, :4].mean()), np.rint(pixels[508:, 1020:].mean())
+    small = np.frombuffer(done(bench, transfer_id).data, np.uint8).reshape(128, 256)
+    assert (small[0, 0], small[-1, -1]) == expected
+    assert np.array_equal(small, thumbnail(pixels))
+
+
+def test_a_catalogue_goes_up_is_verified_and_committed_at_nearly_the_line_s_rate(
+    make_bench: Callable[..., Bench],
+) -> None:
+    """The bank holds exactly what was sent, and is not active."""
+    bench = make_bench(baud=115_200)
+    bench.until(lambda: bench.host.hello is not None)
+    data, start_s = small_catalogue(), bench.now_s
+    transfer_id = upload(bench, B, data)
+    update = bench.transfer_ends(transfer_id, "committed")
+    assert update.size / (bench.now_s - start_s) / 11_520 >= 0.92
+    assert [u.state.value for u in bench.updates(transfer_id) if u.state.value != "transferring"] == [
+        "opening",
+        "verifying",
+        "committed",
+    ]
+    assert bench.memory.content("B") == data
+    assert bench.memory.record.banks["B"].state == "committed"
+    assert bench.memory.record.active == "golden"
+    stored = [u.stored_bytes for u in bench.updates(transfer_id)]
+    assert stored == sorted(stored)
+    assert stored[-1] == len(data)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callable[..., Bench], seed: int) -> None:
+    """What is damaged is sent again, and only that; the content is right."""
+    bench = make_bench(faults=FaultRates(bit_error_rate=1e-4))
+    bench.until(lambda: bench.host.hello is not None, 60)
+    while bench.do("TAKE_IMAGE", slot=seed).stage is not Stage.COMPLETED:
+        pass
+    down = bench.host.start_download("frame", seed, bench.now_s, chunk_bytes=256)
+    start_s = bench.now_s
+    update = bench.transfer_ends(down, "verified", 300)
+    assert done(bench, down).data == bench.tracker.slots[seed].pixels.tobytes()
+    # 2400 bits per chunk survive with 79 %; bytes that go over the line twice are few.
+    assert update.size / (bench.now_s - start_s) / 92_160 > 0.6
+    data = small_catalogue()
+    up = upload(bench, B, data)
+    bench.transfer_ends(up, "committed", 300)
+    assert bench.memory.content("B") == data
+
+
+def test_a_bursty_line_with_losses_and_doubles_still_delivers(make_bench: Callable[..., Bench]) -> None:
+    """Dropped and doubled runs of bytes."""
+    bench = make_bench(faults=FaultRates(drop_rate=0.01, duplicate_rate=0.01))
+    bench.until(lambda: bench.host.hello is not None, 60)
+    data = small_catalogue()
+    transfer_id = upload(bench, C, data)
+    bench.transfer_ends(transfer_id, "committed", 300)
+    assert bench.memory.content("C") == data
+    assert bench.host.transfer(transfer_id).resent > 0
+
+
+def test_commands_go_before_chunks(make_bench: Callable[..., Bench]) -> None:
+    """On a slow line a command is answered within half a second while a catalogue goes up."""
+    bench = make_bench(baud=57_600)
+    bench.until(lambda: bench.host.hello is not None)
+    upload(bench, B, small_catalogue())
+    bench.run(2.0)
+    start_s = bench.now_s
+    assert bench.do("GET_STATUS").stage is Stage.COMPLETED
+    assert bench.now_s - start_s < 0.5
+
+
+def test_a_lost_line_suspends_and_resumes_with_what_is_stored(bench: Bench) -> None:
+    """After the loss only the rest is sent."""
+    data = small_catalogue()
+    transfer_id = upload(bench, B, data)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
+    bench.events += bench.host.link_lost(bench.now_s)
+    assert bench.host.transfer(transfer_id).state == "link_lost"
+    bench.connected = False
+    bench.run(20.0)
+    assert any(isinstance(e, DeviceEvent) and e.name == "TRANSFER_SUSPENDED" for e in bench.events) is False
+    bench.connected = True
+    bench.host.link_up(bench.now_s)
+    sent_before = bench.host.counters.sent.bytes
+    update = bench.transfer_ends(transfer_id, "committed")
+    assert update.resumed
+    assert bench.host.counters.sent.bytes - sent_before < 0.6 * len(data)
+    assert bench.memory.content("B") == data
+
+
+def test_silence_of_the_line_is_noticed_and_survived_by_itself(bench: Bench) -> None:
+    """Bytes just vanish for half a minute; the transfer goes on alone when they come through again."""
+    bench.do("TAKE_IMAGE")
+    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
+    bench.connected = False
+    bench.transfer_ends(transfer_id, "link_lost")
+    bench.run(20.0)
+    partial, ranges = bench.host.partial(transfer_id)
+    held = sum(last - first + 1 for first, last in ranges) * 1024
+    assert held == bench.host.transfer(transfer_id).stored_bytes > 200_000
+    assert partial[:1024] == bench.tracker.slots[0].pixels.tobytes()[:1024]
+    bench.connected = True
+    received_before = bench.host.counters.received.bytes
+    bench.transfer_ends(transfer_id, "verified")
+    assert bench.host.counters.received.bytes - received_before < 0.75 * 524_288
+    assert done(bench, transfer_id).data == bench.tracker.slots[0].pixels.tobytes()
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.98])
+def test_a_reset_in_the_middle_of_an_upload_is_survived(bench: Bench, share: float) -> None:
+    """What is in flash counts; the rest follows after the boot."""
+    data = small_catalogue()
+    transfer_id = upload(bench, B, data)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > share * len(data))
+    bench.device.reset("watchdog", bench.now_s)
+    bench.transfer_ends(transfer_id, "committed")
+    assert bench.memory.content("B") == data
+    assert bench.host.transfer(transfer_id).resumed
+
+
+def test_a_reset_in_the_middle_of_a_download_ends_it_honestly(bench: Bench) -> None:
+    """The image was in volatile memory: the transfer fails and says so, what came stays readable."""
+    bench.do("TAKE_IMAGE")
+    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
+    bench.device.reset("watchdog", bench.now_s)
+    update = bench.transfer_ends(transfer_id, "failed")
+    assert "no_image" in update.reason
+    assert bench.host.partial(transfer_id)[1]
+
+
+def test_a_new_server_goes_on_with_a_broken_download(bench: Bench) -> None:
+    """The held part of an earlier session counts when the content is the same, and is thrown away when not."""
+    bench.do("TAKE_IMAGE")
+    first = bench.host.start_download("frame", 0, bench.now_s)
+    bench.until(lambda: bench.host.transfer(first).stored_bytes > 300_000)
+    update = bench.host.transfer(first)
+    bench.host.abort_transfer(first, bench.now_s)
+    held = HeldPart(update.sha256, update.chunk_size, *bench.host.partial(first))
+    bench.run(0.5)
+    second = bench.host.start_download("frame", 0, bench.now_s, held=held)
+    before = bench.host.counters.received.bytes
+    assert bench.transfer_ends(second, "verified").resumed
+    assert bench.host.counters.received.bytes - before < 300_000
+    assert done(bench, second).data == bench.tracker.slots[0].pixels.tobytes()
+    bench.do("TAKE_IMAGE")
+    third = bench.host.start_download("frame", 0, bench.now_s, held=held)
+    assert not bench.transfer_ends(third, "verified").resumed
+    assert done(bench, third).data == bench.tracker.slots[0].pixels.tobytes()
+
+
+def test_pause_and_resume(bench: Bench) -> None:
+    """A paused transfer sends nothing and goes on where it was; another may run meanwhile."""
+    data = small_catalogue()
+    transfer_id = upload(bench, B, data)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
+    bench.host.pause_transfer(transfer_id, bench.now_s)
+    bench.run(1.0)
+    stored = bench.memory.flash.read(bench.memory.offset("B"), len(data))
+    bench.do("TAKE_IMAGE")
+    other = bench.host.start_download("thumbnail", 0, bench.now_s)
+    bench.transfer_ends(other, "verified")
+    assert bench.memory.flash.read(bench.memory.offset("B"), len(data)) == stored
+    with pytest.raises(Conflict):
+        bench.host.pause_transfer(transfer_id, bench.now_s)
+    bench.host.resume_transfer(transfer_id, bench.now_s)
+    assert bench.transfer_ends(transfer_id, "committed").resumed
+
+
+def test_abort_from_the_ground_frees_the_bank(bench: Bench) -> None:
+    """An aborted upload is over on both sides; another content can follow."""
+    transfer_id = upload(bench, B, small_catalogue())
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
+    bench.host.abort_transfer(transfer_id, bench.now_s)
+    bench.run(0.5)
+    assert bench.host.transfer(transfer_id).state == "aborted"
+    assert any(isinstance(e, DeviceEvent) and e.name == "TRANSFER_ABORTED" for e in bench.events)
+    bench.host.forget_transfer(transfer_id)
+    with pytest.raises(NotFound):
+        bench.host.transfer(transfer_id)
+    stars = load_stars(3.0)
+    other = encode(stars, distance_table(stars, 0.01, 0.5), "cubestar", "cubestar")
+    again = upload(bench, B, other)
+    bench.transfer_ends(again, "committed")
+    assert bench.memory.content("B") == other
+
+
+def test_abort_command_stops_transfers_from_the_device_s_side(bench: Bench) -> None:
+    """ABORT reaches a running transfer; the ground hears it."""
+    transfer_id = upload(bench, B, small_catalogue())
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
+    bench.host.abort(bench.now_s)
+    bench.transfer_ends(transfer_id, "aborted")
+
+
+@pytest.mark.parametrize(
+    ("bank", "changes", "reason"),
+    [
+        (GOLDEN, {}, "write_protected"),
+        (9, {}, "not_found"),
+        (B, {"profile": "sunsat"}, "incompatible"),
+        (B, {"format_version": 2}, "incompatible"),
+        (B, {"dictionary_hash": bytes(32)}, "incompatible"),
+        (B, {"device_model": "other"}, "incompatible"),
+    ],
+)
+def test_what_the_device_cannot_use_is_refused_before_it_is_sent(
+    bench: Bench, bank: int, changes: dict[str, object], reason: str
+) -> None:
+    """The compatibility block decides at opening."""
+    data = small_catalogue()
+    sent = bench.host.counters.sent.bytes
+    transfer_id = bench.host.start_upload("catalogue", bank, data, compatible(bench, **changes), bench.now_s)
+    update = bench.transfer_ends(transfer_id, "failed")
+    assert update.reason.startswith(reason)
+    assert bench.host.counters.sent.bytes - sent < 500
+
+
+def test_too_large_empty_and_unknown_transfers_are_refused(bench: Bench) -> None:
+    """Sizes and names."""
+    big = upload(bench, B, bytes(bench.memory.bank_bytes + 1))
+    assert bench.transfer_ends(big, "failed").reason.startswith("too_large")
+    with pytest.raises(BadInput):
+        upload(bench, B, b"")
+    with pytest.raises(BadInput):
+        bench.host.start_download("video", 0, bench.now_s)
+    nothing = bench.host.start_download("frame", 2, bench.now_s)
+    assert bench.transfer_ends(nothing, "failed").reason.startswith("no_image")
+
+
+def test_bytes_that_are_no_catalogue_are_not_committed(bench: Bench) -> None:
+    """Hash and transfer are fine, the content is not."""
+    transfer_id = upload(bench, B, bytes(range(256)) * 40)
+    update = bench.transfer_ends(transfer_id, "failed")
+    assert update.reason.startswith("incompatible")
+    assert bench.memory.record.banks["B"].state != "committed"
+
+
+def test_a_cell_that_flips_before_verification_is_found(bench: Bench) -> None:
+    """VERIFY reads flash, not what was received; the next attempt starts from an empty bank."""
+    data = small_catalogue()
+    transfer_id = upload(bench, B, data)
+    bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
+    bench.memory.flash.flip(bench.memory.offset("B") + 100)
+    assert "read back" in bench.transfer_ends(transfer_id, "failed").reason
+    bench.host.resume_transfer(transfer_id, bench.now_s)
+    bench.transfer_ends(transfer_id, "committed")
+    assert bench.memory.content("B") == data
+
+
+def test_an_uploaded_image_is_solved_on_board(bench: Bench) -> None:
+    """Image memory takes a picture from ground; the chain gives the attitude it was drawn with."""
+    bench.do("TAKE_IMAGE", slot=0)
+    picture = bench.tracker.slots[0].pixels.tobytes()
+    bench.do("RESET")
+    bench.run(1.0)
+    transfer_id = bench.host.start_upload("image", 1, picture, Compatibility(), bench.now_s)
+    bench.transfer_ends(transfer_id, "committed")
+    assert bench.telemetry("frame_info")[-1].values["source"] == "uploaded"
+    assert bench.do("FIND_CENTROIDS", slot=1).stage is Stage.COMPLETED
+    assert bench.do("MATCH_STARS").stage is Stage.COMPLETED
+    assert bench.do("CALCULATE_ATTITUDE").values["outcome"] == "solved"
+    wrong = bench.host.start_upload("image", 1, picture[:-1], Compatibility(), bench.now_s)
+    assert bench.transfer_ends(wrong, "failed").reason.startswith("too_large")
+
+
+def test_transfers_wait_for_each_other(bench: Bench) -> None:
+    """One at a time, in order."""
+    bench.do("TAKE_IMAGE")
+    first = bench.host.start_download("frame", 0, bench.now_s)
+    second = bench.host.start_download("thumbnail", 0, bench.now_s)
+    bench.run(1.0)
+    assert bench.host.transfer(second).state == "queued"
+    bench.transfer_ends(first, "verified")
+    bench.transfer_ends(second, "verified")
+
+
+# --- the pure parts ---------------------------------------------------------------------------------------------
+
+
+def test_chunk_sets_count_ranges_and_bytes() -> None:
+    """Ranges are inclusive, pages are bounded, the last chunk may be short."""
+    held = ChunkSet(10, [0, 1, 4, 9])
+    assert held.ranges() == (((0, 1), (4, 4), (9, 9)), 10)
+    assert held.ranges(0, 2) == (((0, 1), (4, 4)), 9)
+    assert held.ranges(5, 2) == (((9, 9),), 10)
+    assert held.first_missing == 2
+    assert held.stored_bytes(95, 10) == 35
+    held.add_range(2, 100)
+    assert held.complete
+    assert held.first_missing == 10
+    assert not held.add(3)
+    assert not held.add(10)
+    assert (chunk_count(95, 10), chunk_count(100, 10), chunk_count(0, 10)) == (10, 10, 0)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3, 0.7])
+def test_sender_and_receiver_finish_whatever_is_lost(loss: float) -> None:
+    """Chunks, status pages and requests are lost at random; every chunk arrives, the window is never exceeded, and
+    without loss nothing is sent twice."""
+    rng = np.random.default_rng(5)
+    sender, receiver = ChunkSender(300, 16, 0.5), ChunkReceiver(3000, 10, 16)
+    sent, now_s = 0, 0.0
+    for _ in range(200_000):
+        now_s += 0.02
+        choice = sender.next_chunk(now_s)
+        if choice is not None:
+            sent += 1
+            if rng.random() >= loss:
+                receiver.accept(choice[0], choice[1], 10)
+        assert sender.in_flight <= 16
+        pages = [receiver.status()] if receiver.status_due() else []
+        due = sender.request_due(now_s)
+        if due is not None and rng.random() >= loss:
+            pages.append(receiver.status(due[1], due[0]))
+        for page in pages:
+            assert len(page.ranges) <= 16
+            if rng.random() >= loss:
+                sender.on_status(page, now_s)
+        if sender.complete:
+            break
+    assert receiver.held.complete
+    assert sender.complete
+    if loss == 0:
+        assert sent == 300
+    assert receiver.repeated <= sent - 300
+
+
+def test_a_resumed_sender_learns_all_pages_first() -> None:
+    """A comb of held chunks fills many pages; only the gaps are sent."""
+    receiver = ChunkReceiver(2000, 10, 16, range(0, 200, 2))
+    sender, sent, now_s = ChunkSender(200, 16, 0.5, resumed=True), [], 0.0
+    while not sender.complete and now_s < 100:
+        now_s += 0.02
+        due = sender.request_due(now_s)
+        if due is not None:
+            sender.on_status(receiver.status(due[1], due[0]), now_s)
+        choice = sender.next_chunk(now_s)
+        if choice is not None:
+            sent.append(choice[0])
+            receiver.accept(choice[0], choice[1], 10)
+        if receiver.status_due():
+            sender.on_status(receiver.status(), now_s)
+    assert sorted(sent) == list(range(1, 200, 2))
