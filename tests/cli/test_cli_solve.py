@@ -1,0 +1,162 @@
+"""``gss solve`` as a user meets it: output, exit codes, sentences."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from PIL import Image
+
+from gss.cli.solve import julian_year, register
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.solve import SolverCache
+from gss.pipeline.render import render
+
+
+@pytest.fixture(scope="module")
+def sky_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rendered CubeStar frame at RA 80.2°, Dec 0°, roll 57.3°, dated 2025."""
+    p = profile("cubestar")
+    stars = SolverCache().stars(2025.0).brighter_than(4.5)
+    rotation = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
+    frame = render(stars, p.camera, p.sensor, rotation, p.sensor.exposure_s, np.random.default_rng(1))
+    path = tmp_path_factory.mktemp("sky") / "frame.fits"
+    hdu = fits.PrimaryHDU(frame.pixels)
+    hdu.header["DATE-OBS"] = "2025-01-01T12:00:00"
+    hdu.writeto(path)
+    return path
+
+
+def gss(*arguments: str) -> int:
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers(required=True))
+    parsed = parser.parse_args(["solve", *arguments])
+    return int(parsed.run(parsed))
+
+
+def test_json_has_the_attitude_and_its_errors(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One JSON object with all promised keys, the right place, the image's own epoch, exit code 0."""
+    assert gss(str(sky_file), "--camera", "cubestar", "--json") == 0
+    out = json.loads(capsys.readouterr().out)
+    assert {
+        "outcome", "ra_deg", "dec_deg", "roll_deg", "quaternion", "sigma_arcsec", "matched", "centroids",
+        "false_match_probability", "fov_deg", "timing_ms", "reason", "residual_rms_px", "file", "chain",
+    } <= set(out)  # fmt: skip
+    assert out["outcome"] == "solved"
+    assert out["chain"] == "reference"
+    assert abs(out["ra_deg"] - 80.2) < 0.01
+    assert abs(out["dec_deg"]) < 0.01
+    assert abs(out["roll_deg"] - np.degrees(1.0)) < 0.05
+    truth = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
+    assert np.abs(matrix_from_quaternion(np.array(out["quaternion"])) - truth).max() < 1e-3
+    assert 0 < out["sigma_arcsec"] < 60
+    assert any("2025.00" in note for note in out["notes"])
+    assert out["timing_ms"]["detect"] > 0
+
+
+def test_text_is_short_and_readable(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without --json a few lines with right ascension, declination, roll and the false-match probability."""
+    assert gss(str(sky_file), "--fov-deg", "50") == 0
+    out = capsys.readouterr().out
+    assert "RA 80.1" in out or "RA 80.2" in out
+    assert "false-match probability" in out
+    assert len(out.splitlines()) < 8
+
+
+def test_cubestar_chain(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--chain cubestar runs the sensor's own chain."""
+    assert gss(str(sky_file), "--camera", "cubestar", "--chain", "cubestar", "--json") == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["chain"] == "cubestar"
+    assert abs(out["ra_deg"] - 80.2) < 0.05
+
+
+def test_no_solution_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A starless image: exit code 3, a reason, nulls in the JSON, nothing on stderr."""
+    path = tmp_path / "empty.png"
+    Image.fromarray(np.random.default_rng(2).normal(40, 4, (300, 400)).astype(np.uint8)).save(path)
+    assert gss(str(path), "--blind", "--json") == 3
+    captured = capsys.readouterr()
+    out = json.loads(captured.out)
+    assert out["outcome"] == "none"
+    assert out["reason"]
+    assert out["ra_deg"] is None
+    assert captured.err == ""
+    assert gss(str(path), "--blind") == 3
+    assert "no solution" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [(None, "does not exist"), (b"", "is empty"), (b"hello world, this is text", "not an image")]
+)
+def test_bad_input_is_exit_code_2_and_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, words: str
+) -> None:
+    """A missing, empty or foreign file: exit code 2 and one line on stderr that says so."""
+    path = tmp_path / "file.png"
+    if content is not None:
+        path.write_bytes(content)
+    assert gss(str(path), "--blind") == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert captured.out == ""
+
+
+def test_unknown_names_and_sizes_are_exit_code_2(
+    sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unknown profile or chain, a directory, and a frame of another size."""
+    assert gss(str(sky_file), "--camera", "hubble") == 2
+    assert gss(str(sky_file), "--camera", "cubestar", "--chain", "magic") == 2
+    assert gss(str(sky_file), "--camera", "sunsat") == 2
+    assert gss(str(tmp_path), "--blind") == 2
+    assert gss(str(sky_file), "--fov-deg", "500") == 2
+    assert len(capsys.readouterr().err.splitlines()) == 5
+
+
+def test_several_files_go_on_after_a_bad_one(
+    sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A bad file does not keep the good one from being solved; the exit code tells of the bad one."""
+    assert gss(str(tmp_path / "nothing"), str(sky_file), "--camera", "cubestar", "--json") == 2
+    assert json.loads(capsys.readouterr().out)["outcome"] == "solved"
+
+
+def test_exactly_one_way_to_know_the_camera(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No camera option or two of them are refused by the parser."""
+    for options in ([], ["--blind", "--camera", "cubestar"], ["--fov-deg", "wide"]):
+        with pytest.raises(SystemExit) as stop:
+            gss(str(sky_file), *options)
+        assert stop.value.code == 2
+    capsys.readouterr()
+
+
+def test_julian_year() -> None:
+    """J2000.0 is noon of 1 January 2000, TT."""
+    assert julian_year(datetime(2000, 1, 1, 11, 58, 55, 816000, tzinfo=UTC)) == pytest.approx(2000.0, abs=1e-9)
+    assert julian_year(datetime(2025, 1, 1, tzinfo=UTC)) == pytest.approx(2025.0, abs=0.003)
+
+
+def test_as_a_process(sky_file: Path) -> None:
+    """Run as a program it prints JSON to a pipe and ends with code 0."""
+    code = (
+        "import argparse, sys; from gss.cli.solve import register; p = argparse.ArgumentParser(); "
+        "register(p.add_subparsers(required=True)); a = p.parse_args(sys.argv[1:]); sys.exit(a.run(a))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "solve", str(sky_file), "--camera", "cubestar", "--json"],
+        capture_output=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.load(io.BytesIO(done.stdout))["outcome"] == "solved"

@@ -1,0 +1,183 @@
+"""Stars found in frames, and what is not taken for a star."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.detect import find_stars
+
+GAIN_E, READ_E, SKY_E, BIAS_DN = 40.0, 40.0, 80.0, 8.0
+
+
+def expected(shape: tuple[int, int], xy: Array, flux_e: Array, sigma_px: float) -> Array:
+    """Electrons of pixel-integrated Gaussian spots, written independently of the renderer."""
+    s = sigma_px * np.sqrt(2)
+    light = np.zeros(shape)
+    for (x, y), flux in zip(xy, flux_e, strict=True):
+        gx = 0.5 * np.diff(erf((np.arange(shape[1] + 1) - 0.5 - x) / s))
+        gy = 0.5 * np.diff(erf((np.arange(shape[0] + 1) - 0.5 - y) / s))
+        light += flux * gy[:, None] * gx
+    return light
+
+
+def photograph(light_e: Array, rng: np.random.Generator) -> Array:
+    """8-bit values with shot noise, read noise and rounding."""
+    electrons = rng.poisson(light_e + SKY_E) + rng.normal(0, READ_E, light_e.shape)
+    return np.clip(np.rint(electrons / GAIN_E + BIAS_DN), 0, 255).astype(np.uint8)
+
+
+def cramer_rao_px(shape: tuple[int, int], x: float, y: float, flux_e: float, sigma_px: float) -> float:
+    """Lower bound of the error per axis, from the expected pixels' derivative."""
+    h = 1e-3
+    one = np.array([flux_e])
+    slope = (
+        expected(shape, np.array([[x + h, y]]), one, sigma_px) - expected(shape, np.array([[x - h, y]]), one, sigma_px)
+    ) / (2 * h)
+    variance = expected(shape, np.array([[x, y]]), one, sigma_px) + SKY_E + READ_E**2 + GAIN_E**2 / 12
+    return float(1 / np.sqrt((slope**2 / variance).sum()))
+
+
+def grid(rng: np.random.Generator) -> Array:
+    """Well separated random places in a 256 x 512 frame."""
+    rows, cols = np.meshgrid(np.arange(24, 240, 42), np.arange(24, 500, 42), indexing="ij")
+    return np.column_stack([cols.ravel(), rows.ravel()]) + rng.uniform(-8, 8, (rows.size, 2))
+
+
+def nearest(found: Array, truth: Array) -> tuple[Array, Array]:
+    """Index and distance of the found star nearest to each true one."""
+    d = np.linalg.norm(truth[:, None] - found[None], axis=2)
+    return d.argmin(1), d.min(1)
+
+
+def test_positions_come_close_to_the_cramer_rao_bound() -> None:
+    """All stars of three magnitudes' range are found, nothing else, within 1.05 of the bound and with honest errors."""
+    rng = np.random.default_rng(11)
+    error, bound, sigma, extra = [], [], [], 0
+    for _ in range(8):
+        xy = grid(rng)
+        flux = 65_000 * 10 ** (-0.4 * rng.uniform(0, 3, len(xy)))
+        found = find_stars(photograph(expected((256, 512), xy, flux, 1.0), rng), psf_sigma_px=1.0, saturation_dn=255)
+        index, distance = nearest(found.centroids.pixels, xy)
+        assert distance.max() < 1.0
+        extra += len(found.centroids) - len(set(index.tolist()))
+        error.append(found.centroids.pixels[index] - xy)
+        sigma.append(found.centroids.sigma_px[index])
+        bound.append(
+            [cramer_rao_px((64, 64), x % 1 + 31, y % 1 + 31, f, 1.0) for (x, y), f in zip(xy, flux, strict=True)]
+        )
+    e, b, s = np.concatenate(error), np.concatenate(bound), np.concatenate(sigma)
+    assert np.sqrt((e**2).mean()) < 1.05 * np.sqrt((b**2).mean())
+    assert 0.8 < np.sqrt(((e / s[:, None]) ** 2).mean()) < 1.1
+    assert np.abs(e.mean(0)).max() < 3e-3
+    assert extra <= 1
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "float32"])
+def test_number_types_give_the_same_stars(kind: str) -> None:
+    """uint8, uint16 and float frames of the same values give the same positions."""
+    rng = np.random.default_rng(12)
+    xy = grid(rng)[:20]
+    frame = photograph(expected((256, 512), xy, np.full(20, 20_000.0), 1.2), rng)
+    first = find_stars(frame).centroids
+    other = find_stars(frame.astype(kind)).centroids
+    assert len(first) == len(other)
+    assert np.allclose(first.pixels, other.pixels, atol=5e-3)
+
+
+def test_width_is_found_on_foreign_frames() -> None:
+    """The point-spread function's width comes from the frame itself to a tenth of a pixel."""
+    rng = np.random.default_rng(13)
+    xy = grid(rng)[:30]
+    for sigma in (0.8, 1.5, 2.5):
+        found = find_stars(photograph(expected((256, 512), xy, np.full(30, 60_000.0), sigma), rng))
+        assert abs(found.psf_sigma_px - np.hypot(sigma, 0.29)) < 0.12
+        _, distance = nearest(found.centroids.pixels, xy)
+        assert np.median(distance) < 0.1
+
+
+def test_hot_pixels_by_the_thousand_are_not_stars() -> None:
+    """A thousand single hot pixels leave the stars in front and are named in the rejected regions."""
+    rng = np.random.default_rng(14)
+    xy = grid(rng)[:15]
+    frame = photograph(expected((256, 512), xy, np.full(15, 40_000.0), 1.1), rng)
+    hot = rng.permutation(frame.size)[:1000]
+    frame.ravel()[hot] = np.maximum(frame.ravel()[hot], rng.integers(60, 256, 1000)).astype(np.uint8)
+    found = find_stars(frame, psf_sigma_px=1.1)
+    _, distance = nearest(found.centroids.pixels, xy)
+    assert (distance < 1).sum() >= 13  # a hot pixel in the core of one or two spoils them
+    assert len(found.centroids) < 60
+    assert any(r.rejected for r in found.regions)
+    assert any("hot pixels" in note for note in found.notes)
+
+
+def test_bright_column_is_not_a_row_of_stars() -> None:
+    """A defect column gives no centroids."""
+    rng = np.random.default_rng(15)
+    frame = photograph(np.zeros((128, 128)), rng)
+    frame[:, 40] = np.clip(frame[:, 40].astype(int) + 60, 0, 255)
+    assert len(find_stars(frame, psf_sigma_px=1.0).centroids) == 0
+
+
+def test_saturated_star_is_one_star_in_its_place() -> None:
+    """A star far above the ceiling gives one centroid, a tenth of a pixel from its place."""
+    rng = np.random.default_rng(16)
+    xy = np.array([[60.3, 40.7], [100.2, 90.1], [30.4, 100.6]])
+    frame = photograph(expected((128, 128), xy, np.array([600_000.0, 30_000.0, 25_000.0]), 1.2), rng)
+    found = find_stars(frame, psf_sigma_px=1.2, saturation_dn=255).centroids
+    assert len(found) == 3
+    assert np.hypot(*(found.pixels[0] - xy[0])) < 0.1
+
+
+def test_close_pair_is_measured_as_two() -> None:
+    """Two stars four sigmas apart come out as two, each within a tenth of a pixel."""
+    rng = np.random.default_rng(17)
+    xy = np.array([[60.3, 60.7], [64.6, 61.9]])
+    frame = photograph(expected((128, 128), xy, np.array([60_000.0, 40_000.0]), 1.0), rng)
+    found = find_stars(frame, psf_sigma_px=1.0, saturation_dn=255).centroids
+    assert len(found) == 2
+    _, distance = nearest(found.pixels, xy)
+    assert distance.max() < 0.1
+
+
+def test_trails_are_measured_at_their_middles() -> None:
+    """Stars drawn out by ten pixels are recognised as trails, with length, direction and the middles as positions."""
+    rng = np.random.default_rng(18)
+    xy = grid(rng)[:24]
+    angle = np.radians(25)
+    along = np.linspace(-5, 5, 21)[:, None] * [np.cos(angle), np.sin(angle)]
+    light = sum(expected((256, 512), xy + step, np.full(24, 200_000.0 / 21), 1.0) for step in along)
+    found = find_stars(photograph(np.asarray(light), rng))
+    assert 7 < found.streak_px < 13
+    assert abs(np.degrees(found.streak_direction_rad) - 25) < 5
+    _, distance = nearest(found.centroids.pixels, xy)
+    assert np.median(distance) < 0.3
+    assert (distance < 1.0).sum() >= 22
+
+
+@pytest.mark.parametrize("value", [0, 7, 255])
+def test_constant_frames_have_no_stars(value: int) -> None:
+    """Black, grey and white frames give no centroid and no warning."""
+    assert len(find_stars(np.full((64, 96), value, np.uint8)).centroids) == 0
+
+
+def test_noise_alone_gives_hardly_a_star() -> None:
+    """Four megapixels of noise give at most three false detections."""
+    rng = np.random.default_rng(19)
+    total = sum(
+        len(find_stars(rng.normal(40, 6, (1000, 1000)).astype(np.float32), psf_sigma_px=1.0).centroids)
+        for _ in range(4)
+    )
+    assert total <= 3
+
+
+def test_what_is_no_frame_is_refused() -> None:
+    """Three axes, tiny arrays, complex numbers and NaN are BadInput."""
+    bad = np.zeros((20, 20))
+    bad[3, 4] = np.nan
+    for array in (np.zeros((4, 4)), np.zeros((20, 20, 3)), np.zeros((20, 20), complex), bad):
+        with pytest.raises(BadInput):
+            find_stars(array)

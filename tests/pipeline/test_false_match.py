@@ -1,0 +1,53 @@
+"""Chances of accidental identification."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, combined, false_match_probability
+
+
+@pytest.mark.parametrize(("m", "n", "p"), [(1, 5, 0.1), (3, 20, 0.01), (5, 5, 0.3), (12, 30, 1e-3)])
+def test_tail_is_the_binomial_one(m: int, n: int, p: float) -> None:
+    """The tail agrees with scipy's binomial distribution."""
+    assert binomial_tail(m, n, p) == pytest.approx(float(binom.sf(m - 1, n, p)), rel=1e-9)
+
+
+def test_tail_at_the_ends() -> None:
+    """Nothing to reach is certain, more than there is impossible, chance zero next to impossible."""
+    assert binomial_tail(0, 5, 0.1) == 1.0
+    assert binomial_tail(-2, 5, 0.1) == 1.0
+    assert binomial_tail(6, 5, 0.1) == 0.0
+    assert 0 < binomial_tail(2, 5, 0.0) < 1e-200
+
+
+def test_brightness_tail_is_uniform_for_random_pairs() -> None:
+    """For pairs picked at random the figure is below x in about a fraction x of the cases."""
+    rng = np.random.default_rng(1)
+    values = np.array([brightness_tail(rng.normal(0, 1, 5), rng.normal(3, 1, 5), np.sqrt(2)) for _ in range(4000)])
+    for x in (0.01, 0.1, 0.5):
+        assert abs((values < x).mean() - x) < 4 * np.sqrt(x * (1 - x) / 4000)
+
+
+def test_brightness_that_agrees_helps_and_that_disagrees_does_not_hurt() -> None:
+    """Good photometry lowers the figure, bad photometry leaves it at one at most."""
+    v = np.array([2.0, 3.5, 4.0, 5.1])
+    assert brightness_tail(v + 7.1, v, 1.4) < 1e-6
+    assert brightness_tail(v[::-1] * 3, v, 0.5) <= 1.0
+
+
+def test_product_of_independent_chances_keeps_its_meaning() -> None:
+    """The combined figure of two uniform ones is below x no more often than in a fraction x of the cases."""
+    rng = np.random.default_rng(2)
+    a, b = rng.random(20_000), rng.random(20_000)
+    values = np.array([combined(x, y) for x, y in zip(a, b, strict=True)])
+    for x in (0.001, 0.01, 0.1):
+        assert (values < x).mean() < x + 4 * np.sqrt(x / 20_000)
+
+
+def test_more_hypotheses_are_more_chances() -> None:
+    """The bound grows with the number of places tried and never exceeds one."""
+    assert false_match_probability(100, 1e-8, 1.0) == pytest.approx(1e-5)  # position alone pays tenfold
+    assert false_match_probability(1e12, 1e-8, 1.0) == 1.0
