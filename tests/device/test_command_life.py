@@ -260,6 +260,7 @@ def test_the_same_id_with_other_content_is_rejected(bench: Bench) -> None:
     """Ids are never re-used for something else."""
     done = bench.do("SET_EXPOSURE", exposure_ms=100)
     bench.host._ids.following = done.request_id
+    bench.events.clear()
     again = bench.do("SET_EXPOSURE", exposure_ms=101)
     assert again.request_id == done.request_id
     assert (again.stage, again.reason) == (Stage.REJECTED, "id_reused")
