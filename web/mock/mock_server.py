@@ -79,13 +79,13 @@ def definition(row: tuple) -> dict:
     name, page, title, unit, decimals, value, _, (low, high) = row
     span = (high or 1) - (low or 0)
     pair = lambda g: (None if low is None else low + g * span, None if high is None else high - g * span)  # noqa: E731
-    return dict(name=name, packet="hk", page=page, title=title, unit=unit, decimals=decimals, watch=pair(0.12), warning=pair(0.0), critical=pair(-0.12), stale_after_s=10)
+    return dict(name=name, packet="housekeeping", page=page, title=title, unit=unit, decimals=decimals, watch=pair(0.12), warning=pair(0.0), critical=pair(-0.12), stale_after_s=10)
 
 
 def value(row: tuple) -> dict:
     name, page, title, unit, decimals, v, state, _ = row
     now = None if v is None else v + (RNG.normal(0, abs(v) * 0.004) if decimals else 0)
-    return dict(name=name, packet="hk", title=title, page=page, raw=now, value=now, formatted="–" if now is None else f"{now:.{decimals}f}", unit=unit, state=state, text={"warning": "high", "stale": "stale 42 s", "never": "never received"}.get(state, state),
+    return dict(name=name, packet="housekeeping", title=title, page=page, raw=now, value=now, formatted="–" if now is None else f"{now:.{decimals}f}", unit=unit, state=state, text={"warning": "high", "stale": "stale 42 s", "never": "never received"}.get(state, state),
                 at=None if now is None else iso(0.4), age_s=None if now is None else (42.0 if state == "stale" else 0.4))
 
 

@@ -105,7 +105,6 @@ export const api = {
   },
   frames: (filters: Record<string, string | number | undefined>) => get<T.FramePage>(`/frames${query(filters)}`),
   frame: (id: number, signal?: AbortSignal) => get<T.FrameDetail>(`/frames/${id}`, signal),
-  latestFrame: () => get<T.FrameDetail>('/frames/latest'),
   raw,
   histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
   solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),

@@ -25,3 +25,26 @@ export function pixelCentre(nside: number, pixel: number): { ra: number; dec: nu
   }
   return { ra: (phi * 180) / Math.PI, dec: (Math.asin(z) * 180) / Math.PI };
 }
+
+/** The ring-ordered pixel that holds a direction (Górski et al. 2005, inverse of the above). */
+export function pixelAt(nside: number, raDeg: number, decDeg: number): number {
+  const z = Math.sin((decDeg * Math.PI) / 180);
+  const turns = ((((raDeg / 90) % 4) + 4) % 4);
+  const absZ = Math.abs(z);
+  if (absZ <= 2 / 3) {
+    const a = nside * (0.5 + turns);
+    const b = nside * z * 0.75;
+    const rising = Math.floor(a - b);
+    const falling = Math.floor(a + b);
+    const ring = nside + 1 + rising - falling;
+    const shift = ring % 2 === 0 ? 1 : 0;
+    const inRing = Math.floor((rising + falling - nside + shift + 1) / 2);
+    const wrapped = ((inRing % (4 * nside)) + 4 * nside) % (4 * nside);
+    return 2 * nside * (nside - 1) + (ring - 1) * 4 * nside + wrapped;
+  }
+  const within = turns - Math.floor(turns);
+  const span = nside * Math.sqrt(3 * (1 - absZ));
+  const ring = Math.floor(within * span) + Math.floor((1 - within) * span) + 1;
+  const inRing = Math.min(4 * ring - 1, Math.floor(turns * ring));
+  return z > 0 ? 2 * ring * (ring - 1) + inRing : 12 * nside * nside - 2 * ring * (ring + 1) + inRing;
+}

@@ -1,5 +1,5 @@
 /** Labels beside marks: eight sides are tried, the first free one wins, and a label is dropped before it overlaps. */
-export interface Box { x: number; y: number; w: number; h: number }
+export interface Box { x: number; y: number; w: number; h: number; /** Nothing may lie here, not even the label of a mark inside. */ strict?: boolean }
 export interface Want { key: string; x: number; y: number; gap: number; w: number; h: number; rank: number }
 export interface Placed { key: string; x: number; y: number }
 
@@ -31,7 +31,7 @@ export function placeLabels(wants: readonly Want[], marks: readonly Box[], area:
 }
 
 function holds(mark: Box, want: Want): boolean {
-  return want.x >= mark.x && want.x <= mark.x + mark.w && want.y >= mark.y && want.y <= mark.y + mark.h;
+  return !mark.strict && want.x >= mark.x && want.x <= mark.x + mark.w && want.y >= mark.y && want.y <= mark.y + mark.h;
 }
 
 function inside(b: Box, area: Box): boolean {

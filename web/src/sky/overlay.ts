@@ -134,13 +134,20 @@ function predicted(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void 
   }
 }
 
+/** Flux above which a centroid without a match deserves a mark: the median of the matched ones. Fainter ones keep their plus. */
+function faintestMatched(sol: SolutionDetail): number {
+  const fluxes = sol.stars.filter((x) => x.hip !== null).map((x) => x.flux_dn).sort((a, b) => a - b);
+  return fluxes[Math.floor(fluxes.length / 2)] ?? 0;
+}
+
 function stars(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string): void {
+  const plain = scene.solution ? faintestMatched(scene.solution) : 0;
   for (const star of scene.solution?.stars ?? []) {
     const [x, y] = at(s, star.col_px, star.row_px);
     if (!seen(s, x, y)) continue;
     if (scene.show.centroids) plus(ctx, x, y, colour('ov-centroid'));
     if (star.hip !== null && scene.show.matched) ring(ctx, x, y, colour('ov-match'));
-    if (star.hip === null && scene.show.matched) diamond(ctx, x, y, colour('ov-nomatch'));
+    if (star.hip === null && scene.show.matched && star.flux_dn >= plain) diamond(ctx, x, y, colour('ov-nomatch'));
     if (scene.show.residual && star.dx_px !== null && star.dy_px !== null) arrow(ctx, x, y, star.dx_px * scene.residualFactor, star.dy_px * scene.residualFactor, s.scale, colour('ov-centroid'));
     if (scene.selected === star.index) box(ctx, x, y, colour('ac'));
   }
@@ -203,7 +210,8 @@ function labels(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string
   ctx.font = "11.5px 'IBM Plex Sans'";
   const texts = new Map<string, Text>();
   const wants: Want[] = [];
-  const marks: Box[] = [{ x: 0, y: s.height - 96, w: 92, h: 96 }];
+  const marks: Box[] = [{ x: 0, y: s.height - 96, w: 100, h: 96, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
+  const plain = faintestMatched(sol);
   const add = (key: string, col: number, row: number, rank: number, parts: Text['parts'], gap = 14): void => {
     const [x, y] = at(s, col, row);
     if (!seen(s, x, y)) return;
@@ -215,8 +223,9 @@ function labels(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string
     const [x, y] = at(s, star.col_px, star.row_px);
     marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
-    if (star.hip === null) add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
-    else add(`s${star.index}`, star.col_px, star.row_px, star.v_mag ?? 5, [[{ text: `${star.name ?? `HIP ${star.hip}`} `, ink: colour('ov-txt') }, { text: fixed(star.v_mag, 2), ink: colour('ov-mag') }]]);
+    if (star.hip === null) {
+      if (star.flux_dn >= plain) add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
+    } else add(`s${star.index}`, star.col_px, star.row_px, star.v_mag ?? 5, [[{ text: `${star.name ?? `HIP ${star.hip}`} `, ink: colour('ov-txt') }, { text: fixed(star.v_mag, 2), ink: colour('ov-mag') }]]);
   }
   const missed = sol.predicted.filter((p) => !p.detected);
   for (const p of missed) {

@@ -1,6 +1,7 @@
 /** The catalogue builder's form as text, its checks, and the live preview. */
 import { api, ApiError } from '../api/client';
 import type { CatalogueDetail, CatalogueIn, Preview } from '../api/types';
+import { short } from '../lib/format';
 import { problemText } from './live.svelte';
 
 export interface NumberField { key: keyof Texts; label: string; unit: string; min: number; max: number }
@@ -36,7 +37,7 @@ export class Builder {
 
   rangeOf(key: keyof Texts): string {
     const [a, b] = LIMITS[key];
-    return `${a} – ${b}`;
+    return `${short(a)} – ${short(b)}`;
   }
 
   problemOf(key: keyof Texts): string {
@@ -44,7 +45,7 @@ export class Builder {
     if (key === 'pair_max_deg' && text.trim() === '') return '';
     const [a, b] = LIMITS[key];
     const v = number(text);
-    return Number.isFinite(v) && v >= a && v <= b ? '' : `${a} – ${b}, got ${text || 'nothing'}`;
+    return Number.isFinite(v) && v >= a && v <= b ? '' : `${short(a)} – ${short(b)}, got ${text || 'nothing'}`;
   }
 
   get valid(): boolean {

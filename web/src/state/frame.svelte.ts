@@ -24,7 +24,10 @@ export class FrameView {
     const turn = ++this.generation;
     this.loading = true;
     try {
-      const detail = id === 'latest' ? await api.latestFrame() : await api.frame(id);
+      const wanted = id === 'latest' ? ((await api.frames({ limit: 1 })).frames[0]?.id ?? null) : id;
+      if (turn !== this.generation) return;
+      if (wanted === null) { this.detail = null; this.problem = ''; return; }
+      const detail = await api.frame(wanted);
       if (turn !== this.generation) return;
       await this.loadPixels(detail);
       if (turn !== this.generation) return;
@@ -36,8 +39,7 @@ export class FrameView {
       if (!same) this.selected = null;
     } catch (error) {
       if (turn !== this.generation) return;
-      if (error instanceof ApiError && error.status === 404 && id === 'latest') this.detail = null;
-      else this.problem = error instanceof ApiError ? problemText(error.problem) : String(error);
+      this.problem = error instanceof ApiError ? problemText(error.problem) : String(error);
     } finally {
       if (turn === this.generation) this.loading = false;
     }

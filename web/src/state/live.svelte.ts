@@ -54,6 +54,7 @@ class Live {
       case 'job': this.jobs = upsert(this.jobs, data as T.Job); return;
       case 'cycle': this.putCycle(data as T.Cycle); return;
       case 'event': this.lastEvent = data as T.EventRow; return;
+      case 'dropped': void this.load(); return;
       case 'frame': return this.putFrame((data as T.Frame).id, true);
       case 'solution': return this.putFrame((data as T.Solution).frame_id, false);
     }
@@ -112,7 +113,7 @@ class Live {
   start(): Stream {
     const stream = new Stream(
       {
-        open: (after) => new EventSource(`/api/stream${after ? `?after=${after}` : ''}`),
+        open: () => new EventSource('/api/stream'),
         backfill: (after) => api.events(after),
         later: (run, ms) => setTimeout(run, ms),
         now: () => Date.now(),

@@ -1,0 +1,37 @@
+import { describe, expect, it } from 'vitest';
+import { clock, daysLeft, degrees, fixed, pairs, scientific, shortHash, span } from './format';
+
+describe('numbers', () => {
+  it('writes a true minus and a thin group space', () => {
+    expect(fixed(-1204.26, 1)).toBe('\u22121\u2009204.3');
+    expect(fixed(117955)).toBe('117\u2009955');
+    expect(fixed(812)).toBe('812');
+  });
+  it('never writes a negative zero and puts a plus only when asked', () => {
+    expect(fixed(-0.04, 1)).toBe('0.0');
+    expect(fixed(16.24, 1, true)).toBe('+16.2');
+    expect(fixed(0, 1, true)).toBe('0.0');
+  });
+  it('shows a dash where there is no number', () => {
+    expect([fixed(null), fixed(undefined, 2), fixed(NaN), degrees(null), scientific(null), span(null)]).toEqual(['–', '–', '–', '–', '–', '–']);
+  });
+  it('keeps the exponent of a probability short', () => {
+    expect(scientific(2.1e-11)).toBe('2e\u221211');
+    expect(degrees(-0.31353, 4)).toBe('\u22120.3135°');
+  });
+});
+describe('times and bytes', () => {
+  it('writes ages in the largest fitting unit', () => {
+    expect([span(0.42), span(42.4), span(173), span(11160), span(277200)]).toEqual(['0.4 s', '42 s', '2 min 53 s', '3 h 6 min', '3 d 5 h']);
+  });
+  it('writes UTC with Z whatever zone the moment came in', () => {
+    expect(clock('2026-12-01T20:42:07.412+02:00', 3)).toBe('18:42:07.412Z');
+  });
+  it('says how long a bank lasts', () => {
+    expect([daysLeft(null), daysLeft(3.9), daysLeft(0.5), daysLeft(-1)]).toEqual(['no expiry', '3 d left', '12 h left', 'expired']);
+  });
+  it('groups hex in bytes and shortens hashes', () => {
+    expect(pairs('184dc020')).toBe('18 4d c0 20');
+    expect(shortHash('7f21aaaaaaaa09c0')).toBe('7f21…09c0');
+  });
+});

@@ -1,0 +1,78 @@
+import { describe, expect, it } from 'vitest';
+import type { EventRow } from '../api/types';
+import { Stream, type StreamHandlers, type StreamSource } from './stream';
+
+const row = (seq: number): EventRow => ({ seq, at: `2026-12-01T18:35:${20 + seq}.000Z`, kind: 'x', severity: 'info', text: `e${seq}`, data: {} });
+
+class Fake implements StreamSource {
+  onopen: ((e: Event) => void) | null = null;
+  onerror: ((e: Event) => void) | null = null;
+  closed = false;
+  addEventListener(): void {}
+  close(): void { this.closed = true; }
+}
+
+function rig(missed: EventRow[] = []) {
+  const log: string[] = [];
+  const sources: { after: number; fake: Fake }[] = [];
+  const waits: { ms: number; run: () => void }[] = [];
+  const handlers: StreamHandlers = {
+    item: (kind, data) => log.push(kind === 'event' ? `event ${(data as EventRow).seq}` : kind),
+    online: (filled) => log.push(filled ? `back ${filled.count}` : 'online'),
+    offline: (since) => log.push(`offline ${since}`),
+  };
+  const stream = new Stream({
+    open: (after) => { const fake = new Fake(); sources.push({ after, fake }); return fake; },
+    backfill: async (after) => missed.filter((e) => e.seq > after),
+    later: (run, ms) => waits.push({ ms, run }),
+    now: () => 7,
+  }, handlers);
+  return { stream, log, sources, waits };
+}
+const event = (seq: number): [string, string, string] => ['event', JSON.stringify(row(seq)), String(seq)];
+const settle = (): Promise<void> => new Promise((r) => setTimeout(r, 0));
+
+describe('the event stream', () => {
+  it('counts a recorded event once, however often it comes', () => {
+    const { stream, log } = rig();
+    stream.start();
+    for (const seq of [1, 2, 2, 1, 3]) stream.received(...event(seq));
+    expect(log).toEqual(['event 1', 'event 2', 'event 3']);
+    expect(stream.lastSeq).toBe(3);
+  });
+  it('lets states without a number always pass', () => {
+    const { stream, log } = rig();
+    stream.received('link', '{}', '');
+    stream.received('link', '{}', '');
+    expect(log).toEqual(['link', 'link']);
+  });
+  it('says once that it went offline, waits longer each time, and resumes after the last number', () => {
+    const { stream, log, sources, waits } = rig();
+    stream.start();
+    stream.received(...event(5));
+    sources[0]?.fake.onerror?.(new Event('error'));
+    waits[0]?.run();
+    sources[1]?.fake.onerror?.(new Event('error'));
+    expect(log).toEqual(['event 5', 'offline 7']);
+    expect(waits.map((w) => w.ms)).toEqual([500, 1000]);
+    expect(sources.map((s) => s.after)).toEqual([0, 5]);
+    expect(sources[0]?.fake.closed).toBe(true);
+  });
+  it('fetches what it missed before it says it is back', async () => {
+    const { stream, log, sources, waits } = rig([row(1), row(2), row(3)]);
+    stream.start();
+    stream.received(...event(1));
+    sources[0]?.fake.onerror?.(new Event('error'));
+    waits[0]?.run();
+    sources[1]?.fake.onopen?.(new Event('open'));
+    await settle();
+    expect(log).toEqual(['event 1', 'offline 7', 'event 2', 'event 3', 'back 2']);
+  });
+  it('opens no new connection after it was stopped', () => {
+    const { stream, sources, waits } = rig();
+    stream.start();
+    stream.stop();
+    sources[0]?.fake.onerror?.(new Event('error'));
+    expect(waits).toEqual([]);
+  });
+});
