@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, load_stars, propagate
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.profiles import CameraProfile, profile
@@ -28,6 +28,7 @@ CHAINS = (reference.NAME, cubestar.NAME)
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
 FOV_SLACK = 1.08  # a field of view "known to 5 %", and whether it was meant across the sky or as pixels times scale
 DEFAULT_EPOCH_JYEAR = 2026.5
+DEEPER_MAG = 1.0  # how much fainter the second catalogue goes where a frame shows more than the first
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,16 @@ class Solver:
             sensor = known.sensor if known else None
             limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
             stars = self.cache.known(camera, limit, epoch)
-            result = reference.solve_known(pixels, camera, sensor, stars, hint=request.hint, clock=self._stopwatch_s)
+            fainter = min(limit + DEEPER_MAG, FAINTEST_V_MAG)
+            result = reference.solve_known(
+                pixels,
+                camera,
+                sensor,
+                stars,
+                hint=request.hint,
+                deeper=lambda: self.cache.known(camera, fainter, epoch),
+                clock=self._stopwatch_s,
+            )
         return replace(result, notes=(*result.notes, f"star positions of {epoch:.2f}"))
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:

@@ -1,0 +1,54 @@
+"""Who may ask: this machine, this origin, and nobody by accident."""
+
+from __future__ import annotations
+
+import pytest
+
+from gss.api.loopback import check_host
+from gss.domain.errors import BadInput
+
+
+def test_every_answer_carries_the_strict_policy(client):
+    """Content policy and its companions are on pages, data and errors."""
+    for path in ("/api/health", "/api/frames/999", "/nowhere"):
+        headers = client.get(path).headers
+        assert "default-src 'self'" in headers["content-security-policy"]
+        assert "'unsafe-eval'" not in headers["content-security-policy"].replace("'wasm-unsafe-eval'", "")
+        assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_a_foreign_page_can_neither_read_nor_change(client):
+    """Another origin, another host name (DNS rebinding) and a request without our mark are refused with words."""
+    assert client.get("/api/link", headers={"Origin": "http://evil.example"}).status_code == 403
+    assert client.get("/api/link", headers={"Host": "evil.example"}).status_code == 403
+    reply = client.post("/api/link/close", headers={"X-GSS": "", "Origin": "http://evil.example"})
+    assert reply.status_code == 403
+    unmarked = client.build_request("POST", "/api/link/close")
+    del unmarked.headers["X-GSS"]
+    reply = client.send(unmarked)
+    assert (reply.status_code, reply.json()["expected"]) == (403, "X-GSS: 1")
+
+
+def test_our_own_page_may(client):
+    """The same origin is welcome."""
+    reply = client.post("/api/link/close", headers={"Origin": "http://testserver"})
+    assert reply.status_code == 200
+
+
+def test_a_body_beyond_the_cap_is_refused_before_it_is_read(client):
+    """The length alone is enough."""
+    reply = client.post("/api/frames/import", headers={"Content-Length": str(1 << 30)}, content=b"x")
+    assert reply.status_code == 413
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
+def test_loopback_addresses_may_be_listened_on(host):
+    """All of them."""
+    assert check_host(host) == host
+
+
+@pytest.mark.parametrize("host", ["192.168.1.5", "example.org", "", "::"])
+def test_other_addresses_may_not(host):
+    """There is no sign-in yet."""
+    with pytest.raises(BadInput, match="loopback only"):
+        check_host(host)

@@ -1,0 +1,229 @@
+"""What the HTTP interface answers, to good requests and to bad ones."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from PIL import Image
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.pipeline.render import render
+
+
+def png_of(pixels) -> bytes:
+    """A PNG file."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def fits_of(array) -> bytes:
+    """A FITS file."""
+    buffer = io.BytesIO()
+    fits.PrimaryHDU(array).writeto(buffer)
+    return buffer.getvalue()
+
+
+@pytest.fixture(scope="module")
+def orion() -> bytes:
+    """A rendered CubeStar frame of Orion."""
+    p = profile("cubestar")
+    attitude = cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))
+    return png_of(render(load_stars(6.5), p.camera, p.sensor, attitude, 0.25, np.random.default_rng(1)).pixels)
+
+
+def imported(client, data: bytes, name: str, profile_name: str = ""):
+    """The reply to an import."""
+    return client.post("/api/frames/import", files={"file": (name, data)}, data={"profile": profile_name})
+
+
+def solved(client, frame_id: int):
+    """The frame once its first solution is there."""
+    for _ in range(600):
+        detail = client.get(f"/api/frames/{frame_id}").json()
+        if detail["solutions"]:
+            return detail
+        time.sleep(0.05)
+    pytest.fail("no solution came")
+
+
+def test_an_imported_frame_is_solved_stored_and_exported(client, orion):
+    """PNG in; attitude, overlays, pixels, FITS with WCS and a recording out."""
+    reply = imported(client, orion, "orion.png", "cubestar")
+    assert reply.status_code == 201, reply.text
+    frame = solved(client, reply.json()["id"])
+    ground = frame["ground"]
+    assert (ground["outcome"], ground["chain"]) == ("solved", "reference")
+    assert ground["attitude"]["ra_deg"] == pytest.approx(84.0, abs=0.01)
+    assert ground["attitude"]["roll_deg"] == pytest.approx(313.0, abs=0.05)
+    assert {"Betelgeuse", "Bellatrix", "Saiph"} <= {s["name"] for s in ground["stars"] if s["hip"]}
+    assert ground["grid"]
+    assert all(0 <= abs(line["points"][0][0]) < 5000 for line in ground["grid"])
+
+    original = np.asarray(Image.open(io.BytesIO(orion)))
+    raw = client.get(f"/api/frames/{frame['id']}/raw")
+    assert np.array_equal(np.frombuffer(raw.content, raw.headers["x-dtype"]).reshape(512, 1024), original)
+    values = client.get(
+        f"/api/frames/{frame['id']}/pixels", params={"col": -1, "row": 0, "columns": 3, "rows": 1}
+    ).json()
+    assert values["values"] == [[None, float(original[0, 0]), float(original[0, 1])]]
+    histogram = client.get(f"/api/frames/{frame['id']}/histogram").json()
+    assert sum(histogram["counts"]) == original.size
+    assert Image.open(io.BytesIO(client.get(f"/api/frames/{frame['id']}/image.png").content)).size == (1024, 512)
+
+    with fits.open(io.BytesIO(client.get(f"/api/frames/{frame['id']}/file.fits").content)) as file:
+        from astropy.wcs import WCS
+
+        star = next(s for s in ground["stars"] if s["name"] == "Betelgeuse")
+        ra, dec = WCS(file[0].header).all_pix2world([[star["col_px"], star["row_px"]]], 0)[0]
+        assert (ra, dec) == (pytest.approx(88.793, abs=0.02), pytest.approx(7.407, abs=0.02))
+
+
+def test_every_chain_runs_on_a_stored_frame_and_unknown_ones_are_named(client, orion):
+    """The page's "Run a chain"."""
+    frame_id = solved(client, imported(client, orion, "again.png", "cubestar").json()["id"])["id"]
+    for chain in ("cubestar", "reference"):
+        reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": chain})
+        assert reply.status_code == 201, reply.text
+        assert reply.json()["outcome"] == "solved"
+    reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "reference", "fov_deg": 52.0})
+    assert reply.json()["outcome"] in ("solved", "none")
+    reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "hubble"})
+    assert (reply.status_code, "reference" in reply.json()["expected"]) == (404, True)
+
+
+BAD_FILES = {
+    "text named png": (b"this is not a picture", "x.png"),
+    "nothing": (b"", "empty.fits"),
+    "truncated FITS": (fits_of(np.ones((64, 64), np.float32))[:3000], "cut.fits"),
+    "16 bit FITS with NaN": (fits_of(np.where(np.eye(64) > 0, np.nan, 1).astype(np.float32)), "nan.fits"),
+    "FITS without an image": (fits_of(None), "header.fits"),
+    "truncated PNG": (png_of(np.zeros((64, 64), np.uint8))[:60], "cut.png"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_a_bad_file_is_refused_with_words_and_nothing_is_stored(client, name):
+    """Wrong type, truncated, NaN, empty: 400, what was expected and what came, and no new frame."""
+    before = client.get("/api/frames").json()["total"]
+    reply = imported(client, *BAD_FILES[name])
+    assert reply.status_code == 400, reply.text
+    problem = reply.json()
+    assert problem["id"]
+    assert problem["message"]
+    assert client.get("/api/frames").json()["total"] == before
+
+
+def test_a_frame_of_another_camera_is_kept_and_says_why_it_has_no_solution(client):
+    """Sixteen pixels square are not CubeStar's; the frame stays, the reason is in the record."""
+    reply = imported(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "cubestar")
+    assert reply.status_code == 201
+    frame_id = reply.json()["id"]
+    reply = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "cubestar"})
+    assert (reply.status_code, reply.json()["expected"]) == (400, "512 rows x 1024 columns")
+    assert imported(client, png_of(np.zeros((16, 16), np.uint8)), "small.png", "hubble").status_code == 404
+    assert client.get(f"/api/frames/{frame_id}").json()["sha256"]
+
+
+def test_a_blank_frame_has_no_solution_and_a_reason(client):
+    """No stars is an answer, not an error."""
+    frame = solved(
+        client, imported(client, png_of(np.full((512, 1024), 9, np.uint8)), "blank.png", "cubestar").json()["id"]
+    )
+    assert frame["ground"]["outcome"] == "none"
+    assert frame["ground"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"faint_mag": -1.9}, "leaves no stars"),
+        ({"profile": "hubble"}, "unknown camera profile"),
+        ({"format": "floppy"}, "unknown on-board format"),
+        ({"orbit": "tle", "tle": "1 25544U nonsense", "start": "2026-12-01"}, ""),
+        ({"orbit": "elements", "roll_deg": [5.0, -5.0]}, "roll"),
+        ({"start": "yesterday"}, "not a date"),
+        ({"bright_mag": 5.0}, "bright limit"),
+        ({"faint_mag": 7.9}, "overflows"),
+    ],
+)
+def test_a_catalogue_that_cannot_be_is_refused_with_words(client, change, words):
+    """The page's preview or the job says what is wrong; nothing is stored."""
+    before = len(client.get("/api/catalogues").json())
+    reply = client.post("/api/catalogues", json=change)
+    if reply.status_code == 202:
+        job = reply.json()
+        for _ in range(200):
+            job = client.get(f"/api/jobs/{job['id']}").json()
+            if job["state"] in ("done", "failed"):
+                break
+            time.sleep(0.05)
+        assert job["state"] == "failed"
+        assert words in job["text"]
+    else:
+        assert reply.status_code in (400, 404), reply.text
+        assert words in reply.json()["message"]
+    assert len(client.get("/api/catalogues").json()) == before
+
+
+def test_a_built_catalogue_keeps_request_manifest_and_quality(client):
+    """What the builder's page opens again."""
+    job = client.post("/api/catalogues", json={"name": "t", "faint_mag": 3.5}).json()
+    for _ in range(200):
+        job = client.get(f"/api/jobs/{job['id']}").json()
+        if job["state"] != "queued" and job["finished"]:
+            break
+        time.sleep(0.05)
+    detail = client.get(f"/api/catalogues/{job['result']['catalogue_id']}").json()
+    assert detail["request"]["faint_mag"] == 3.5
+    assert len(detail["manifest"]["hip"]) == detail["stars"]
+    assert sum(detail["quality"]["histogram"]) == detail["quality"]["pointings"]
+    image = client.get(f"/api/catalogues/{detail['id']}/image.bin").content
+    assert len(image) == detail["bytes"]
+    manifest = json.loads(client.get(f"/api/catalogues/{detail['id']}/manifest.json").text)
+    assert manifest["image_sha256"] == detail["sha256"]
+    reply = client.post(f"/api/catalogues/{detail['id']}/upload", json={"bank": "A"})
+    assert (reply.status_code, reply.json()["message"]) == (409, "no device has answered")
+
+
+def test_commands_are_checked_without_a_line(client):
+    """A dry run works offline; sending does not, and says why; unknown names and values are told."""
+    check = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1001}}).json()
+    assert any("1 – 1000" in p and "1001" in p for p in check["problems"]), check["problems"]
+    good = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1000}}).json()
+    assert good["size"] == sum(len(bytes.fromhex(g["hex"].replace(" ", ""))) for g in good["bytes"])
+    assert [g["argument"] for g in good["bytes"]].count(True) == 1
+    assert client.post("/api/commands", json={"name": "GET_STATUS"}).status_code == 409
+    assert client.post("/api/commands", json={"name": "MAKE_COFFEE"}).status_code == 404
+    assert client.post("/api/commands", json={"name": "GET_STATUS", "extra": 1}).status_code == 422
+    assert client.get("/api/commands").json() == []
+
+
+@pytest.mark.parametrize("url", ["/dev/ttyNOWHERE", "nonsense://x", "socket://127.0.0.1:1", ""])
+def test_a_port_that_cannot_be_opened_is_told_at_once(client, url):
+    """Closed port, unknown scheme, no such file."""
+    reply = client.post("/api/link/open", json={"url": url})
+    assert reply.status_code in (400, 404, 503), reply.text
+    assert reply.json()["message"]
+
+
+def test_the_stream_opens_with_the_state_and_resumes_after_a_number(client):
+    """Server-sent events: the header first; recorded events after Last-Event-ID come again."""
+    imported(client, png_of(np.zeros((8, 8), np.uint8)), "event.png")
+    events = client.get("/api/events").json()
+    assert [e["seq"] for e in events] == sorted(e["seq"] for e in events)
+    assert client.get("/api/events", params={"after": events[-1]["seq"]}).json() == []
+
+
+def test_interface_document_for_the_pages_is_up_to_date(client, root):
+    """web/openapi.json is what the server says of itself: the pages' types are made from it."""
+    kept = json.loads(Path(root / "web" / "openapi.json").read_text())
+    assert kept == client.app.openapi(), "run: gss export openapi --out web/openapi.json, then npm run types in web/"

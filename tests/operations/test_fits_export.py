@@ -1,0 +1,54 @@
+"""FITS files whose world coordinates agree with our cameras."""
+
+from __future__ import annotations
+
+import io
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.wcs import WCS
+
+from gss.domain.angles import ra_dec_from_unit
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import PROFILES
+from gss.domain.rotation import quaternion_from_matrix
+from gss.operations.camera_record import camera_from, record_of
+from gss.operations.fits_export import fits_file
+from gss.store.models import Frame, Solution
+
+
+@pytest.mark.parametrize("name", ["cubestar", "sunsat", "far_mst"])
+def test_world_coordinates_follow_the_camera_over_the_whole_detector(name):
+    """astropy reads the same sky within 0.05 px at every pixel, and finds the pixel of a sky position again within 0.1 px."""
+    camera = PROFILES[name].camera
+    attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
+    frame = Frame(id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name)
+    solution = Solution(
+        quaternion=quaternion_from_matrix(attitude).tolist(),
+        camera=record_of(camera),
+        chain="reference",
+        version="1",
+        matched=9,
+    )
+    data = fits_file(np.zeros((camera.rows, camera.columns), np.uint8), frame, solution)
+    with fits.open(io.BytesIO(data)) as file:
+        wcs, header = WCS(file[0].header), file[0].header
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([0, 0], [camera.columns - 1, camera.rows - 1], (200, 2))
+    theirs = np.radians(wcs.all_pix2world(pixels, 0))
+    ours = np.column_stack(ra_dec_from_unit(camera.unproject(pixels) @ attitude))
+    step = np.hypot((theirs - ours)[:, 0] * np.cos(ours[:, 1]), (theirs - ours)[:, 1])
+    assert step.max() < 0.05 * camera.pixel_rad
+    assert np.abs(wcs.all_world2pix(np.degrees(ours), 0) - pixels).max() < 0.1
+    assert (header["INSTRUME"], header["EXPTIME"]) == (name, 0.25)
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_a_camera_survives_as_plain_values(name):
+    """What is stored with a solution is the camera it was measured with."""
+    import json
+
+    camera = PROFILES[name].camera
+    assert camera_from(json.loads(json.dumps(record_of(camera)))) == camera
