@@ -23,12 +23,14 @@ from gss.pipeline.identify.blind import BlindFound, identify_blind
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
 from gss.pipeline.identify.patterns import Level
-from gss.pipeline.identify.pyramid import Found, identify_lost
+from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
 from gss.pipeline.identify.verify import Field, Sky, field_of
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
 NAME = "reference"
+MANY_MORE = 1.5
+DEEPER_ACCEPT = ACCEPT / 2  # a second search is a second chance of an accident
 MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
 
 
@@ -59,9 +61,13 @@ def solve_known(
     stars: KnownSky,
     *,
     hint: Hint | None = None,
+    deeper: Callable[[], KnownSky] | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
-    """Solve a (rows, cols) frame of a calibrated camera; ``sensor`` None leaves photometry to the frame itself."""
+    """Solve a (rows, cols) frame of a calibrated camera; ``sensor`` None leaves photometry to the frame itself.
+
+    ``deeper`` gives fainter stars, asked for only when the frame shows many more stars than ``stars`` holds.
+    """
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(
             "the frame is not of this camera",
@@ -77,22 +83,32 @@ def solve_known(
             saturation_dn=float(sensor.saturation_dn) if sensor else None,
             e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
         )
-    return _identify_known(found.centroids, camera, stars, hint, trace, found)
+    return _identify_known(found.centroids, camera, stars, deeper, hint, trace, found)
 
 
 def solve_centroids(
     centroids: Centroids, camera: Camera, stars: KnownSky, *, hint: Hint | None = None, clock: Clock | None = None
 ) -> SolveResult:
     """The same from centroids alone, brightest first."""
-    return _identify_known(centroids, camera, stars, hint, Trace(clock), None)
+    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None)
 
 
 def _identify_known(
-    centroids: Centroids, camera: Camera, stars: KnownSky, hint: Hint | None, trace: Trace, found: Detections | None
+    centroids: Centroids,
+    camera: Camera,
+    stars: KnownSky,
+    deeper: Callable[[], KnownSky] | None,
+    hint: Hint | None,
+    trace: Trace,
+    found: Detections | None,
 ) -> SolveResult:
     view = field_of(centroids, camera)
     with trace.stage("identify"):
         result, said = _where(view, camera, stars, hint)
+        if result.evidence is None and deeper is not None and len(view) > MANY_MORE * _expected(stars, camera):
+            stars = deeper()
+            again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT)
+            result = result if again.evidence is None else again
     base = _unsolved(camera, centroids, found, (*(found.notes if found else ()), *said))
     evidence = result.evidence
     if evidence is None:
@@ -104,6 +120,11 @@ def _identify_known(
         fit = refine(view.pixels[rows], stars.sky.icrs[picked], view.sigma_px[rows], camera, evidence.cam_from_icrs)
     solved = _solved(base, fit, view.centroid[rows], stars.sky.hip[picked], evidence.false_match_probability)
     return replace(solved, timing_s=dict(trace.timing_s))
+
+
+def _expected(stars: KnownSky, camera: Camera) -> float:
+    """Stars of the catalogue that an average frame holds."""
+    return len(stars.sky) * camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
 
 
 def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> bool:

@@ -288,7 +288,7 @@ def prove(
 
 def _is_wide(camera: Camera) -> bool:
     """Whether decentring and higher orders of the lens show."""
-    return camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD
+    return bool(camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD)
 
 
 def _visible(sky: Sky, camera: Camera, cam_from_icrs: Array, wanted: int) -> tuple[NDArray[np.intp], Array]:
