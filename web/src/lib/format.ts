@@ -44,6 +44,19 @@ export function span(seconds: number | null | undefined): string {
   return `${Math.floor(s / 86400)} d ${Math.floor((s % 86400) / 3600)} h`;
 }
 
+/** Age in one unit, for tight places. */
+export function brief(seconds: number): string {
+  const s = Math.max(0, seconds);
+  return s < 60 ? span(s) : s < 3600 ? `${Math.floor(s / 60)} min` : s < 86400 ? `${Math.floor(s / 3600)} h` : `${Math.floor(s / 86400)} d`;
+}
+
+const SIGNS: Record<string, string> = { arcsec: '″', deg: '°', 'deg/s': '°/s' };
+
+/** The unit as it is written beside a value. */
+export function unitSign(unit: string): string {
+  return SIGNS[unit] ?? unit;
+}
+
 export function daysLeft(days: number | null | undefined): string {
   if (days === null || days === undefined) return 'no expiry';
   if (days < 0) return 'expired';

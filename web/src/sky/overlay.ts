@@ -86,7 +86,8 @@ function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, ground:
 
 function regions(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void {
   ctx.strokeStyle = ink;
-  ctx.globalAlpha = 0.75;
+  ctx.globalAlpha = 0.5;
+  ctx.lineWidth = 1;
   for (const r of sol.regions) {
     if (r.rejected) continue;
     ctx.strokeRect(s.x + r.col_min * s.scale - 1.5, s.y + r.row_min * s.scale - 1.5, (r.col_max - r.col_min + 1) * s.scale + 3, (r.row_max - r.row_min + 1) * s.scale + 3);
@@ -221,7 +222,7 @@ function labels(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string
   };
   for (const star of sol.stars) {
     const [x, y] = at(s, star.col_px, star.row_px);
-    marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
+    if (star.hip !== null || star.flux_dn >= plain) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
     if (star.hip === null) {
       if (star.flux_dn >= plain) add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
