@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gss.device.dictionary_file import load_dictionary
 from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.machine import Device, Identity
 from gss.device.simulator.memory import BankRecord, Flash, FlashError, Memory, StoredRequest, SuspendedUpload
 from gss.device.simulator.orbit import EARTH_RADIUS_KM, Inertial, Motion, Zenith
 from gss.device.simulator.sky import Sky
@@ -98,3 +101,12 @@ def test_stalls_last_their_time() -> None:
     faults = LineFaults(FaultRates(stall_rate=1.0, stall_s=0.5), 4)
     states = [faults.stalled(t) for t in np.arange(0, 60, 0.01)]
     assert 0.2 < np.mean(states) < 0.5
+
+
+def test_every_command_of_the_dictionary_is_carried_out_by_somebody() -> None:
+    """A new row without a handler is noticed here, not in flight."""
+    camera = profile("cubestar")
+    memory = Memory.in_ram()
+    tracker = StarTracker(camera, Sky(camera, Zenith(), 2026.0, 1), memory)
+    device = Device(load_dictionary(), Identity(), memory, tracker, 0.0)
+    assert set(device._desk.handlers) == {c.name for c in load_dictionary().commands}

@@ -1,0 +1,216 @@
+"""The life of commands on board: admission, the ring of known ids, one running command, reports.
+
+A handler returns its values at once, or is a generator that yields how long to wait (seconds of the device) before it goes
+on and finally returns them. It raises Refusal when the command cannot be carried out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+
+from gss.device.dictionary import Command, Dictionary, Value
+from gss.device.protocol.codec import check_arguments, decode, encode
+from gss.device.protocol.packet import Packet
+from gss.device.simulator.firmware import Refusal
+from gss.device.simulator.memory import Memory, StoredRequest
+from gss.device.simulator.outbox import Outbox, short_text
+from gss.domain.errors import BadInput, CorruptData
+
+MOST_WAITING = 4
+REPLAYED_AT = 3
+"""Offset of the flag "replayed" in a report: after stage, reason and progress."""
+UNFINISHED = (b"\1", b"\3", b"\4")
+
+Returns = dict[str, Value]
+Arguments = Mapping[str, Value]
+Task = Generator[float, None, Returns]
+Handler = Callable[[Arguments, int], "Returns | Task"]
+
+
+@dataclass
+class Running:
+    """A command that was accepted and has not ended."""
+
+    request_id: int
+    command: Command
+    arguments: Arguments
+    task: Task | None = None
+    due_s: float = 0.0
+
+
+class CommandDesk:
+    """Takes command packets, runs handlers by name. ``state``: housekeeping, for preconditions."""
+
+    def __init__(self, dictionary: Dictionary, memory: Memory, outbox: Outbox, state: Callable[[], Returns]) -> None:
+        self._dictionary, self._memory, self._outbox, self._state = dictionary, memory, outbox, state
+        self.handlers: dict[str, Handler] = {}
+        self.on_completed: Callable[[str], None] = lambda _: None
+        self._current: Running | None = None
+        self._waiting: deque[Running] = deque()
+        self.accepted = self.rejected = 0
+        self._now_s = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """Is a command running?"""
+        return self._current is not None
+
+    def restart(self) -> None:
+        """After a reset: what ran has failed, and says so now and when asked again."""
+        self._current = None
+        self._waiting.clear()
+        self.accepted = self.rejected = 0
+        for request in list(self._memory.record.requests):
+            if bytes.fromhex(request.report)[:1] in UNFINISHED:
+                self._report(request, "failed", "reset", "the device restarted while the command ran")
+
+    def note_id(self, request_id: int) -> None:
+        """HELLO tells the highest id seen, so that no ground uses one twice."""
+        record = self._memory.record
+        record.last_request_id = max(record.last_request_id, request_id)
+
+    # --- admission ----------------------------------------------------------------------------------------------
+
+    def receive(self, packet: Packet, now_s: float) -> None:
+        """A command packet."""
+        self._now_s = now_s
+        digest = hashlib.sha256(bytes([packet.code]) + packet.payload).hexdigest()
+        command = self._dictionary.command_of_code(packet.code)
+        known = self._memory.request(packet.request_id)
+        # HELLO and ABORT must work for a ground that knows nothing of earlier ids.
+        if known is not None and not (command and command.any_dictionary):
+            self._repeat(known, packet, digest)
+            return
+        request = StoredRequest(packet.request_id, packet.code, digest, "")
+        try:
+            running = self._admit(command, packet)
+        except Refusal as refusal:
+            self.rejected += 1
+            self._report(request, "rejected", refusal.reason, refusal.detail)
+            return
+        self.accepted += 1
+        self._report(request, "accepted")
+        if running.command.name == "ABORT":
+            self._start(running)
+        else:
+            self._waiting.append(running)
+            self.run(now_s)
+
+    def _repeat(self, known: StoredRequest, packet: Packet, digest: str) -> None:
+        """The same id again: the stored report, marked; or a refusal where the content is another."""
+        if known.digest != digest:
+            self.rejected += 1
+            payload = self._payload("rejected", "id_reused", "this id was used before")
+        else:
+            stored = bytearray.fromhex(known.report)
+            stored[REPLAYED_AT] = 1
+            payload = bytes(stored)
+        self._outbox.report(packet.request_id, packet.code, payload)
+
+    def _admit(self, command: Command | None, packet: Packet) -> Running:
+        """All checks before a command is accepted."""
+        if command is None:
+            raise Refusal("unknown_command", f"code {packet.code}")
+        if packet.prefix != self._dictionary.prefix and not command.any_dictionary:
+            raise Refusal("wrong_dictionary", f"device {self._dictionary.prefix:04x}, ground {packet.prefix:04x}")
+        try:
+            arguments = check_arguments(command, decode(command.arguments, packet.payload).values)
+        except CorruptData as error:
+            raise Refusal("bad_length", str(error)) from error
+        except BadInput as error:
+            raise Refusal("out_of_range", error.message) from error
+        state = self._state()
+        for condition in command.preconditions:
+            if condition.met(state) is False:
+                raise Refusal("wrong_state", f"not met: {condition.text}")
+        if len(self._waiting) >= MOST_WAITING:
+            raise Refusal("busy", f"{MOST_WAITING} commands are waiting")
+        return Running(packet.request_id, command, arguments)
+
+    # --- running ------------------------------------------------------------------------------------------------
+
+    def run(self, now_s: float) -> None:
+        """Go on with the running command and start those that wait."""
+        self._now_s = now_s
+        while True:
+            if self._current is None:
+                if not self._waiting:
+                    return
+                self._start(self._waiting.popleft())
+            elif now_s < self._current.due_s:
+                return
+            else:
+                self._continue(self._current)
+
+    def _start(self, running: Running) -> None:
+        self._stage(running, "started")
+        try:
+            made = self.handlers[running.command.name](running.arguments, running.request_id)
+        except Refusal as refusal:
+            self._stage(running, "failed", refusal.reason, refusal.detail)
+            return
+        if isinstance(made, Generator):
+            running.task, running.due_s = made, self._now_s
+            self._current = running
+        else:
+            self._complete(running, made)
+
+    def _continue(self, running: Running) -> None:
+        assert running.task is not None  # noqa: S101 - only tasks become current
+        try:
+            running.due_s = self._now_s + next(running.task)
+        except StopIteration as stop:
+            self._current = None
+            self._complete(running, stop.value)
+        except Refusal as refusal:
+            self._current = None
+            self._stage(running, "failed", refusal.reason, refusal.detail)
+
+    def _complete(self, running: Running, values: Returns) -> None:
+        self._stage(running, "completed", returned=encode(running.command.returns, values))
+        self.on_completed(running.command.name)
+
+    def abort_all(self) -> int:
+        """ABORT: everything accepted and not ended has failed; how many."""
+        stopped = [r for r in (self._current, *self._waiting) if r is not None]
+        self._current = None
+        self._waiting.clear()
+        for running in stopped:
+            self._stage(running, "failed", "aborted", "stopped by ABORT")
+        return len(stopped)
+
+    # --- reports ------------------------------------------------------------------------------------------------
+
+    def progress(self, percent: int) -> None:
+        """A word on the way; not stored, a retry gets what comes after it."""
+        if self._current is not None:
+            payload = self._payload("progress", percent=percent)
+            self._outbox.report(self._current.request_id, self._current.command.code, payload)
+
+    def _payload(self, stage: str, reason: str = "none", detail: str = "", percent: int = 0) -> bytes:
+        values: Returns = {"stage": stage, "reason": reason, "replayed": False, "detail": short_text(detail)}
+        values["progress"] = 100 if stage == "completed" else percent
+        return encode(self._dictionary.service("REPORT").fields, values)
+
+    def _stage(
+        self, running: Running, stage: str, reason: str = "none", detail: str = "", returned: bytes = b""
+    ) -> None:
+        request = self._memory.request(running.request_id)
+        if request is None:
+            request = StoredRequest(running.request_id, running.command.code, "", "")
+        self._report(request, stage, reason, detail, returned)
+
+    def _report(
+        self, request: StoredRequest, stage: str, reason: str = "none", detail: str = "", returned: bytes = b""
+    ) -> None:
+        payload = self._payload(stage, reason, detail) + returned
+        command = self._dictionary.command_of_code(request.code)
+        if command is None or not command.any_dictionary:
+            self.note_id(request.request_id)
+            self._memory.remember(StoredRequest(request.request_id, request.code, request.digest, payload.hex()))
+        if stage not in ("accepted", "started"):
+            self._memory.save()
+        self._outbox.report(request.request_id, request.code, payload)
