@@ -1,3 +1,4 @@
+# ruff: noqa: E501, B006, B008
 """A stand-in for the server: the contract's shapes with invented data. Development only."""
 
 from __future__ import annotations
@@ -38,94 +39,413 @@ def send(kind: str, item: Any, seq: int | None = None) -> None:
         queue.put_nowait((seq, kind, item.model_dump_json()))
 
 
-def arg(name: str, kind: str, unit: str, low: float | None, high: float | None, default: Any, purpose: str, choices: list[tuple[str, int, str]] = []) -> dict:
-    return dict(name=name, type=kind, unit=unit, purpose=purpose, min=low, max=high, default=default, choices=[dict(name=n, value=v, hazard=h, note="") for n, v, h in choices])
+def arg(
+    name: str,
+    kind: str,
+    unit: str,
+    low: float | None,
+    high: float | None,
+    default: Any,
+    purpose: str,
+    choices: list[tuple[str, int, str]] = [],
+) -> dict:
+    return dict(
+        name=name,
+        type=kind,
+        unit=unit,
+        purpose=purpose,
+        min=low,
+        max=high,
+        default=default,
+        choices=[dict(name=n, value=v, hazard=h, note="") for n, v, h in choices],
+    )
 
 
-def command(name: str, code: int, subsystem: str, purpose: str, hazard: str = "none", reason: str = "", args: list = [], favourite: bool = False, idem: bool = True, pre: list = []) -> dict:
-    return dict(name=name, code=code, subsystem=subsystem, purpose=purpose, hazard=hazard, hazard_reason=reason, idempotent=idem, role="operator", favourite=favourite, arguments=args, preconditions=pre,
-                accept_within_s=1.0, complete_within_s=5.0)
+def command(
+    name: str,
+    code: int,
+    subsystem: str,
+    purpose: str,
+    hazard: str = "none",
+    reason: str = "",
+    args: list = [],
+    favourite: bool = False,
+    idem: bool = True,
+    pre: list = [],
+) -> dict:
+    return dict(
+        name=name,
+        code=code,
+        subsystem=subsystem,
+        purpose=purpose,
+        hazard=hazard,
+        hazard_reason=reason,
+        idempotent=idem,
+        role="operator",
+        favourite=favourite,
+        arguments=args,
+        preconditions=pre,
+        accept_within_s=1.0,
+        complete_within_s=5.0,
+    )
 
 
 BANK = arg("bank", "enum", "", None, None, "A", "which bank", [("A", 0, "none"), ("B", 1, "none"), ("C", 2, "none")])
-PRE = [dict(text="mode is assisted or tracking", met=True, value="TRACKING"), dict(text="bank A verified from flash", met=True, value="18:36:15Z, SHA-256 7f21…09c0 equal"), dict(text="no transfer open", met=None, value="not known yet")]
+PRE = [
+    dict(text="mode is assisted or tracking", met=True, value="TRACKING"),
+    dict(text="bank A verified from flash", met=True, value="18:36:15Z, SHA-256 7f21…09c0 equal"),
+    dict(text="no transfer open", met=None, value="not known yet"),
+]
 COMMANDS = [
-    command("TAKE_IMAGE", 0x10, "Imager", "Exposes one frame into an image slot.", favourite=True, args=[arg("slot", "u8", "", 0, 7, 0, "image slot")]),
-    command("SET_EXPOSURE", 0x11, "Imager", "Sets the exposure time of the next frames.", args=[arg("exposure", "f32", "ms", 1, 1000, 250, "exposure time")]),
-    command("SET_DETECTION", 0x12, "Detection", "Sets threshold and region size of the detector.", favourite=True, args=[arg("threshold", "u8", "DN", 0, 255, 22, "above background"), arg("min_pixels", "u8", "px", 1, 255, 6, "smallest region"), arg("max_pixels", "u8", "px", 1, 255, 60, "largest region")]),
+    command(
+        "TAKE_IMAGE",
+        0x10,
+        "Imager",
+        "Exposes one frame into an image slot.",
+        favourite=True,
+        args=[arg("slot", "u8", "", 0, 7, 0, "image slot")],
+    ),
+    command(
+        "SET_EXPOSURE",
+        0x11,
+        "Imager",
+        "Sets the exposure time of the next frames.",
+        args=[arg("exposure", "f32", "ms", 1, 1000, 250, "exposure time")],
+    ),
+    command(
+        "SET_DETECTION",
+        0x12,
+        "Detection",
+        "Sets threshold and region size of the detector.",
+        favourite=True,
+        args=[
+            arg("threshold", "u8", "DN", 0, 255, 22, "above background"),
+            arg("min_pixels", "u8", "px", 1, 255, 6, "smallest region"),
+            arg("max_pixels", "u8", "px", 1, 255, 60, "largest region"),
+        ],
+    ),
     command("FIND_CENTROIDS", 0x13, "Detection", "Finds regions and centroids in the last frame.", favourite=True),
     command("MATCH_STARS", 0x14, "Matching", "Matches the centroids with the active bank.", favourite=True),
     command("CALCULATE_ATTITUDE", 0x15, "Matching", "Computes the attitude from the matches.", favourite=True),
     command("RUN_ITERATION", 0x16, "Mode and cycle", "Runs one whole iteration.", favourite=True),
     command("START_CYCLE", 0x17, "Mode and cycle", "Runs iterations at 1 Hz until stopped."),
-    command("STOP_CYCLE", 0x18, "Mode and cycle", "Stops the cycle after the current iteration.", "watch", "The attitude grows old."),
-    command("SET_MODE", 0x19, "Mode and cycle", "Changes the mode.", "watch", "Matching behaves differently.", args=[arg("mode", "enum", "", None, None, "standby", "new mode", [("standby", 0, "none"), ("lost_in_space", 1, "none"), ("assisted", 2, "none"), ("tracking", 3, "none")])]),
+    command(
+        "STOP_CYCLE",
+        0x18,
+        "Mode and cycle",
+        "Stops the cycle after the current iteration.",
+        "watch",
+        "The attitude grows old.",
+    ),
+    command(
+        "SET_MODE",
+        0x19,
+        "Mode and cycle",
+        "Changes the mode.",
+        "watch",
+        "Matching behaves differently.",
+        args=[
+            arg(
+                "mode",
+                "enum",
+                "",
+                None,
+                None,
+                "standby",
+                "new mode",
+                [
+                    ("standby", 0, "none"),
+                    ("lost_in_space", 1, "none"),
+                    ("assisted", 2, "none"),
+                    ("tracking", 3, "none"),
+                ],
+            )
+        ],
+    ),
     command("GET_STATUS", 0x01, "Link", "Asks for the full status.", favourite=True),
     command("HELLO", 0x02, "Link", "Exchanges identity and dictionary hash."),
     command("LIST_BANKS", 0x30, "Banks", "Lists the flash banks."),
     command("VERIFY_BANK", 0x32, "Banks", "Reads a bank back and returns its hash.", args=[BANK]),
-    command("ACTIVATE_BANK", 0x31, "Banks", "Makes a verified bank the one the matcher reads. The old bank is kept until you confirm the new one.", "critical", "The tracker loses its attitude until the first match with the new bank, about 2 s. Without confirmation in 120 s the device returns to the old bank by itself.", [BANK, arg("confirm_within", "u16", "s", 10, 600, 120, "time to confirm")], idem=False, pre=PRE),
-    command("CONFIRM_BANK", 0x34, "Banks", "Keeps the activated bank.", "warning", "The old bank is no longer the fall-back.", [BANK]),
-    command("RESET", 0x40, "Mode and cycle", "Restarts the processor.", "warning", "The cycle stops and the frame memory is lost.", idem=False),
+    command(
+        "ACTIVATE_BANK",
+        0x31,
+        "Banks",
+        "Makes a verified bank the one the matcher reads. The old bank is kept until you confirm the new one.",
+        "critical",
+        "The tracker loses its attitude until the first match with the new bank, about 2 s. Without confirmation in 120 s the device returns to the old bank by itself.",
+        [BANK, arg("confirm_within", "u16", "s", 10, 600, 120, "time to confirm")],
+        idem=False,
+        pre=PRE,
+    ),
+    command(
+        "CONFIRM_BANK",
+        0x34,
+        "Banks",
+        "Keeps the activated bank.",
+        "warning",
+        "The old bank is no longer the fall-back.",
+        [BANK],
+    ),
+    command(
+        "RESET",
+        0x40,
+        "Mode and cycle",
+        "Restarts the processor.",
+        "warning",
+        "The cycle stops and the frame memory is lost.",
+        idem=False,
+    ),
 ]
-FIELDS = [("sensor_temp", "Thermal", "Sensor temp.", "°C", 1, 46.2, "warning", (0, 45)), ("processor_temp", "Thermal", "Processor temp.", "°C", 1, 33.2, "ok", (0, 60)), ("imager_current", "Power", "Imager current", "mA", 1, 86.4, "ok", (20, 140)),
-          ("rail_3v3", "Power", "3V3 rail", "V", 3, 3.291, "ok", (3.1, 3.5)), ("frame_background", "Imager", "Frame background", "DN", 2, 10.42, "ok", (2, 30)), ("match_confidence", "Matching", "Match confidence", "", 2, 0.97, "ok", (0.6, None)),
-          ("attitude_age", "Attitude", "Attitude age", "s", 2, 0.42, "ok", (None, 5)), ("stars_matched", "Matching", "Stars matched", "", 0, 20, "ok", (3, None)), ("exposure", "Imager", "Exposure", "ms", 0, 250, "ok", (None, None)),
-          ("threshold", "Detection", "Threshold", "DN", 0, 22, "ok", (None, None)), ("min_pixels", "Detection", "Region size, smallest", "px", 0, 6, "ok", (None, None)), ("max_pixels", "Detection", "Region size, largest", "px", 0, 60, "ok", (None, None)),
-          ("iteration_count", "Attitude", "Iterations", "", 0, 1204, "ok", (None, None)), ("sram_current", "Power", "SRAM current", "mA", 1, 12.1, "stale", (5, 30)), ("housing_humidity", "Thermal", "Housing humidity", "%", 0, None, "never", (None, None))]
+FIELDS = [
+    ("sensor_temp", "Thermal", "Sensor temp.", "°C", 1, 46.2, "warning", (0, 45)),
+    ("processor_temp", "Thermal", "Processor temp.", "°C", 1, 33.2, "ok", (0, 60)),
+    ("imager_current", "Power", "Imager current", "mA", 1, 86.4, "ok", (20, 140)),
+    ("rail_3v3", "Power", "3V3 rail", "V", 3, 3.291, "ok", (3.1, 3.5)),
+    ("frame_background", "Imager", "Frame background", "DN", 2, 10.42, "ok", (2, 30)),
+    ("match_confidence", "Matching", "Match confidence", "", 2, 0.97, "ok", (0.6, None)),
+    ("attitude_age", "Attitude", "Attitude age", "s", 2, 0.42, "ok", (None, 5)),
+    ("stars_matched", "Matching", "Stars matched", "", 0, 20, "ok", (3, None)),
+    ("exposure", "Imager", "Exposure", "ms", 0, 250, "ok", (None, None)),
+    ("threshold", "Detection", "Threshold", "DN", 0, 22, "ok", (None, None)),
+    ("min_pixels", "Detection", "Region size, smallest", "px", 0, 6, "ok", (None, None)),
+    ("max_pixels", "Detection", "Region size, largest", "px", 0, 60, "ok", (None, None)),
+    ("iteration_count", "Attitude", "Iterations", "", 0, 1204, "ok", (None, None)),
+    ("sram_current", "Power", "SRAM current", "mA", 1, 12.1, "stale", (5, 30)),
+    ("housing_humidity", "Thermal", "Housing humidity", "%", 0, None, "never", (None, None)),
+]
 
 
 def definition(row: tuple) -> dict:
     name, page, title, unit, decimals, value, _, (low, high) = row
     span = (high or 1) - (low or 0)
     pair = lambda g: (None if low is None else low + g * span, None if high is None else high - g * span)  # noqa: E731
-    return dict(name=name, packet="housekeeping", page=page, title=title, unit=unit, decimals=decimals, watch=pair(0.12), warning=pair(0.0), critical=pair(-0.12), stale_after_s=10)
+    return dict(
+        name=name,
+        packet="housekeeping",
+        page=page,
+        title=title,
+        unit=unit,
+        decimals=decimals,
+        watch=pair(0.12),
+        warning=pair(0.0),
+        critical=pair(-0.12),
+        stale_after_s=10,
+    )
 
 
 def value(row: tuple) -> dict:
     name, page, title, unit, decimals, v, state, _ = row
     now = None if v is None else v + (RNG.normal(0, abs(v) * 0.004) if decimals else 0)
-    return dict(name=name, packet="housekeeping", title=title, page=page, raw=now, value=now, formatted="–" if now is None else f"{now:.{decimals}f}", unit=unit, state=state, text={"warning": "high", "stale": "stale 42 s", "never": "never received"}.get(state, state),
-                at=None if now is None else iso(0.4), age_s=None if now is None else (42.0 if state == "stale" else 0.4))
+    return dict(
+        name=name,
+        packet="housekeeping",
+        title=title,
+        page=page,
+        raw=now,
+        value=now,
+        formatted="–" if now is None else f"{now:.{decimals}f}",
+        unit=unit,
+        state=state,
+        text={"warning": "high", "stale": "stale 42 s", "never": "never received"}.get(state, state),
+        at=None if now is None else iso(0.4),
+        age_s=None if now is None else (42.0 if state == "stale" else 0.4),
+    )
 
 
-def made(i: int, name: str, ago: float, text: str = "", at: int = 6, state: str = "passed", result: str = "completed", detail: str = "") -> k.CommandOut:
-    stages = [dict(name=n, state="passed" if x < at or (x == at and state == "passed") else (state if x == at else "to_come"), at=iso(ago - 0.03 * x) if x <= at else None) for x, n in enumerate(STAGES)]
-    return k.CommandOut(id=i, request_id=0x12D0 + i, name=name, arguments={}, text=text, user="operator-1", source="form", created=iso(ago), finished=iso(ago - 0.3), duration_s=0.21, stages=stages, result=result, detail=detail, late=False, attempts=1,
-                        resolved_note="", values={})
+def made(
+    i: int,
+    name: str,
+    ago: float,
+    text: str = "",
+    at: int = 6,
+    state: str = "passed",
+    result: str = "completed",
+    detail: str = "",
+) -> k.CommandOut:
+    stages = [
+        dict(
+            name=n,
+            state="passed" if x < at or (x == at and state == "passed") else (state if x == at else "to_come"),
+            at=iso(ago - 0.03 * x) if x <= at else None,
+        )
+        for x, n in enumerate(STAGES)
+    ]
+    return k.CommandOut(
+        id=i,
+        request_id=0x12D0 + i,
+        name=name,
+        arguments={},
+        text=text,
+        user="operator-1",
+        source="form",
+        created=iso(ago),
+        finished=iso(ago - 0.3),
+        duration_s=0.21,
+        stages=stages,
+        result=result,
+        detail=detail,
+        late=False,
+        attempts=1,
+        resolved_note="",
+        values={},
+    )
 
 
-HISTORY = [made(1, "TAKE_IMAGE", 700, "slot 3", 4, "failed", "failed", "imager latch-up, 214 mA"), made(2, "VERIFY_BANK", 500, "A"), made(3, "SET_MODE", 300, "tracking"), made(4, "START_CYCLE", 260, "1 Hz"),
-           made(5, "SET_EXPOSURE", 200, "1 200 ms", 3, "failed", "rejected", "above 1 000 ms"), made(6, "SET_EXPOSURE", 180, "250 ms"), made(7, "SET_ATTITUDE_HINT", 120, "RA 85.0°, Dec −0.3°", 3, "unknown", "unknown", "No report before the 5.0 s window closed. The device may have run it or not."),
-           made(8, "GET_STATUS", 60), made(9, "SET_DETECTION", 30, "threshold 22 DN, region size 6 – 60 px")]
+HISTORY = [
+    made(1, "TAKE_IMAGE", 700, "slot 3", 4, "failed", "failed", "imager latch-up, 214 mA"),
+    made(2, "VERIFY_BANK", 500, "A"),
+    made(3, "SET_MODE", 300, "tracking"),
+    made(4, "START_CYCLE", 260, "1 Hz"),
+    made(5, "SET_EXPOSURE", 200, "1 200 ms", 3, "failed", "rejected", "above 1 000 ms"),
+    made(6, "SET_EXPOSURE", 180, "250 ms"),
+    made(
+        7,
+        "SET_ATTITUDE_HINT",
+        120,
+        "RA 85.0°, Dec −0.3°",
+        3,
+        "unknown",
+        "unknown",
+        "No report before the 5.0 s window closed. The device may have run it or not.",
+    ),
+    made(8, "GET_STATUS", 60),
+    made(9, "SET_DETECTION", 30, "threshold 22 DN, region size 6 – 60 px"),
+]
 DETAIL = overlays()
 
 
 def solution(i: int, origin: str, chain: str, d: float, verdict: str | None = "correct", solved: bool = True) -> dict:
-    return dict(id=i, frame_id=4812, origin=origin, chain=chain, version="1", created=iso(5), outcome="solved" if solved else "none", reason="" if solved else "2 of 8 stars in one group, 3 needed", attitude=attitude(d) if solved else None, found=21, matched=20 if solved else 0, rejected=7,
-                rms_px=0.18 if d else 0.045, rms_arcsec=32.9 if d else 8.2, false_match_probability=None if d else 2e-11, fov_deg=(49.1, 25.7), timing_ms={} if origin == "on board" else {"detect": 1.4, "match": 2.2}, verdict=verdict,
-                error_axis_arcsec=6.4 if d else 1.7, error_roll_arcsec=13.2 if d else 2.9, replay="equal" if chain == "cubestar" and origin == "ground" else None, notes=[])
+    return dict(
+        id=i,
+        frame_id=4812,
+        origin=origin,
+        chain=chain,
+        version="1",
+        created=iso(5),
+        outcome="solved" if solved else "none",
+        reason="" if solved else "2 of 8 stars in one group, 3 needed",
+        attitude=attitude(d) if solved else None,
+        found=21,
+        matched=20 if solved else 0,
+        rejected=7,
+        rms_px=0.18 if d else 0.045,
+        rms_arcsec=32.9 if d else 8.2,
+        false_match_probability=None if d else 2e-11,
+        fov_deg=(49.1, 25.7),
+        timing_ms={} if origin == "on board" else {"detect": 1.4, "match": 2.2},
+        verdict=verdict,
+        error_axis_arcsec=6.4 if d else 1.7,
+        error_roll_arcsec=13.2 if d else 2.9,
+        replay="equal" if chain == "cubestar" and origin == "ground" else None,
+        notes=[],
+    )
 
 
-SOLUTIONS = [solution(1, "on board", "cubestar", 0.0012), solution(2, "ground", "cubestar", 0.0012), solution(3, "ground", "reference", 0.0), solution(4, "ground", "sunsat", 0.0, None, False)]
+SOLUTIONS = [
+    solution(1, "on board", "cubestar", 0.0012),
+    solution(2, "ground", "cubestar", 0.0012),
+    solution(3, "ground", "reference", 0.0),
+    solution(4, "ground", "sunsat", 0.0, None, False),
+]
 
 
 def frame(number: int) -> dict:
-    return dict(id=number, number=number, slot=2, source="device" if number % 5 else "import", name=f"frame {number}", taken=iso(10 + 60 * (4812 - number)), received=iso(1 + 60 * (4812 - number)), columns=CAMERA.columns, rows=CAMERA.rows, bits=8, exposure_s=0.25, profile="cubestar", mode="tracking",
-                sha256="4be1" + "0" * 56 + "77a0", complete=number != 4810, rows_held=[(0, 511)] if number != 4810 else [(0, 200), (240, 511)], contact_id=1, verdict="correct", outcome="solved" if number != 4809 else "none", chain="reference",
-                matched=20, centroids=21, attitude=attitude() if number != 4809 else None)
+    return dict(
+        id=number,
+        number=number,
+        slot=2,
+        source="device" if number % 5 else "import",
+        name=f"frame {number}",
+        taken=iso(10 + 60 * (4812 - number)),
+        received=iso(1 + 60 * (4812 - number)),
+        columns=CAMERA.columns,
+        rows=CAMERA.rows,
+        bits=8,
+        exposure_s=0.25,
+        profile="cubestar",
+        mode="tracking",
+        sha256="4be1" + "0" * 56 + "77a0",
+        complete=number != 4810,
+        rows_held=[(0, 511)] if number != 4810 else [(0, 200), (240, 511)],
+        contact_id=1,
+        verdict="correct",
+        outcome="solved" if number != 4809 else "none",
+        chain="reference",
+        matched=20,
+        centroids=21,
+        attitude=attitude() if number != 4809 else None,
+    )
 
 
-BANKS = [dict(bank="A", state="verified", active=False, catalogue_id=2, catalogue_name="zen-261205", stars=184, pairs=6232, sha256="7f21" + "0" * 60, valid_to=iso(-12 * 86400), days_left=12.0),
-         dict(bank="B", state="active", active=True, catalogue_id=1, catalogue_name="zen-261121", stars=191, pairs=6613, sha256="11ab" + "0" * 60, valid_to=iso(-3.2 * 86400), days_left=3.2),
-         dict(bank="C", state="empty", active=False, catalogue_id=None, catalogue_name=None, stars=None, pairs=None, sha256=None, valid_to=None, days_left=None)]
+BANKS = [
+    dict(
+        bank="A",
+        state="verified",
+        active=False,
+        catalogue_id=2,
+        catalogue_name="zen-261205",
+        stars=184,
+        pairs=6232,
+        sha256="7f21" + "0" * 60,
+        valid_to=iso(-12 * 86400),
+        days_left=12.0,
+    ),
+    dict(
+        bank="B",
+        state="active",
+        active=True,
+        catalogue_id=1,
+        catalogue_name="zen-261121",
+        stars=191,
+        pairs=6613,
+        sha256="11ab" + "0" * 60,
+        valid_to=iso(-3.2 * 86400),
+        days_left=3.2,
+    ),
+    dict(
+        bank="C",
+        state="empty",
+        active=False,
+        catalogue_id=None,
+        catalogue_name=None,
+        stars=None,
+        pairs=None,
+        sha256=None,
+        valid_to=None,
+        days_left=None,
+    ),
+]
 
 
 def link() -> li.LinkOut:
     line = dict(state="up", age_s=0.2, error_rate=0.001, bytes=51234, frames=812, bad=0)
-    return li.LinkOut(device="CubeStar twin 1", profile="cubestar", firmware="1.4.2", simulated=True, url="/dev/pts/4", connected=True, reason="", tx=dict(line, age_s=0.4, error_rate=0.0), rx=line, mode="TRACKING", cycle_running=True, active_bank=BANKS[1], banks=BANKS, dictionary_hash="9c41f2a7",
-                      device_dictionary_hash="9c41f2a7", dictionary_match=True, alarms=[dict(id="sensor_temp", level="warning", text="Sensor temp. high", since=iso(180)), dict(id="bank_valid", level="watch", text="Bank B valid for 3.2 d", since=iso(900))], contact_id=1, user="operator-1", role="Operator",
-                      authority="operator-1", utc=iso())
+    return li.LinkOut(
+        device="CubeStar twin 1",
+        profile="cubestar",
+        firmware="1.4.2",
+        simulated=True,
+        url="/dev/pts/4",
+        connected=True,
+        reason="",
+        tx=dict(line, age_s=0.4, error_rate=0.0),
+        rx=line,
+        mode="TRACKING",
+        cycle_running=True,
+        active_bank=BANKS[1],
+        banks=BANKS,
+        dictionary_hash="9c41f2a7",
+        device_dictionary_hash="9c41f2a7",
+        dictionary_match=True,
+        alarms=[
+            dict(id="sensor_temp", level="warning", text="Sensor temp. high", since=iso(180)),
+            dict(id="bank_valid", level="watch", text="Bank B valid for 3.2 d", since=iso(900)),
+        ],
+        contact_id=1,
+        user="operator-1",
+        role="Operator",
+        authority="operator-1",
+        utc=iso(),
+    )
 
 
 @app.get("/api/link")
@@ -162,7 +482,9 @@ async def post_command(body: k.CommandIn) -> k.CommandOut:
     async def finish() -> None:
         for at in (3, 4, 6):
             await asyncio.sleep(0.5)
-            HISTORY[item.id - 1] = made(item.id, body.name, 0.5, text, at, "passed" if at == 6 else "now", "completed" if at == 6 else "started")
+            HISTORY[item.id - 1] = made(
+                item.id, body.name, 0.5, text, at, "passed" if at == 6 else "now", "completed" if at == 6 else "started"
+            )
             send("command", HISTORY[item.id - 1])
 
     asyncio.get_event_loop().create_task(finish())
@@ -174,9 +496,29 @@ def check(body: k.CommandIn) -> k.CheckOut:
     row = next((r for r in COMMANDS if r["name"] == body.name), None)
     if row is None:
         raise HTTPException(404)
-    problems = [f"{a['name']}: {a['min']:g} – {a['max']:g}, got {body.arguments.get(a['name'])}" for a in row["arguments"] if a["max"] is not None and not (a["min"] <= float(body.arguments.get(a["name"], a["default"])) <= a["max"])]
-    return k.CheckOut(problems=problems, preconditions=row["preconditions"], size=24, bytes=[dict(label="packet header", hex="184dc0200011", argument=False), dict(label="type, dictionary, id, time", hex="029c41000012e86a2f", argument=False), dict(label="code", hex=f"{row['code']:02x}", argument=False),
-                      dict(label="arguments", hex="".join(f"{int(float(v)) & 255 if isinstance(v, (int, float)) else 0:02x}" for v in body.arguments.values()), argument=True), dict(label="CRC-32", hex="c419f70b", argument=False)])
+    problems = [
+        f"{a['name']}: {a['min']:g} – {a['max']:g}, got {body.arguments.get(a['name'])}"
+        for a in row["arguments"]
+        if a["max"] is not None and not (a["min"] <= float(body.arguments.get(a["name"], a["default"])) <= a["max"])
+    ]
+    return k.CheckOut(
+        problems=problems,
+        preconditions=row["preconditions"],
+        size=24,
+        bytes=[
+            dict(label="packet header", hex="184dc0200011", argument=False),
+            dict(label="type, dictionary, id, time", hex="029c41000012e86a2f", argument=False),
+            dict(label="code", hex=f"{row['code']:02x}", argument=False),
+            dict(
+                label="arguments",
+                hex="".join(
+                    f"{int(float(v)) & 255 if isinstance(v, (int, float)) else 0:02x}" for v in body.arguments.values()
+                ),
+                argument=True,
+            ),
+            dict(label="CRC-32", hex="c419f70b", argument=False),
+        ],
+    )
 
 
 @app.post("/api/commands/abort")
@@ -207,7 +549,19 @@ def history(start: str, end: str, points: int = 600, name: str = "") -> t.Histor
     return t.HistoryOut(start=iso(600), end=iso(), series=[])
 
 
-CYCLES = [t.CycleOut(iteration=1204 - i, at=iso(i), capture_ms=250, transfer_ms=182, detect_ms=154 + (120 if i == 4 else RNG.integers(0, 9)), match_ms=10, attitude_ms=6, total_ms=602 + (120 if i == 4 else RNG.integers(0, 9))) for i in range(12)]
+CYCLES = [
+    t.CycleOut(
+        iteration=1204 - i,
+        at=iso(i),
+        capture_ms=250,
+        transfer_ms=182,
+        detect_ms=154 + (120 if i == 4 else RNG.integers(0, 9)),
+        match_ms=10,
+        attitude_ms=6,
+        total_ms=602 + (120 if i == 4 else RNG.integers(0, 9)),
+    )
+    for i in range(12)
+]
 
 
 @app.get("/api/telemetry/cycles")
@@ -230,26 +584,49 @@ def latest_frame() -> f.FrameDetailOut:
 @app.get("/api/frames/{i}")
 def frame_detail(i: int) -> f.FrameDetailOut:
     both = i != 4809
-    return f.FrameDetailOut(**frame(i), solutions=SOLUTIONS, on_board=SOLUTIONS[0] | DETAIL if both else None, ground=SOLUTIONS[2] | DETAIL if both else None, truth=attitude(),
-                            comparison=dict(d_ra_arcsec=-2.4, d_dec_arcsec=-6.5, d_roll_arcsec=16.2, cross_arcsec=6.9, agree=True, text="on board and ground agree") if both else None)
+    return f.FrameDetailOut(
+        **frame(i),
+        solutions=SOLUTIONS,
+        on_board=SOLUTIONS[0] | DETAIL if both else None,
+        ground=SOLUTIONS[2] | DETAIL if both else None,
+        truth=attitude(),
+        comparison=dict(
+            d_ra_arcsec=-2.4,
+            d_dec_arcsec=-6.5,
+            d_roll_arcsec=16.2,
+            cross_arcsec=6.9,
+            agree=True,
+            text="on board and ground agree",
+        )
+        if both
+        else None,
+    )
 
 
 @app.get("/api/frames/{i}/raw")
 def raw(i: int) -> Response:
-    return Response(IMAGE.tobytes(), media_type="application/octet-stream", headers={"X-Columns": "1024", "X-Rows": "512", "X-Bits": "8"})
+    return Response(
+        IMAGE.tobytes(),
+        media_type="application/octet-stream",
+        headers={"X-Columns": "1024", "X-Rows": "512", "X-Bits": "8"},
+    )
 
 
 @app.get("/api/frames/{i}/thumbnail.png")
 @app.get("/api/frames/{i}/image.png")
 def png(i: int) -> Response:
     out = io.BytesIO()
-    Image.fromarray(np.clip((IMAGE.astype(float) - 10) * 5, 0, 255).astype(np.uint8)).resize((256, 128)).save(out, "PNG")
+    Image.fromarray(np.clip((IMAGE.astype(float) - 10) * 5, 0, 255).astype(np.uint8)).resize((256, 128)).save(
+        out, "PNG"
+    )
     return Response(out.getvalue(), media_type="image/png")
 
 
 @app.get("/api/frames/{i}/pixels")
 def pixels(i: int, col: int, row: int, columns: int, rows: int) -> f.PixelsOut:
-    return f.PixelsOut(col=col, row=row, columns=columns, rows=rows, values=IMAGE[row : row + rows, col : col + columns].tolist())
+    return f.PixelsOut(
+        col=col, row=row, columns=columns, rows=rows, values=IMAGE[row : row + rows, col : col + columns].tolist()
+    )
 
 
 @app.get("/api/frames/{i}/histogram")
@@ -281,17 +658,56 @@ def download(body: f.DownloadIn) -> tr.TransferOut:
 def sky_stars() -> list[dict]:
     keep = STARS.v_mag <= 4.5
     v, m, hip = STARS.icrs[keep], STARS.v_mag[keep], STARS.hip[keep]
-    return [dict(hip=int(h), name=star_name(h), ra_deg=float(np.degrees(np.arctan2(q[1], q[0])) % 360), dec_deg=float(np.degrees(np.arcsin(q[2]))), v_mag=float(w)) for h, q, w in zip(hip, v, m, strict=True)]
+    return [
+        dict(
+            hip=int(h),
+            name=star_name(h),
+            ra_deg=float(np.degrees(np.arctan2(q[1], q[0])) % 360),
+            dec_deg=float(np.degrees(np.arcsin(q[2]))),
+            v_mag=float(w),
+        )
+        for h, q, w in zip(hip, v, m, strict=True)
+    ]
 
 
 @app.get("/api/sky")
 def sky(mag: float = 4.5) -> s.SkyOut:
-    return s.SkyOut(utc=iso(), stars=sky_stars(), bodies=[dict(name="Sun", ra_deg=248.0, dec_deg=-21.9, exclusion_deg=40), dict(name="Moon", ra_deg=165.0, dec_deg=6.0, exclusion_deg=20)])
+    return s.SkyOut(
+        utc=iso(),
+        stars=sky_stars(),
+        bodies=[
+            dict(name="Sun", ra_deg=248.0, dec_deg=-21.9, exclusion_deg=40),
+            dict(name="Moon", ra_deg=165.0, dec_deg=6.0, exclusion_deg=20),
+        ],
+    )
 
 
 @app.get("/api/profiles")
 def profiles() -> list[s.ProfileOut]:
-    return [s.ProfileOut(name="cubestar", title="CubeStar (Erlank 2013)", columns=1024, rows=512, fov_deg=(49.1, 25.7), focal_mm=6.28, faint_mag=3.8, bits=8, formats=["cubestar"]), s.ProfileOut(name="sunsat", title="Sunsat (Jacobs 1995)", columns=750, rows=288, fov_deg=(14.2, 10.4), focal_mm=35, faint_mag=6, bits=8, formats=["sunsat", "cubestar"])]
+    return [
+        s.ProfileOut(
+            name="cubestar",
+            title="CubeStar (Erlank 2013)",
+            columns=1024,
+            rows=512,
+            fov_deg=(49.1, 25.7),
+            focal_mm=6.28,
+            faint_mag=3.8,
+            bits=8,
+            formats=["cubestar"],
+        ),
+        s.ProfileOut(
+            name="sunsat",
+            title="Sunsat (Jacobs 1995)",
+            columns=750,
+            rows=288,
+            fov_deg=(14.2, 10.4),
+            focal_mm=35,
+            faint_mag=6,
+            bits=8,
+            formats=["sunsat", "cubestar"],
+        ),
+    ]
 
 
 def map_of(body: dict) -> dict:
@@ -305,22 +721,70 @@ def map_of(body: dict) -> dict:
     sky_all = []
     for q in sky_stars():
         inside = band[hp.lonlat_to_healpix(np.radians(q["ra_deg"]) * lon.unit, np.radians(q["dec_deg"]) * lon.unit)] > 0
-        state = "outside" if not inside or q["v_mag"] > body.get("faint_mag", 3.8) else ("rejected" if q["hip"] % 23 == 0 else "thinned" if q["hip"] % 7 == 0 else "kept")
+        state = (
+            "outside"
+            if not inside or q["v_mag"] > body.get("faint_mag", 3.8)
+            else ("rejected" if q["hip"] % 23 == 0 else "thinned" if q["hip"] % 7 == 0 else "kept")
+        )
         sky_all.append({x: q[x] for x in ("hip", "ra_deg", "dec_deg", "v_mag")} | {"state": state})
-    circle = lambda r: [(float((150 + r * np.cos(x) / np.cos(np.radians(r * np.sin(x) * 0.98))) % 360), float(r * np.sin(x) * 0.98)) for x in np.linspace(0, 2 * np.pi, 90)]  # noqa: E731
-    return dict(sky=sky_all, envelope=dict(nside=16, fraction=band.tolist(), outline_start=[circle(75), circle(25)], outline_end=[circle(78), circle(22)]))
+    circle = lambda r: [
+        (float((150 + r * np.cos(x) / np.cos(np.radians(r * np.sin(x) * 0.98))) % 360), float(r * np.sin(x) * 0.98))
+        for x in np.linspace(0, 2 * np.pi, 90)
+    ]  # noqa: E731
+    return dict(
+        sky=sky_all,
+        envelope=dict(
+            nside=16,
+            fraction=band.tolist(),
+            outline_start=[circle(75), circle(25)],
+            outline_end=[circle(78), circle(22)],
+        ),
+    )
 
 
-FUNNEL = [dict(label=a, stars=b, kind=d) for a, b, d in [("Hipparcos", 117955, "keep"), ("V ≤ 4.00", 519, "keep"), ("inside the envelope", 249, "keep"), ("close doubles", 9, "drop"), ("variable", 2, "drop"), ("beyond 10 per field", 53, "drop"), ("kept", 184, "keep")]]
+FUNNEL = [
+    dict(label=a, stars=b, kind=d)
+    for a, b, d in [
+        ("Hipparcos", 117955, "keep"),
+        ("V ≤ 4.00", 519, "keep"),
+        ("inside the envelope", 249, "keep"),
+        ("close doubles", 9, "drop"),
+        ("variable", 2, "drop"),
+        ("beyond 10 per field", 53, "drop"),
+        ("kept", 184, "keep"),
+    ]
+]
 
 
 @app.post("/api/catalogues/preview")
 def preview(body: c.CatalogueIn) -> c.PreviewOut:
-    return c.PreviewOut(stars=184, pairs_estimate=6232, bytes_estimate=52640, funnel=FUNNEL, elapsed_ms=84, **map_of(body.model_dump()))
+    return c.PreviewOut(
+        stars=184, pairs_estimate=6232, bytes_estimate=52640, funnel=FUNNEL, elapsed_ms=84, **map_of(body.model_dump())
+    )
 
 
-CATALOGUES = [dict(id=i, name=n, profile="cubestar", format="cubestar", created=iso(86400 * d), author="catalogue-1", stars=st, pairs=p, bytes=b, sha256=h + "0" * 60, valid_from=iso(86400 * d), valid_to=None if v is None else iso(-86400 * v), banks=bk)
-              for i, n, d, st, p, b, h, v, bk in [(1, "zen-261121", 11, 191, 6613, 53210, "11ab", 3.2, ["B"]), (2, "zen-261205", 1, 184, 6232, 52640, "7f21", 17, ["A"]), (3, "all-sky-38", 300, 405, 20111, 121000, "aa00", None, [])]]
+CATALOGUES = [
+    dict(
+        id=i,
+        name=n,
+        profile="cubestar",
+        format="cubestar",
+        created=iso(86400 * d),
+        author="catalogue-1",
+        stars=st,
+        pairs=p,
+        bytes=b,
+        sha256=h + "0" * 60,
+        valid_from=iso(86400 * d),
+        valid_to=None if v is None else iso(-86400 * v),
+        banks=bk,
+    )
+    for i, n, d, st, p, b, h, v, bk in [
+        (1, "zen-261121", 11, 191, 6613, 53210, "11ab", 3.2, ["B"]),
+        (2, "zen-261205", 1, 184, 6232, 52640, "7f21", 17, ["A"]),
+        (3, "all-sky-38", 300, 405, 20111, 121000, "aa00", None, []),
+    ]
+]
 
 
 @app.get("/api/catalogues")
@@ -330,9 +794,56 @@ def catalogues() -> list[c.CatalogueOut]:
 
 @app.get("/api/catalogues/{i}")
 def catalogue(i: int) -> c.CatalogueDetailOut:
-    hist = [0, 1, 4, 30, 90, 140, 220, 260, 250, 300, 320, 370, 390, 400, 380, 350, 330, 260, 220, 190, 160, 120, 80, 60, 40, 20, 10, 4, 2]
-    quality = dict(pointings=30000, histogram=hist, mean=14.0, p_fewer_than_3=0.0002, p_fewer_than_5=0.0146, worst_stars=2, worst_ra_deg=113.6, worst_dec_deg=58.9, candidates_per_query=3.8)
-    return c.CatalogueDetailOut(**CATALOGUES[i - 1], request=dict(c.CatalogueIn(name="x", orbit="elements").model_dump()), manifest={"format": "cubestar", "sections": {"stars": 2560, "distances": 49868, "index": 212}}, funnel=FUNNEL, quality=quality, **map_of({}))
+    hist = [
+        0,
+        1,
+        4,
+        30,
+        90,
+        140,
+        220,
+        260,
+        250,
+        300,
+        320,
+        370,
+        390,
+        400,
+        380,
+        350,
+        330,
+        260,
+        220,
+        190,
+        160,
+        120,
+        80,
+        60,
+        40,
+        20,
+        10,
+        4,
+        2,
+    ]
+    quality = dict(
+        pointings=30000,
+        histogram=hist,
+        mean=14.0,
+        p_fewer_than_3=0.0002,
+        p_fewer_than_5=0.0146,
+        worst_stars=2,
+        worst_ra_deg=113.6,
+        worst_dec_deg=58.9,
+        candidates_per_query=3.8,
+    )
+    return c.CatalogueDetailOut(
+        **CATALOGUES[i - 1],
+        request=dict(c.CatalogueIn(name="x", orbit="elements").model_dump()),
+        manifest={"format": "cubestar", "sections": {"stars": 2560, "distances": 49868, "index": 212}},
+        funnel=FUNNEL,
+        quality=quality,
+        **map_of({}),
+    )
 
 
 JOBS: list[j.JobOut] = []
@@ -340,7 +851,18 @@ JOBS: list[j.JobOut] = []
 
 @app.post("/api/catalogues", status_code=202)
 async def build(body: c.CatalogueIn) -> j.JobOut:
-    job = j.JobOut(id=len(JOBS) + 1, kind="catalogue", title=f"build {body.name}", state="running", done=0, total=20, text="envelope", created=iso(), finished=None, result={})
+    job = j.JobOut(
+        id=len(JOBS) + 1,
+        kind="catalogue",
+        title=f"build {body.name}",
+        state="running",
+        done=0,
+        total=20,
+        text="envelope",
+        created=iso(),
+        finished=None,
+        result={},
+    )
     JOBS.append(job)
 
     async def run() -> None:
@@ -357,8 +879,33 @@ async def build(body: c.CatalogueIn) -> j.JobOut:
     return job
 
 
-TRANSFER = tr.TransferOut(id=1, direction="up", kind="catalogue", target="A", subject="zen-261205", state="transferring", reason="", size=52640, chunk_size=256, chunks=206, stored=[(0, 96), (103, 120), (122, 145)], stored_bytes=36096, resent=7, rate_bytes_s=880, line_share=0.92, left_s=19, sha256="7f21",
-                          created=iso(60), finished=None, frame_id=None, catalogue_id=2, log=["18:41:22Z link lost for 6.2 s, chunks 97 – 102 not stored", "18:41:29Z resumed, device holds 0 – 96, same hash and slot"])
+TRANSFER = tr.TransferOut(
+    id=1,
+    direction="up",
+    kind="catalogue",
+    target="A",
+    subject="zen-261205",
+    state="transferring",
+    reason="",
+    size=52640,
+    chunk_size=256,
+    chunks=206,
+    stored=[(0, 96), (103, 120), (122, 145)],
+    stored_bytes=36096,
+    resent=7,
+    rate_bytes_s=880,
+    line_share=0.92,
+    left_s=19,
+    sha256="7f21",
+    created=iso(60),
+    finished=None,
+    frame_id=None,
+    catalogue_id=2,
+    log=[
+        "18:41:22Z link lost for 6.2 s, chunks 97 – 102 not stored",
+        "18:41:29Z resumed, device holds 0 – 96, same hash and slot",
+    ],
+)
 
 
 @app.post("/api/catalogues/{i}/upload")
@@ -399,7 +946,9 @@ def cancel(i: int) -> j.JobOut:
 
 
 def event(seq: int, ago: float = 0) -> e.EventOut:
-    return e.EventOut(seq=seq, at=iso(ago), kind="iteration", severity="info", text=f"iteration {seq} solved, 20 stars", data={})
+    return e.EventOut(
+        seq=seq, at=iso(ago), kind="iteration", severity="info", text=f"iteration {seq} solved, 20 stars", data={}
+    )
 
 
 @app.get("/api/events")
@@ -409,7 +958,19 @@ def events(after: int = 0, limit: int = 200) -> list[e.EventOut]:
 
 @app.get("/api/contacts")
 def contacts() -> list[e.ContactOut]:
-    return [e.ContactOut(id=1, device="CubeStar twin 1", url="/dev/pts/4", started=iso(2400), ended=None, rx_bytes=5123400, tx_bytes=20111, frames=31, commands=9)]
+    return [
+        e.ContactOut(
+            id=1,
+            device="CubeStar twin 1",
+            url="/dev/pts/4",
+            started=iso(2400),
+            ended=None,
+            rx_bytes=5123400,
+            tx_bytes=20111,
+            frames=31,
+            commands=9,
+        )
+    ]
 
 
 @app.get("/api/rerun/{name}")

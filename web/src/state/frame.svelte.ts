@@ -5,6 +5,13 @@ import type { Stretch } from '../sky/stretch';
 import { problemText } from './live.svelte';
 import { view } from './view.svelte';
 
+/** The newest frame of the device; an imported one only while the device has given none. */
+async function newest(): Promise<number | null> {
+  const device = await api.frames({ limit: 1, source: 'device' });
+  const any = device.frames.length ? device : await api.frames({ limit: 1 });
+  return any.frames[0]?.id ?? null;
+}
+
 export class FrameView {
   detail = $state<FrameDetail | null>(null);
   image = $state.raw<RawImage | null>(null);
@@ -24,7 +31,7 @@ export class FrameView {
     const turn = ++this.generation;
     this.loading = true;
     try {
-      const wanted = id === 'latest' ? ((await api.frames({ limit: 1 })).frames[0]?.id ?? null) : id;
+      const wanted = id === 'latest' ? await newest() : id;
       if (turn !== this.generation) return;
       if (wanted === null) { this.detail = null; this.problem = ''; return; }
       const detail = await api.frame(wanted);
