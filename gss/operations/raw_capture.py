@@ -49,7 +49,7 @@ class RawCapture:
         return (self._folder / f"{self.name}-{self._part:03d}.raw").open("wb")
 
     def _drop_oldest(self) -> None:
-        files = sorted(self._folder.glob("contact-*.raw"), key=lambda p: p.stat().st_mtime)
+        files = sorted(self._folder.glob("contact-*.raw"))  # names ascend with time
         total = sum(p.stat().st_size for p in files)
         for path in files[:-1]:
             if total <= KEEP_BYTES:

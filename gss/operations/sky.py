@@ -25,7 +25,7 @@ class Body:
 
 
 def bodies(at: datetime) -> list[Body]:
-    """Sun and Moon, good to 0.02° and 0.5°: enough for a chart, not for a computation (Astronomical Almanac, low precision)."""
+    """Sun and Moon, good to 0.02° and 0.4°: enough for a chart, not for a computation (Astronomical Almanac, low precision)."""
     days = (at - J2000).total_seconds() / 86400
     return [Body("Sun", _sun(days), SUN_EXCLUSION_RAD), Body("Moon", _moon(days), MOON_EXCLUSION_RAD)]
 
@@ -33,7 +33,7 @@ def bodies(at: datetime) -> list[Body]:
 def _sun(days: float) -> Array:
     g = np.radians(357.529 + 0.98560028 * days)
     longitude = np.radians(280.459 + 0.98564736 * days + 1.915 * np.sin(g) + 0.020 * np.sin(2 * g))
-    return _equatorial(longitude, 0.0)
+    return _equatorial(longitude - _precession_rad(days), 0.0)
 
 
 def _moon(days: float) -> Array:
@@ -49,7 +49,12 @@ def _moon(days: float) -> Array:
     latitude_deg = (
         5.13 * s(93.3, 483202.02) + 0.28 * s(228.2, 960400.89) - 0.28 * s(318.3, 6003.15) - 0.17 * s(217.6, -407332.21)
     )
-    return _equatorial(np.radians(longitude_deg), np.radians(latitude_deg))
+    return _equatorial(np.radians(longitude_deg) - _precession_rad(days), np.radians(latitude_deg))
+
+
+def _precession_rad(days: float) -> float:
+    """How far the equinox of date has moved along the ecliptic since J2000."""
+    return float(np.radians(1.3969713) * days / 36525)
 
 
 def _equatorial(longitude_rad: float, latitude_rad: float) -> Array:

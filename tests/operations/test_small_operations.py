@@ -1,0 +1,215 @@
+"""Raw capture, telemetry, pictures, overlays, replay's comparison, Sun and Moon, the Rerun recording."""
+
+from __future__ import annotations
+
+import io
+import math
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from astropy.coordinates import get_body, get_sun
+from astropy.time import Time
+from PIL import Image
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.device.dictionary_file import load_dictionary
+from gss.device.session_events import Telemetry
+from gss.domain.angles import ra_dec_from_unit, separation_rad, unit_from_ra_dec
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
+from gss.domain.rotation import quaternion_from_matrix
+from gss.operations import overlay, pictures, raw_capture
+from gss.operations.onboard_results import OnboardRecord, onboard_result
+from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, read_capture
+from gss.operations.replay import compare
+from gss.operations.sky import bodies
+from gss.operations.telemetry import TelemetryService, plain, thin
+
+
+def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path):
+    """What was received and sent, to the byte; a crash in the middle of a record spoils only that one."""
+    capture = RawCapture(tmp_path, 7)
+    for k, (direction, data) in enumerate([(SENT, b"abc"), (RECEIVED, b"\0\1"), (RECEIVED, b"")]):
+        capture.write(100.0 + k, direction, data)
+    capture.close()
+    (path,) = tmp_path.glob("contact-000007-*.raw")
+    data = path.read_bytes()
+    assert list(read_capture(io.BytesIO(data))) == [(100.0, SENT, b"abc"), (101.0, RECEIVED, b"\0\1")]
+    assert len(list(read_capture(io.BytesIO(data[:-1])))) == 1
+
+
+def test_captures_rotate_and_the_oldest_goes(tmp_path, monkeypatch):
+    """Files and their sum are bounded; the file being written is never the one that goes."""
+    monkeypatch.setattr(raw_capture, "FILE_BYTES", 1000)
+    monkeypatch.setattr(raw_capture, "KEEP_BYTES", 3000)
+    capture = RawCapture(tmp_path, 1)
+    for k in range(40):
+        capture.write(k, RECEIVED, bytes([k]) * 300)
+    capture.close()
+    sizes = [p.stat().st_size for p in tmp_path.glob("*.raw")]
+    assert sum(sizes) <= 3000 + 2 * 1400
+    newest = max(tmp_path.glob("*.raw"), key=lambda p: p.name)
+    assert list(read_capture(io.BytesIO(newest.read_bytes())))[-1][2] == bytes([39]) * 300
+
+
+def test_thinning_keeps_every_spike_and_short_series_whole():
+    """The extremes of each bin survive, in time order."""
+    t, y = [float(k) for k in range(10_000)], [0.0] * 10_000
+    y[4321], y[8765] = 9.0, -9.0
+    thin_t, thin_y = thin(t, list(y), 200)
+    assert len(thin_t) <= 200
+    assert thin_t == sorted(thin_t)
+    assert (max(thin_y), min(thin_y)) == (9.0, -9.0)
+    assert thin([1.0], [2.0], 10) == ([1.0], [2.0])
+
+
+def test_what_json_cannot_hold_becomes_none():
+    """Not-a-number and infinities are absent values; bytes are hex."""
+    assert [plain(v) for v in (math.nan, math.inf, 1.5, b"\x0a", "x", True)] == [None, None, 1.5, "0a", "x", True]
+
+
+@pytest.fixture
+def telemetry(database, bus, clock):
+    """The service with one housekeeping packet."""
+    return TelemetryService(load_dictionary(), database, bus, clock)
+
+
+def housekeeping(**values) -> Telemetry:
+    """A packet with some fields."""
+    raw = {"cycle_running": True, "stars_matched": 12, "supply_3v3_v": 3.3, "mode": "tracking"} | values
+    return Telemetry("housekeeping", 1.0, 0, raw, raw)
+
+
+def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
+    """Limits decide while the cycle runs; old values are stale; what never came says so."""
+
+    def state(name):
+        return next(v.state for v in telemetry.values() if v.definition.name == name and v.packet == "housekeeping")
+
+    assert state("supply_3v3_v") == "never"
+    telemetry.handle([housekeeping(supply_3v3_v=3.45, stars_matched=1)])
+    assert (state("supply_3v3_v"), state("stars_matched"), state("mode")) == ("watch", "warning", "ok")
+    telemetry.handle([housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False)])
+    assert (state("supply_3v3_v"), state("stars_matched")) == ("critical", "ok")
+    telemetry.handle([housekeeping(supply_3v3_v=math.nan)])
+    assert state("supply_3v3_v") == "never"
+    clock.forward(60)
+    assert state("mode") == "stale"
+
+
+def test_history_answers_for_a_span_and_names_what_is_wrong(telemetry, clock):
+    """Values in time order; an unknown field and an empty span are told."""
+    for k in range(3):
+        telemetry.handle([housekeeping(supply_3v3_v=3.0 + k)])
+        clock.forward(1)
+    ((field, t, y),) = telemetry.history(["supply_3v3_v"], clock() - timedelta(seconds=9), clock(), 100)
+    assert (field.unit, y, len(t)) == ("V", [3.0, 4.0, 5.0], 3)
+    with pytest.raises(NotFound, match="unknown telemetry field"):
+        telemetry.history(["warp"], clock() - timedelta(1), clock(), 10)
+    with pytest.raises(BadInput, match="span is empty"):
+        telemetry.history(["mode"], clock(), clock(), 10)
+
+
+def test_stretch_shows_stars_and_inverts():
+    """Sky goes dark, a star bright; inverted the other way; constant and not-a-number frames do not fail."""
+    pixels = np.random.default_rng(1).normal(10, 1, (64, 64)).astype(np.float32)
+    pixels[30, 30] = 200
+    stretch = pictures.auto_stretch(pixels)
+    grey = pictures.apply(pixels, stretch)
+    assert grey[30, 30] > 240
+    assert np.median(grey) < 90
+    assert np.array_equal(pictures.apply(pixels, stretch, invert=True), 255 - grey)
+    for odd in (np.zeros((5, 3), np.uint8), np.full((4, 4), np.nan, np.float32)):
+        assert pictures.apply(odd, pictures.auto_stretch(odd)).shape == odd.shape
+    picture = Image.open(io.BytesIO(pictures.thumbnail(np.pad(pixels, 300))))
+    assert max(picture.size) <= 256
+    assert np.asarray(picture).max() > 200
+
+
+ATTITUDE = Attitude(quaternion_from_matrix(cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))), np.eye(3) * 1e-10)
+
+
+def test_overlay_puts_the_sky_where_the_attitude_says():
+    """Predicted stars, grid and north are in the image's pixels; Orion's belt is there."""
+    camera, stars = profile("cubestar").camera, load_stars(6.5)
+    detail = overlay.describe(camera, stars, 3.8, (), Centroids.from_pixels(np.zeros((0, 2))), None, ATTITUDE)
+    names = {p["name"] for p in detail["predicted"]}
+    assert {"Alnitak", "Alnilam", "Mintaka"} <= names
+    assert not any(p["detected"] for p in detail["predicted"])
+    betelgeuse = next(p for p in detail["predicted"] if p["name"] == "Betelgeuse")
+    on_sky = camera.unproject(np.array([[betelgeuse["col_px"], betelgeuse["row_px"]]])) @ ATTITUDE.cam_from_icrs
+    assert separation_rad(on_sky[0], unit_from_ra_dec(*np.radians([88.793, 7.407]))) < np.radians(0.01)
+    equator = next(line for line in detail["grid"] if line["label"] == "+0°")
+    dec = ra_dec_from_unit(camera.unproject(np.array(equator["points"])) @ ATTITUDE.cam_from_icrs)[1]
+    assert np.abs(dec).max() < np.radians(0.02)
+    step = np.array(detail["north"])
+    assert np.degrees(math.atan2(-step[0], -step[1])) % 360 == pytest.approx(313.0, abs=1e-6)
+
+
+def result(centroids: np.ndarray, attitude: Attitude | None) -> SolveResult:
+    """A ground result with the least it needs."""
+    outcome = Outcome.NONE if attitude is None else Outcome.SOLVED
+    return SolveResult(
+        "cubestar",
+        outcome,
+        "",
+        profile("cubestar").camera,
+        (),
+        Centroids.from_pixels(centroids),
+        None,
+        attitude,
+        math.nan,
+    )
+
+
+def on_board(centroids: np.ndarray, quaternion=None) -> OnboardRecord:
+    """What the sensor said."""
+    rows = [
+        {"col_px": np.float32(c), "row_px": np.float32(r), "flux_dn": 1.0, "peak_dn": 9, "area_px": 7}
+        for c, r in centroids
+    ]
+    attitude = None
+    if quaternion is not None:
+        attitude = {f"quaternion_{a}": q for a, q in zip("xyzw", quaternion, strict=True)} | {"outcome": "solved"}
+    return OnboardRecord(1, rows, (), attitude)
+
+
+def test_replay_says_equal_or_the_first_difference():
+    """Centroids first, then the outcome, then the quaternion; its sign does not matter."""
+    c, q = np.array([[100.25, 50.5], [300.1, 70.9]]), ATTITUDE.quaternion
+    assert compare(on_board(c, q), result(c, ATTITUDE)) == "equal"
+    assert compare(on_board(c, -q), result(c, ATTITUDE)) == "equal"
+    assert compare(on_board(c), result(c, None)) == "equal"
+    assert "1 on board, 2 on the ground" in compare(on_board(c[:1], q), result(c, ATTITUDE))
+    assert "centroid 1 differs" in compare(on_board(c + np.array([[0, 0], [0.01, 0]]), q), result(c, ATTITUDE))
+    assert "outcome differs" in compare(on_board(c), result(c, ATTITUDE))
+    assert "quaternion differs" in compare(on_board(c, q + 1e-9), result(c, ATTITUDE))
+
+
+def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
+    """Without the bank the page says so; with it rows become Hipparcos numbers."""
+    record = on_board(np.array([[10.0, 10.0]]), ATTITUDE.quaternion)
+    record = record.with_packet(
+        "matches", {}, [{"centroid": 0, "star": 1, "weight": 3.0}, {"centroid": 9, "star": 0, "weight": 1.0}]
+    )
+    camera = profile("cubestar").camera
+    assert "does not know" in onboard_result(record, camera).notes[0]
+    from dataclasses import replace
+
+    named = onboard_result(replace(record, hip_of_row=[11, 22]), camera)
+    assert named.matches.hip.tolist() == [22]
+    assert named.outcome is Outcome.NONE, "new matches make an older attitude void"
+
+
+@pytest.mark.parametrize("day", ["2026-03-20", "2026-11-21", "2027-07-01"])
+def test_sun_and_moon_of_the_chart_are_near_astropys(day):
+    """Within 0.02° and 0.4°; the Moon as seen from the Earth's centre."""
+    at = datetime.fromisoformat(day).replace(tzinfo=UTC)
+    sun, moon = bodies(at)
+    t = Time(at)
+    for body, theirs, tolerance_deg in ((sun, get_sun(t), 0.02), (moon, get_body("moon", t), 0.4)):
+        vector = unit_from_ra_dec(theirs.ra.rad, theirs.dec.rad)
+        assert np.degrees(separation_rad(body.icrs, vector)) < tolerance_deg
