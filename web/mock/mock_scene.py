@@ -1,4 +1,4 @@
-# ruff: noqa: E501, B006, B008
+# ruff: noqa
 """An invented frame and its overlays, through the project's own camera model."""
 
 from __future__ import annotations

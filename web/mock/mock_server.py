@@ -1,4 +1,4 @@
-# ruff: noqa: E501, B006, B008
+# ruff: noqa
 """A stand-in for the server: the contract's shapes with invented data. Development only."""
 
 from __future__ import annotations
