@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, combined, false_match_probability
+from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, false_match_probability, match_tail
 
 
 @pytest.mark.parametrize(("m", "n", "p"), [(1, 5, 0.1), (3, 20, 0.01), (5, 5, 0.3), (12, 30, 1e-3)])
@@ -38,16 +38,25 @@ def test_brightness_that_agrees_helps_and_that_disagrees_does_not_hurt() -> None
     assert brightness_tail(v[::-1] * 3, v, 0.5) <= 1.0
 
 
-def test_product_of_independent_chances_keeps_its_meaning() -> None:
-    """The combined figure of two uniform ones is below x no more often than in a fraction x of the cases."""
+def test_count_and_brightness_together_keep_their_meaning() -> None:
+    """For random counts and independent uniform brightness the figure is below x in at most a fraction x of the cases."""
     rng = np.random.default_rng(2)
-    a, b = rng.random(20_000), rng.random(20_000)
-    values = np.array([combined(x, y) for x, y in zip(a, b, strict=True)])
-    for x in (0.001, 0.01, 0.1):
-        assert (values < x).mean() < x + 4 * np.sqrt(x / 20_000)
+    for trials, chance in ((6, 0.3), (20, 0.05), (60, 0.02)):
+        counts, b = rng.binomial(trials, chance, 20_000), rng.random(20_000)
+        values = np.array([match_tail(int(k), trials, chance, x) for k, x in zip(counts, b, strict=True)])
+        for x in (0.001, 0.01, 0.1):
+            assert (values < x).mean() < x + 4 * np.sqrt(x / 20_000)
+
+
+def test_brightness_makes_a_count_stronger() -> None:
+    """Agreement in brightness lowers the figure, and no agreement costs at most the number of levels."""
+    assert match_tail(3, 20, 1e-3, 1e-3) < 1e-2 * match_tail(3, 20, 1e-3, 1.0)
+    assert match_tail(3, 20, 1e-3, 1.0) <= 4.001 * binomial_tail(3, 20, 1e-3)
+    assert match_tail(5, 4, 0.1, 0.5) == 1.0
+    assert match_tail(0, 0, 0.1, 1.0) == 1.0
 
 
 def test_more_hypotheses_are_more_chances() -> None:
     """The bound grows with the number of places tried and never exceeds one."""
-    assert false_match_probability(100, 1e-8, 1.0) == pytest.approx(1e-5)  # position alone pays tenfold
-    assert false_match_probability(1e12, 1e-8, 1.0) == 1.0
+    assert false_match_probability(100, 1e-8) == pytest.approx(1e-6)
+    assert false_match_probability(1e12, 1e-8) == 1.0

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
-from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, false_match_probability
+from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 from gss.pipeline.identify.patterns import Level, codes_of, radii_rad
 from gss.pipeline.identify.pyramid import counted
 from gss.pipeline.identify.verify import Sky, in_view, pair_up
@@ -346,16 +346,22 @@ def _prove(
     rows, stars = m[keep], seen[p][keep]
     if len(rows) < 5 or not _plausible(fit):
         return None
-    offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
-    position = _position_tail(rows, offset, acquire_px, expected, len(pixels), camera)
     spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(magnitude)))
     brightness = brightness_tail(magnitude[rows], sky.v_mag[stars], spread)
+    offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
+    tail = _tail(rows, offset, acquire_px, expected, len(pixels), camera, brightness)
     fit = replace(fit, residual_px=fit.residual_px[keep], weight=fit.weight[keep])
-    return Solved(rows, stars, fit, len(seen), false_match_probability(hypotheses, position, brightness))
+    return Solved(rows, stars, fit, len(seen), false_match_probability(hypotheses, tail))
 
 
-def _position_tail(
-    rows: NDArray[np.intp], offset: Array, acquire_px: float, expected: int, detections: int, camera: Camera
+def _tail(
+    rows: NDArray[np.intp],
+    offset: Array,
+    acquire_px: float,
+    expected: int,
+    detections: int,
+    camera: Camera,
+    brightness: float,
 ) -> float:
     """Chance that detections scattered at random meet the first prediction so often.
 
@@ -368,7 +374,7 @@ def _position_tail(
         chance = min(1.0, expected * np.pi * radius**2 / area_px2)
         for among in COUNT_AMONG:
             met = int(((offset <= radius) & (rows < among)).sum())
-            tails.append(binomial_tail(met - 4, min(detections, among) - 4, chance))
+            tails.append(match_tail(met - 4, max(min(detections, among) - 4, 0), chance, brightness))
     return min(1.0, min(tails) * len(tails) * len(ACQUIRE))
 
 

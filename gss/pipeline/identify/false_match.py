@@ -13,7 +13,7 @@ from scipy.special import betainc, chdtr
 from gss.domain.angles import Array
 
 SMALLEST = 1e-300
-ALONE_SHARE = 0.1
+LEVELS = 30
 
 
 def binomial_tail(at_least: int, trials: int, chance: float) -> float:
@@ -41,17 +41,25 @@ def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float
     return float(np.clip(chdtr(m - 1, quadratic), SMALLEST, 1.0))
 
 
-def combined(position: float, brightness: float) -> float:
-    """One p-value from two independent ones.
+def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> float:
+    """Chance of a coincidence count and a brightness agreement whose product is as small as here.
 
-    Fisher's method, x (1 − ln x) of the product x, costs a good position its logarithm where brightness says nothing; so
-    the position alone may speak too, for one part in ten of the error that is allowed.
+    For a discrete tail T_k and an independent uniform brightness figure, P(T·b ≤ x) ≤ x (1 + number of k with T_k > x),
+    because P(count = k) ≤ T_k. Fisher's x (1 − ln x) is the same for continuous figures, and needlessly dear here.
     """
-    product = max(position * brightness, SMALLEST)
-    together = product * (1 - np.log(product))
-    return float(min(1.0, min(together / (1 - ALONE_SHARE), position / ALONE_SHARE)))
+    met = max(at_least, 0)
+    if met > trials:
+        return 1.0
+    counts = np.arange(max(met, 1), min(trials, met + LEVELS) + 1)
+    tails = np.asarray(betainc(counts, trials - counts + 1.0, min(max(chance, 0.0), 1.0)))
+    if met == 0:
+        tails = np.concatenate([[1.0], tails])
+    product = max(float(tails[0]) * brightness, SMALLEST)
+    above = int((tails > product).sum())
+    levels = met + (trials - met if above == len(tails) else above)
+    return float(min(1.0, product * (1 + levels)))
 
 
-def false_match_probability(hypotheses: float, position: float, brightness: float) -> float:
+def false_match_probability(hypotheses: float, tail: float) -> float:
     """Upper bound of the chance that any of the hypotheses tried would look this good by accident."""
-    return float(min(1.0, max(hypotheses, 1.0) * combined(position, brightness)))
+    return float(min(1.0, max(hypotheses, 1.0) * tail))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.attitude import svd
-from gss.pipeline.identify.false_match import binomial_tail, brightness_tail, false_match_probability
+from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 
 RADIUS_SIGMA = 3.5
 ROUNDS = 3
@@ -77,10 +78,16 @@ class Evidence:
 
 def in_view(sky: Sky, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0) -> tuple[NDArray[np.intp], Array]:
     """Rows of the sky on the detector, and their (m, 2) pixels."""
-    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
+    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > _reach_cosine(camera))
     pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
     inside = camera.contains(pixels, -margin_px)
     return near[inside], pixels[inside]
+
+
+@lru_cache(maxsize=64)
+def _reach_cosine(camera: Camera) -> float:
+    """Cosine of the angle beyond which nothing is on the detector; kept, because the corners cost a Newton iteration."""
+    return float(np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
 
 
 def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -126,14 +133,12 @@ def verify(
         if len(m) < 3:
             return None
         rows, stars = m, seen[p]
-    offset = np.linalg.norm(first[stars] - field.pixels[rows], axis=1) / reach[stars]
-    position = _position_tail(offset, first_radius, len(field), camera)
     spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(field.magnitude)))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
+    offset = np.linalg.norm(first[stars] - field.pixels[rows], axis=1) / reach[stars]
+    tail = _tail(offset, first_radius, len(field), camera, brightness)
     order = np.argsort(rows)
-    return Evidence(
-        rows[order], stars[order], cam_from_icrs, len(seen), false_match_probability(hypotheses, position, brightness)
-    )
+    return Evidence(rows[order], stars[order], cam_from_icrs, len(seen), false_match_probability(hypotheses, tail))
 
 
 def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float) -> Array:
@@ -150,7 +155,7 @@ def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Arr
     return np.asarray(np.clip(radius, MIN_RADIUS_PX, MAX_RADIUS_PX))
 
 
-def _position_tail(offset: Array, radius: Array, detections: int, camera: Camera) -> float:
+def _tail(offset: Array, radius: Array, detections: int, camera: Camera, brightness: float) -> float:
     """Chance that detections scattered at random meet the first prediction so well.
 
     ``offset``: (m,) distances of the matches from it, in acceptance radii; ``radius``: (p,) px of all predicted stars. Two
@@ -160,5 +165,5 @@ def _position_tail(offset: Array, radius: Array, detections: int, camera: Camera
     tails = []
     for part in COUNT_WITHIN:
         chance = min(1.0, part**2 * area_px2 / (camera.columns * camera.rows))
-        tails.append(binomial_tail(int((offset <= part).sum()) - 2, detections - 2, chance))
+        tails.append(match_tail(int((offset <= part).sum()) - 2, detections - 2, chance, brightness))
     return min(1.0, min(tails) * len(tails))
