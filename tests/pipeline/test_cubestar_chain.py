@@ -27,19 +27,14 @@ from gss.domain.rotation import (
 )
 from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.pipeline.chains.cubestar import (
-    SOURCES,
-    CubestarParameters,
-    Hint,
-    Mode,
     calculate_attitude,
-    default_parameters,
-    document_distortion,
     find_centroids,
-    match_stars,
-    next_mode,
     solve,
     solve_centroids,
 )
+from gss.pipeline.chains.cubestar_match import document_distortion, match_stars
+from gss.pipeline.chains.cubestar_modes import Hint, Mode, next_mode
+from gss.pipeline.chains.cubestar_parameters import SOURCES, CubestarParameters, default_parameters
 from gss.pipeline.render import FalseStar, HotPixel, render, stars_near, truth_of
 from gss.pipeline.score import assess
 from gss.pipeline.trace import Trace

@@ -25,7 +25,9 @@ from gss.domain.results import Truth
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import cubestar
-from gss.pipeline.chains.cubestar import Detection, Hint, Matching, Mode, Solution
+from gss.pipeline.chains.cubestar import Detection, Solution
+from gss.pipeline.chains.cubestar_match import Matching
+from gss.pipeline.chains.cubestar_modes import Hint, Mode
 
 SLOTS = 4
 THUMBNAIL_BINNING = 4

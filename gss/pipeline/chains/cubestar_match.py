@@ -1,0 +1,137 @@
+"""Names for centroids as CubeStar finds them: votes over pairs, or the nearest predicted star (Erlank 2013 §4.3–4.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Brown, BrownUndistort, Camera
+from gss.domain.errors import BadInput
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.chains.cubestar_modes import Hint, Mode
+from gss.pipeline.chains.cubestar_parameters import CubestarParameters
+from gss.pipeline.identify.geometric_voting import (
+    Mask,
+    Rows,
+    agreement,
+    cluster,
+    mutually_consistent,
+    pairs_of,
+    reduced_table,
+    vote,
+)
+from gss.pipeline.track.nearest import match_nearest
+
+
+def unit_vectors(centroids: Centroids, camera: Camera, undistort: str = "exact") -> Array:
+    """(n, 3) camera-frame directions (Erlank 2013 eq. 4.1.3–6)."""
+    if undistort == "document":
+        camera = replace(camera, distortion=document_distortion(camera))
+    return camera.unproject(centroids.pixels)
+
+
+def document_distortion(camera: Camera) -> BrownUndistort:
+    """The device's own approximation: Brown's polynomial from measured to ideal with the toolbox signs inverted."""
+    d = camera.distortion
+    if not isinstance(d, Brown):
+        raise BadInput(
+            "the document's correction needs Brown coefficients", expected="Brown distortion", got=type(d).__name__
+        )
+    return BrownUndistort(-d.k1, -d.k2, -d.p1, -d.p2)
+
+
+@dataclass(frozen=True)
+class Matching:
+    """MATCH_STARS. Per centroid used, (n,): ``row`` most voted catalogue row or −1, ``first_votes``, ``verification_votes``.
+    ``selected``: centroids that go into the attitude, empty with a ``reason``. ``searched``: stars in the (reduced)
+    catalogue; ``hits``: table entries met; ``predicted_cam`` only while tracking."""
+
+    mode: Mode
+    unit_cam: Array
+    row: Rows
+    first_votes: Rows
+    verification_votes: NDArray[np.int64]
+    selected: Rows
+    searched: int
+    hits: int
+    reason: str
+
+    @property
+    def confidence(self) -> float:
+        """Mean verification votes of the selected stars over the most possible, 0 without any."""
+        most = len(self.row) - 1
+        return float(np.mean(self.verification_votes[self.selected]) / most) if len(self.selected) and most else 0.0
+
+
+def match_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: OnboardCatalogue,
+    parameters: CubestarParameters,
+    mode: Mode = Mode.LOST_IN_SPACE,
+    hint: Hint | None = None,
+) -> Matching:
+    """Names for centroids (Erlank 2013 §4.3–4.5). Only the first ``max_centroids`` are looked at."""
+    _check_hint(mode, hint)
+    used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
+    unit = unit_vectors(used, camera, parameters.undistort)
+    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    good = np.flatnonzero(np.isfinite(unit).all(axis=1))
+    allowed = _allowed(catalogue, mode, hint, parameters)
+    pairs = pairs_of(unit[good])
+    row, first_votes = np.full(len(unit), -1, np.intp), np.zeros(len(unit), np.intp)
+    hits = 0
+    if mode is Mode.TRACKING:
+        row[good] = _tracked(unit[good], catalogue, allowed, hint, parameters)
+        first_votes[good] = row[good] >= 0
+    else:
+        table = catalogue.distances if mode is Mode.LOST_IN_SPACE else reduced_table(catalogue.distances, allowed)
+        ballot = vote(pairs, len(good), table, len(catalogue), parameters.tolerance_rad)
+        row[good], first_votes[good], hits = ballot.row, ballot.votes, ballot.hits
+    agree = agreement(pairs, row[good], catalogue, parameters.tolerance_rad)
+    votes = np.zeros(len(unit), np.int64)
+    votes[good] = agree.sum(axis=1)
+    selected = good[mutually_consistent(agree, cluster(votes[good], parameters.vote_margin))]
+    reason = _too_few(len(unit), len(selected), parameters.min_verified(mode), mode)
+    selected = selected if not reason else selected[:0]
+    return Matching(mode, unit, row, first_votes, votes, selected, int(np.count_nonzero(allowed)), hits, reason)
+
+
+def _check_hint(mode: Mode, hint: Hint | None) -> None:
+    if mode is Mode.LOST_IN_SPACE:
+        return
+    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
+        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
+        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
+
+
+def _allowed(catalogue: OnboardCatalogue, mode: Mode, hint: Hint | None, parameters: CubestarParameters) -> Mask:
+    """The reduced catalogue: stars within D_max of the rough boresight (Erlank 2013 §4.3.4); all when lost."""
+    if mode is Mode.LOST_IN_SPACE or hint is None:
+        return np.ones(len(catalogue), bool)
+    boresight = np.asarray(hint.boresight_icrs, float)
+    cosine = catalogue.icrs.astype(float) @ (boresight / np.linalg.norm(boresight))
+    return np.asarray(cosine >= np.cos(parameters.assisted_radius_rad))
+
+
+def _tracked(
+    unit: Array, catalogue: OnboardCatalogue, allowed: Mask, hint: Hint | None, parameters: CubestarParameters
+) -> Rows:
+    if hint is None or hint.quaternion is None:
+        return np.full(len(unit), -1, np.intp)
+    predicted = catalogue.icrs.astype(float) @ matrix_from_quaternion(hint.quaternion).T
+    return match_nearest(unit, predicted, allowed, parameters.tracking_radius_rad)
+
+
+def _too_few(centroids: int, verified: int, needed: int, mode: Mode) -> str:
+    if centroids == 0:
+        return "no star found in the frame"
+    if verified >= needed:
+        return ""
+    stars = "centroid" if centroids == 1 else "centroids"
+    return f"{verified} of {centroids} {stars} verified; {needed} needed in {mode.value.replace('_', ' ')} mode"

@@ -1,0 +1,58 @@
+"""What a chain of the sensor may know before: modes, how they follow one another, and the hint (Erlank 2013 §5.3.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.rotation import matrix_from_quaternion
+
+
+class Mode(StrEnum):
+    """How much is known before. ``state`` is the flag in the device's flash (Erlank 2013 §5.3.4)."""
+
+    LOST_IN_SPACE = "lost_in_space"
+    ASSISTED = "assisted"
+    TRACKING = "tracking"
+
+    @property
+    def state(self) -> int:
+        """2 lost in space, 1 assisted, 0 tracking."""
+        return {Mode.LOST_IN_SPACE: 2, Mode.ASSISTED: 1, Mode.TRACKING: 0}[self]
+
+    @classmethod
+    def from_state(cls, state: int) -> Mode:
+        """The mode of a flag."""
+        try:
+            return (cls.TRACKING, cls.ASSISTED, cls.LOST_IN_SPACE)[state]
+        except IndexError:
+            raise BadInput("unknown tracking state", expected="0, 1 or 2", got=str(state)) from None
+
+
+def next_mode(mode: Mode, solved: bool) -> Mode:
+    """The mode of the next iteration: an attitude leads to tracking, each failure one step back.
+
+    The document says only that the result of the attitude determination sets the flag (§5.3.4) and asks for better rules
+    (§7.2); a failed tracking frame still has a good boresight from before, hence assisted before lost.
+    """
+    if solved:
+        return Mode.TRACKING
+    return Mode.ASSISTED if mode is Mode.TRACKING else Mode.LOST_IN_SPACE
+
+
+@dataclass(frozen=True)
+class Hint:
+    """What is known about the attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if all of it."""
+
+    boresight_icrs: Array
+    quaternion: Array | None = None
+
+    @classmethod
+    def from_quaternion(cls, quaternion: Array) -> Hint:
+        """Full attitude."""
+        q = np.asarray(quaternion, float)
+        return cls(matrix_from_quaternion(q)[2], q)

@@ -1,0 +1,109 @@
+"""The constants of CubeStar's chain, where each comes from, and their values for a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import Sensor
+from gss.pipeline.centroid import PixelNoise
+from gss.pipeline.chains.cubestar_modes import Mode
+
+NAME = "cubestar"
+
+SOURCES: dict[str, str] = {
+    "threshold_dn": "Erlank 2013 §5.3.3 gives 6 above black for its own camera and a semi-urban sky; ours is raised until "
+    "a star 0.25 mag below the catalogue's limit covers min_area_px no longer, so that the frame shows what the bank holds",
+    "min_area_px": "Erlank 2013 §5.3.3: six",
+    "max_area_px": "Erlank 2013 §5.3.3: sixty",
+    "max_invalid": "Erlank 2013 §5.3.3: search stops at more than fifty",
+    "max_centroids": "Erlank 2013 §5.3.3–4: twenty",
+    "edge_rule": "Jacobs 1995 §2.2.3, as Erlank 2013 §4.1.2 takes over its region growing: a cut star's centroid is 0.9 px off",
+    "search_step_px": "Erlank 2013 §4.1.1: every third pixel of every third row",
+    "window_px": "Erlank 2013 §4.1.3: 5 x 5",
+    "tolerance_rad": "Erlank 2013 §4.3.5: 0.001 rad, about one pixel; other cameras: 1.12 pixels as well",
+    "vote_margin": "Erlank 2013 §4.3.3: within one of the most votes",
+    "min_verified": "ours: four without knowledge, three with a hint, two in tracking (Erlank 2013 §4.5 asks for two)",
+    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
+    "tracking_radius_rad": "Erlank 2013 §4.5: 0.3°",
+    "assisted_radius_rad": "Erlank 2013 §4.3.4: 35°; other cameras: half diagonal + 5°",
+    "undistort": "exact inverse of the camera's model; 'document' is Erlank 2013 eq. 4.1.3–4 with inverted signs",
+    "noise": "from the profile's sensor; the floor of 0.05 px is the size of Erlank 2013 §4.1.6's errors without noise",
+}
+
+
+@dataclass(frozen=True)
+class CubestarParameters:
+    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's black level."""
+
+    threshold_dn: float
+    tolerance_rad: float
+    assisted_radius_rad: float
+    noise: PixelNoise
+    min_area_px: int = 6
+    max_area_px: int = 60
+    max_invalid: int = 50
+    max_centroids: int = 20
+    edge_rule: bool = True
+    search_step_px: int = 3
+    window_px: int = 5
+    vote_margin: int = 1
+    min_verified_lost: int = 4
+    min_verified_assisted: int = 3
+    min_verified_tracking: int = 2
+    max_false_probability: float = 1e-3
+    tracking_radius_rad: float = float(np.radians(0.3))
+    undistort: str = "exact"
+    max_small_regions: int = 100
+
+    def __post_init__(self) -> None:
+        if self.undistort not in ("exact", "document"):
+            raise BadInput("unknown way to undistort", expected="exact | document", got=self.undistort)
+        if not (self.threshold_dn > 0 and self.tolerance_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
+            raise BadInput(
+                "detection parameters are impossible",
+                expected="threshold and tolerance above zero, 1 ≤ smallest ≤ largest area",
+                got=f"{self.threshold_dn}, {self.tolerance_rad}, {self.min_area_px}, {self.max_area_px}",
+            )
+
+    def min_verified(self, mode: Mode) -> int:
+        """Fewest verified stars for an attitude."""
+        if mode is Mode.TRACKING:
+            return self.min_verified_tracking
+        return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
+
+
+FAINTER_MAG = 0.25
+DOCUMENT_THRESHOLD_DN = 6.0
+DOCUMENT_RADIUS_RAD = float(np.radians(35.0))
+NOISE_SIGMAS = 4.0
+TOLERANCE_PX = 0.001 * 6.28 / 0.0056
+HINT_ERROR_RAD = float(np.radians(5.0))
+
+
+def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> CubestarParameters:
+    """Parameters for a camera: the document's numbers where they are pixels and counts, scaled where they are angles."""
+    sensor, camera = profile.sensor, profile.camera
+    exposure = sensor.exposure_s if exposure_s is None else exposure_s
+    noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
+    own_radius_rad = DOCUMENT_RADIUS_RAD if profile.name == NAME else 0.0
+    return CubestarParameters(
+        threshold_dn=max(
+            DOCUMENT_THRESHOLD_DN,
+            round(NOISE_SIGMAS * noise_dn),
+            round(_level_where_faintest_vanishes_dn(sensor, exposure)),
+        ),
+        tolerance_rad=TOLERANCE_PX * camera.pixel_rad,
+        assisted_radius_rad=max(own_radius_rad, camera.half_diagonal_rad + HINT_ERROR_RAD),
+        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.05),
+    )
+
+
+def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> float:
+    """Level above which a Gaussian star just below the limiting magnitude covers six pixels: 2πσ² ln(peak / level) = 6."""
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    star_dn = float(sensor.star_e(sensor.faint_limit_mag + FAINTER_MAG, exposure_s)) / sensor.gain_e_per_dn
+    return float(star_dn / spread_px2 * np.exp(-6 / spread_px2))
