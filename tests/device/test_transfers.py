@@ -15,7 +15,7 @@ from gss.catalogue_tools.onboard import encode
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, ChunkSet, chunk_count
 from gss.device.session import Compatibility, DeviceEvent, HeldPart, Stage, TransferDone
 from gss.device.simulator.faults import FaultRates
-from gss.device.simulator.firmware import thumbnail
+from gss.device.simulator.images import thumbnail
 from gss.domain.errors import BadInput, Conflict, NotFound
 
 if TYPE_CHECKING:

@@ -6,41 +6,34 @@ No link here. Durations are the document's scale, computed from counted operatio
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.onboard import decode
 from gss.device.dictionary import Value
+from gss.device.simulator import reports
+from gss.device.simulator.images import Pixels, StoredFrame
 from gss.device.simulator.memory import Memory
+from gss.device.simulator.reports import Report, Timing
 from gss.device.simulator.sky import Sky
-from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
+from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import CameraProfile
-from gss.domain.results import Truth
-from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
+from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import cubestar
 from gss.pipeline.chains.cubestar import Detection, Solution
 from gss.pipeline.chains.cubestar_match import Matching
 from gss.pipeline.chains.cubestar_modes import Hint, Mode
 
-SLOTS = 4
-THUMBNAIL_BINNING = 4
 STANDBY = "standby"
 SENSOR_START_MS = 70.0
 SENSOR_BYTES_PER_MS = 10_000.0
 COPY_BYTES_PER_MS = 1_000.0
 SAMPLE_MS, REGION_MS = 0.001, 1.0
 PAIR_MS, HIT_MS, ATTITUDE_MS, VECTOR_MS = 0.05, 0.02, 7.0, 0.1
-Row = Mapping[str, Value]
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-Report = tuple[str, dict[str, Value], dict[str, list[Row]]]
-"""A telemetry packet to send: name, values, lists."""
 
 
 class Refusal(Exception):
@@ -49,51 +42,6 @@ class Refusal(Exception):
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(detail)
         self.reason, self.detail = reason, detail
-
-
-@dataclass(frozen=True)
-class StoredFrame:
-    """One image memory. ``time_s``: device time of mid-exposure. ``truth`` only for what the simulated sky drew."""
-
-    number: int
-    slot: int
-    pixels: Pixels
-    exposure_ms: int
-    time_s: float
-    source: str
-    mode: str
-    bits: int
-    truth: Truth | None = None
-
-    @property
-    def data(self) -> bytes:
-        """Rows top to bottom; one byte per pixel up to eight bits, else two, high byte first."""
-        return frame_bytes(self.pixels)
-
-
-@dataclass
-class Timing:
-    """Milliseconds of the last iteration."""
-
-    capture_ms: float = 0.0
-    transfer_ms: float = 0.0
-    detect_ms: float = 0.0
-    match_ms: float = 0.0
-    attitude_ms: float = 0.0
-
-
-def frame_bytes(pixels: Pixels) -> bytes:
-    """Pixels as the link carries them."""
-    return pixels.tobytes() if pixels.dtype == np.uint8 else pixels.astype(">u2").tobytes()
-
-
-def thumbnail(pixels: Pixels) -> Pixels:
-    """Blocks of 4x4 pixels averaged; a rest at the right and bottom edge is left out."""
-    n = THUMBNAIL_BINNING
-    rows, columns = pixels.shape[0] // n * n, pixels.shape[1] // n * n
-    blocks = pixels[:rows, :columns].reshape(rows // n, n, columns // n, n)
-    mean = np.asarray(np.rint(blocks.mean(axis=(1, 3))))
-    return mean.astype(np.uint8) if pixels.dtype == np.uint8 else mean.astype(np.uint16)
 
 
 class StarTracker:
@@ -294,17 +242,17 @@ class StarTracker:
         frame = self.stored(slot)
         self.timing.match_ms = self.timing.attitude_ms = 0.0
         self.find_centroids(slot)
-        reports = [self.centroid_report()]
+        told = [self.centroid_report()]
         if self.load_catalogue():
-            reports.append(self.attitude_report(self.catalogue_problem))
+            told.append(self.attitude_report(self.catalogue_problem))
         else:
             self.match_stars()
             self.calculate_attitude()
-            reports += [self.match_report(), self.attitude_report()]
-        reports.append(self.timing_report())
+            told += [self.match_report(), self.attitude_report()]
+        told.append(self.timing_report())
         if frame.truth is not None:
-            reports.append(truth_report(frame.number, frame.truth))
-        return reports
+            told.append(reports.truth_report(frame.number, frame.truth))
+        return told
 
     def set_hint(self, ra_rad: float, dec_rad: float, roll_rad: float, radius_rad: float) -> None:
         """SET_ATTITUDE_HINT."""
@@ -321,52 +269,26 @@ class StarTracker:
     def centroid_report(self) -> Report:
         """Packet "centroids"."""
         assert self.detection is not None  # noqa: S101 - callers have just detected
-        c = self.detection.centroids
-        rows: list[Row] = [
-            {
-                "col_px": float(c.col_px[i]),
-                "row_px": float(c.row_px[i]),
-                "flux_dn": float(c.flux_dn[i]),
-                "peak_dn": int(c.peak_dn[i]),
-                "area_px": int(c.area_px[i]),
-            }
-            for i in range(len(c))
-        ]
-        values: dict[str, Value] = {
-            "frame_number": self.frame_number,
-            "regions_invalid": min(255, self.detection.invalid),
-        }
-        values["background_dn"] = float(self.detection.black_dn)
-        return "centroids", values, {"items": rows}
+        return reports.centroid_report(self.frame_number, self.detection)
 
     def match_report(self) -> Report:
-        """Packet "matches": the stars of the attitude, or the verified ones before it is known."""
-        matching = self.matching
-        assert matching is not None  # noqa: S101 - callers have just matched
-        rows: list[Row] = [
-            {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.verification_votes[i])}
-            for i in matching.selected
-        ]
-        return "matches", {"frame_number": self.frame_number}, {"items": rows}
+        """Packet "matches"."""
+        assert self.matching is not None  # noqa: S101 - callers have just matched
+        return reports.match_report(self.frame_number, self.matching)
 
     def attitude_report(self, problem: str = "") -> Report:
-        """Packet "attitude"."""
-        solution, frame = self.solution, self.frame
-        attitude = solution.attitude if solution else None
-        reason = problem or (solution.reason if solution else "")
-        values: dict[str, Value] = {
+        """Packet "attitude"; ``problem``: why there can be none."""
+        solution = self.solution
+        found: dict[str, Value] = {
             "frame_number": self.frame_number,
-            "frame_time_s": frame.time_s if frame else 0.0,
+            "frame_time_s": self.frame.time_s if self.frame else 0.0,
             "mode": self.used_mode,
-            "outcome": "solved" if attitude else "none",
             "centroids": len(self.detection.centroids) if self.detection else 0,
             "matched": self.matched,
             "match_confidence": 100.0 * self.matching.confidence if self.matching else 0.0,
-            "reason": reason.encode()[:200].decode(errors="ignore"),
         }
-        sigma_rad = attitude.sigma_rad if attitude else (float("nan"), float("nan"))
-        values["sigma_cross_arcsec"], values["sigma_roll_arcsec"] = (s / ARCSEC_RAD for s in sigma_rad)
-        return "attitude", values | pose_values(attitude.quaternion if attitude else None), {}
+        reason = problem or (solution.reason if solution else "")
+        return reports.attitude_report(found, solution.attitude if solution else None, reason)
 
     @property
     def matched(self) -> int:
@@ -375,41 +297,4 @@ class StarTracker:
 
     def timing_report(self) -> Report:
         """Packet "timing"."""
-        values: dict[str, Value] = {"iteration": self.iteration, "frame_number": self.frame_number}
-        return "timing", values | timing_values(self.timing), {}
-
-    def frame_report(self, frame: StoredFrame) -> Report:
-        """Packet "frame_info"."""
-        rows, columns = frame.pixels.shape
-        values: dict[str, Value] = {
-            "frame_number": frame.number,
-            "slot": frame.slot,
-            "source": frame.source,
-            "exposure_ms": frame.exposure_ms,
-            "frame_time_s": frame.time_s,
-            "columns": columns,
-            "rows": rows,
-            "bits": frame.bits,
-            "mode": frame.mode,
-            "sha256": hashlib.sha256(frame.data).digest(),
-        }
-        return "frame_info", values, {}
-
-
-def timing_values(timing: Timing) -> dict[str, Value]:
-    """Whole milliseconds, as the wire has them."""
-    return {name: min(0xFFFF, round(value)) for name, value in vars(timing).items()}
-
-
-def pose_values(quaternion: NDArray[np.float64] | None) -> dict[str, Value]:
-    """Quaternion, boresight and roll in degrees; NaN without an attitude."""
-    names = ("quaternion_x", "quaternion_y", "quaternion_z", "quaternion_w", "ra_deg", "dec_deg", "roll_deg")
-    if quaternion is None:
-        return dict.fromkeys(names, float("nan"))
-    angles = np.degrees(ra_dec_roll_rad(matrix_from_quaternion(quaternion)))
-    return dict(zip(names, map(float, (*quaternion, *angles)), strict=True))
-
-
-def truth_report(frame_number: int, truth: Truth) -> Report:
-    """Packet "frame_truth", which no real device has."""
-    return "frame_truth", {"frame_number": frame_number} | pose_values(truth.quaternion), {}
+        return reports.timing_report(self.iteration, self.frame_number, self.timing)

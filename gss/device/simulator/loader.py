@@ -11,7 +11,8 @@ from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.device.dictionary import Dictionary, Value
 from gss.device.protocol.codec import Decoded
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count
-from gss.device.simulator.firmware import SLOTS, Refusal, StarTracker, frame_bytes, thumbnail
+from gss.device.simulator.firmware import Refusal, StarTracker
+from gss.device.simulator.images import SLOTS, frame_bytes, thumbnail
 from gss.device.simulator.memory import BANKS, GOLDEN, BankRecord, FlashError, Memory, SuspendedUpload
 from gss.domain.errors import BadInput, CorruptData
 

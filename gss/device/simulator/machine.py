@@ -16,10 +16,12 @@ from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import Packet, PacketType
 from gss.device.simulator.bank_orders import BankOrders
 from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
-from gss.device.simulator.firmware import SLOTS, StarTracker, pose_values, timing_values
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.images import SLOTS
 from gss.device.simulator.loader import CHUNK_RANGE, WINDOW_CHUNKS, Loader
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.outbox import Outbox
+from gss.device.simulator.reports import frame_report, pose_values, timing_values
 from gss.device.simulator.tracker_orders import TrackerOrders
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import CorruptData
@@ -158,7 +160,7 @@ class Device:
         self._loader.receive(service.name, packet.request_id, message, self._now_s)
         for slot, frame in self._tracker.slots.items():
             if frames_before.get(slot) is not frame:
-                self._outbox.telemetry(self._tracker.frame_report(frame), packet.request_id)
+                self._outbox.telemetry(frame_report(frame), packet.request_id)
         self._flush_loader()
 
     # --- commands of the device as a whole ----------------------------------------------------------------------

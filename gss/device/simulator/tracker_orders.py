@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns, Task
-from gss.device.simulator.firmware import STANDBY, Refusal, StarTracker, truth_report
+from gss.device.simulator.firmware import STANDBY, Refusal, StarTracker
 from gss.device.simulator.outbox import Outbox
+from gss.device.simulator.reports import frame_report, truth_report
 
 CYCLE_S = 1.0
 CYCLE_SLOTS = (2, 3)
@@ -68,7 +69,7 @@ class TrackerOrders:
             self._iterate(previous, 0)
         slot = CYCLE_SLOTS[0] if previous != CYCLE_SLOTS[0] else CYCLE_SLOTS[1]
         frame = self._tracker.capture(slot, min(self._tracker.exposure_ms, LONGEST_CYCLE_EXPOSURE_MS), start_s)
-        self._outbox.telemetry(self._tracker.frame_report(frame), 0)
+        self._outbox.telemetry(frame_report(frame), 0)
         self._last_slot = slot
 
     def start_cycle(self, _: Arguments, request_id: int) -> Returns:
@@ -127,7 +128,7 @@ class TrackerOrders:
         tracker = self._tracker
         frame = tracker.capture(slot, exposure_ms, self._clock()[1])
         yield (tracker.timing.capture_ms + tracker.timing.transfer_ms) / 1000
-        self._outbox.telemetry(tracker.frame_report(frame), request_id)
+        self._outbox.telemetry(frame_report(frame), request_id)
         return {"frame_number": frame.number, "slot": slot}
 
     def run_iteration(self, a: Arguments, request_id: int) -> Task:
@@ -142,7 +143,7 @@ class TrackerOrders:
     def list_frames(self, _: Arguments, request_id: int) -> Returns:
         frames = sorted(self._tracker.slots.items())
         for _slot, frame in frames:
-            self._outbox.telemetry(self._tracker.frame_report(frame), request_id)
+            self._outbox.telemetry(frame_report(frame), request_id)
         return {"count": len(frames)}
 
     # --- settings -----------------------------------------------------------------------------------------------

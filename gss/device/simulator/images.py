@@ -1,0 +1,48 @@
+"""The image memories: a stored frame, its bytes on the link, its thumbnail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.results import Truth
+
+SLOTS = 4
+THUMBNAIL_BINNING = 4
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """One image memory. ``time_s``: device time of mid-exposure. ``truth`` only for what the simulated sky drew."""
+
+    number: int
+    slot: int
+    pixels: Pixels
+    exposure_ms: int
+    time_s: float
+    source: str
+    mode: str
+    bits: int
+    truth: Truth | None = None
+
+    @property
+    def data(self) -> bytes:
+        """Rows top to bottom; one byte per pixel up to eight bits, else two, high byte first."""
+        return frame_bytes(self.pixels)
+
+
+def frame_bytes(pixels: Pixels) -> bytes:
+    """Pixels as the link carries them."""
+    return pixels.tobytes() if pixels.dtype == np.uint8 else pixels.astype(">u2").tobytes()
+
+
+def thumbnail(pixels: Pixels) -> Pixels:
+    """Blocks of 4x4 pixels averaged; a rest at the right and bottom edge is left out."""
+    n = THUMBNAIL_BINNING
+    rows, columns = pixels.shape[0] // n * n, pixels.shape[1] // n * n
+    blocks = pixels[:rows, :columns].reshape(rows // n, n, columns // n, n)
+    mean = np.asarray(np.rint(blocks.mean(axis=(1, 3))))
+    return mean.astype(np.uint8) if pixels.dtype == np.uint8 else mean.astype(np.uint16)

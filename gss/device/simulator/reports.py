@@ -1,0 +1,119 @@
+"""What the sensor tells about its work: results as telemetry packets, in the dictionary's units."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.device.dictionary import Value
+from gss.device.simulator.images import StoredFrame
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.results import Attitude, Centroids, Truth
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.chains.cubestar import Detection
+from gss.pipeline.chains.cubestar_match import Matching
+
+Row = Mapping[str, Value]
+Report = tuple[str, dict[str, Value], dict[str, list[Row]]]
+"""A telemetry packet to send: name, values, lists."""
+
+
+@dataclass
+class Timing:
+    """Milliseconds of the last iteration."""
+
+    capture_ms: float = 0.0
+    transfer_ms: float = 0.0
+    detect_ms: float = 0.0
+    match_ms: float = 0.0
+    attitude_ms: float = 0.0
+
+
+def centroid_report(frame_number: int, detection: Detection) -> Report:
+    """Packet "centroids"."""
+    values: dict[str, Value] = {
+        "frame_number": frame_number,
+        "regions_invalid": min(255, detection.invalid),
+        "background_dn": float(detection.black_dn),
+    }
+    return "centroids", values, {"items": _centroid_rows(detection.centroids)}
+
+
+def _centroid_rows(c: Centroids) -> list[Row]:
+    return [
+        {
+            "col_px": float(c.col_px[i]),
+            "row_px": float(c.row_px[i]),
+            "flux_dn": float(c.flux_dn[i]),
+            "peak_dn": int(c.peak_dn[i]),
+            "area_px": int(c.area_px[i]),
+        }
+        for i in range(len(c))
+    ]
+
+
+def match_report(frame_number: int, matching: Matching) -> Report:
+    """Packet "matches": the stars of the attitude, or the verified ones before it is known."""
+    rows: list[Row] = [
+        {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.verification_votes[i])}
+        for i in matching.selected
+    ]
+    return "matches", {"frame_number": frame_number}, {"items": rows}
+
+
+def attitude_report(found: Mapping[str, Value], attitude: Attitude | None, reason: str) -> Report:
+    """Packet "attitude". ``found``: frame, mode and counts."""
+    values = dict(found)
+    values["outcome"] = "solved" if attitude else "none"
+    values["reason"] = reason.encode()[:200].decode(errors="ignore")
+    sigma_rad = attitude.sigma_rad if attitude else (float("nan"), float("nan"))
+    values["sigma_cross_arcsec"], values["sigma_roll_arcsec"] = (s / ARCSEC_RAD for s in sigma_rad)
+    return "attitude", values | pose_values(attitude.quaternion if attitude else None), {}
+
+
+def timing_report(iteration: int, frame_number: int, timing: Timing) -> Report:
+    """Packet "timing"."""
+    values: dict[str, Value] = {"iteration": iteration, "frame_number": frame_number}
+    return "timing", values | timing_values(timing), {}
+
+
+def frame_report(frame: StoredFrame) -> Report:
+    """Packet "frame_info"."""
+    rows, columns = frame.pixels.shape
+    values: dict[str, Value] = {
+        "frame_number": frame.number,
+        "slot": frame.slot,
+        "source": frame.source,
+        "exposure_ms": frame.exposure_ms,
+        "frame_time_s": frame.time_s,
+        "columns": columns,
+        "rows": rows,
+        "bits": frame.bits,
+        "mode": frame.mode,
+        "sha256": hashlib.sha256(frame.data).digest(),
+    }
+    return "frame_info", values, {}
+
+
+def timing_values(timing: Timing) -> dict[str, Value]:
+    """Whole milliseconds, as the wire has them."""
+    return {name: min(0xFFFF, round(value)) for name, value in vars(timing).items()}
+
+
+def pose_values(quaternion: NDArray[np.float64] | None) -> dict[str, Value]:
+    """Quaternion, boresight and roll in degrees; NaN without an attitude."""
+    names = ("quaternion_x", "quaternion_y", "quaternion_z", "quaternion_w", "ra_deg", "dec_deg", "roll_deg")
+    if quaternion is None:
+        return dict.fromkeys(names, float("nan"))
+    angles = np.degrees(ra_dec_roll_rad(matrix_from_quaternion(quaternion)))
+    return dict(zip(names, map(float, (*quaternion, *angles)), strict=True))
+
+
+def truth_report(frame_number: int, truth: Truth) -> Report:
+    """Packet "frame_truth", which no real device has."""
+    return "frame_truth", {"frame_number": frame_number} | pose_values(truth.quaternion), {}
