@@ -5,18 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
-from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.device.dictionary import Dictionary, Value
 from gss.device.protocol.codec import Decoded
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count
+from gss.device.simulator.bank_writer import BankWriter
 from gss.device.simulator.firmware import Refusal, StarTracker
 from gss.device.simulator.images import SLOTS, frame_bytes, thumbnail
-from gss.device.simulator.memory import BANKS, GOLDEN, BankRecord, FlashError, Memory, SuspendedUpload
-from gss.domain.errors import BadInput, CorruptData
+from gss.device.simulator.memory import BANKS, FlashError, Memory
+from gss.device.simulator.sessions import WINDOW_CHUNKS, Outgoing, Session
 
-WINDOW_CHUNKS = 16
 CHUNK_RANGE = (16, 1536)
 SILENT_S = 15.0
 SILENT_REQUESTS = 8
@@ -24,51 +22,13 @@ NO_SESSION_EVERY_S = 0.5
 MOST_SESSIONS = 8
 
 
-def _short(value: Value) -> str:
-    return value.hex()[:8] if isinstance(value, bytes) else str(value)
-
-
-@dataclass(frozen=True)
-class Outgoing:
-    """A transfer message to send."""
-
-    service: str
-    request_id: int
-    values: Mapping[str, Value]
-    lists: Mapping[str, list[Mapping[str, Value]]] = field(default_factory=dict)
-
-
-@dataclass
-class Session:
-    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set."""
-
-    id: int
-    request_id: int
-    kind: str
-    target: int
-    size: int
-    chunk_bytes: int
-    sha256: bytes
-    data: bytearray
-    heard_s: float
-    resumed: bool
-    frame_number: int = 0
-    receiver: ChunkReceiver | None = None
-    sender: ChunkSender | None = None
-    committed: bool = False
-
-    @property
-    def bank(self) -> str:
-        """Name of the target bank."""
-        return BANKS[self.target]
-
-
 class Loader:
     """All transfers of the device. ``news``: (event name, text) for the device to report. ``origin_s``: zero of the
     device's clock."""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
-        self._dictionary, self._memory, self._tracker = dictionary, memory, tracker
+        self._memory, self._tracker = memory, tracker
+        self._writer = BankWriter(dictionary, memory, tracker.profile.name)
         self._bytes_per_s = bytes_per_s
         self._sessions: dict[int, Session] = {}
         self._parts: dict[tuple[str, int], Session] = {}
@@ -197,7 +157,7 @@ class Loader:
         kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
         chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
         if kind == "catalogue":
-            self._check_bank(v, target, size)
+            self._writer.check(v, target, size)
             return self._open_bank(request_id, target, size, chunk_bytes, digest, now_s)
         if kind != "image" or target >= SLOTS:
             raise Refusal("not_found", f"nothing to write: {kind} {target}")
@@ -205,62 +165,16 @@ class Loader:
             raise Refusal("too_large", f"an image has {self._tracker.frame_size} B, got {size}")
         return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
 
-    def _check_bank(self, v: Mapping[str, Value], target: int, size: int) -> None:
-        """May this content go into this bank?"""
-        if target >= len(BANKS):
-            raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
-        bank, record = BANKS[target], self._memory.record
-        if bank == GOLDEN:
-            raise Refusal("write_protected", "the golden bank cannot be written")
-        if bank == record.active or (record.unconfirmed and bank == record.previous):
-            raise Refusal("bank_active", f"bank {bank} is in use")
-        if not 0 < size <= self._memory.bank_bytes:
-            raise Refusal("too_large", f"a bank has {self._memory.bank_bytes} B, got {size}")
-        own: dict[str, Value] = {
-            "device_model": self._dictionary.device_model,
-            "profile": self._tracker.profile.name,
-            "dictionary_hash": self._dictionary.hash,
-            "format_version": FORMATS["cubestar"],
-        }
-        for name, wanted in own.items():
-            if v[name] != wanted:
-                raise Refusal("incompatible", f"{name}: expected {_short(wanted)}, got {_short(v[name])}")
-
     def _open_bank(
         self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
     ) -> Session:
-        bank, record = BANKS[target], self._memory.record
         for session_id in [
             s.id for s in self._sessions.values() if s.receiver and s.kind == "catalogue" and s.target == target
         ]:
             del self._sessions[session_id]
-        upload = record.uploads.get(bank)
-        same = upload is not None and (upload.size, upload.sha256) == (size, digest.hex())
-        complete = record.banks[bank].sha256 == digest.hex() and self._memory.intact(bank)
-        if complete:
-            held = range(chunk_count(size, chunk_bytes))
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
-        elif same and upload is not None:
-            chunk_bytes = upload.chunk_bytes
-            numbers = [i for first, last in upload.held for i in range(first, last + 1)]
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, numbers)
-        else:
-            self._memory.erase_bank(bank)
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS)
-        if not complete:
-            record.banks[bank] = BankRecord("loading", size=size)
-            record.uploads[bank] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.held.ranges()[0])
+        receiver, chunk_bytes, resumed = self._writer.open(target, size, chunk_bytes, digest)
         session = Session(
-            self._new_id(),
-            request_id,
-            "catalogue",
-            target,
-            size,
-            chunk_bytes,
-            digest,
-            bytearray(),
-            now_s,
-            complete or same,
+            self._new_id(), request_id, "catalogue", target, size, chunk_bytes, digest, bytearray(), now_s, resumed
         )
         session.receiver = receiver
         self._memory.save()
@@ -291,7 +205,7 @@ class Loader:
                 session.data[at : at + len(data)] = data
             else:
                 try:
-                    self._memory.flash.program(self._memory.offset(session.bank) + at, data)
+                    self._writer.program(session, at, data)
                 except FlashError as error:
                     self._give_up(session, "flash_error", str(error))
                     return
@@ -301,27 +215,19 @@ class Loader:
     def _give_up(self, session: Session, reason: str, detail: str) -> None:
         self._abort(session.id, session.request_id, reason, detail)
         self._sessions.pop(session.id, None)
-        self._memory.erase_bank(session.bank)
+        self._writer.erase(session)
         self.news.append(("FLASH_ERROR", detail))
 
     def _status(self, session: Session, page: StatusPage) -> None:
         if session.kind == "catalogue" and not session.committed:
-            self._keep_progress(session)
+            self._writer.keep_progress(session)
         self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
-
-    def _keep_progress(self, session: Session) -> None:
-        upload = self._memory.record.uploads.get(session.bank)
-        if session.receiver is not None and upload is not None:
-            held = session.receiver.held.ranges()[0]
-            kept = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
-            self._memory.record.uploads[session.bank] = kept
-            self._memory.save()
 
     def _content(self, session: Session) -> bytes:
         """What is stored, read back."""
         if session.kind == "image":
             return bytes(session.data)
-        return self._memory.flash.read(self._memory.offset(session.bank), session.size)
+        return self._writer.read(session)
 
     def _verify(self, session: Session) -> None:
         assert session.receiver is not None  # noqa: S101 - the caller has checked it
@@ -338,7 +244,7 @@ class Loader:
             del self._sessions[session.id]
             self._parts.pop((session.kind, session.target), None)
             if session.kind == "catalogue":
-                self._memory.erase_bank(session.bank)
+                self._writer.erase(session)
 
     def _commit(self, session: Session, now_s: float) -> None:
         if not session.committed:
@@ -346,8 +252,12 @@ class Loader:
             if session.receiver is None or hashlib.sha256(content).digest() != session.sha256:
                 self._abort(session.id, session.request_id, "incomplete", "not verified")
                 return
-            if session.kind == "catalogue" and not self._commit_bank(session, content):
-                return
+            if session.kind == "catalogue":
+                try:
+                    self._writer.commit(session, content)
+                except Refusal as refusal:
+                    self._abort(session.id, session.request_id, refusal.reason, refusal.detail)
+                    return
             if session.kind == "image":
                 frame = self._tracker.put_image(session.target, content, now_s - self.origin_s)
                 self._parts.pop(("image", session.target), None)
@@ -355,33 +265,9 @@ class Loader:
             session.committed = True
         self._out.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
 
-    def _commit_bank(self, session: Session, content: bytes) -> bool:
-        try:
-            header, catalogue = read_header(content), decode(content)
-        except (CorruptData, BadInput) as error:
-            self._abort(session.id, session.request_id, "incompatible", str(error))
-            return False
-        if header.profile_name != self._tracker.profile.name:
-            text = f"catalogue is for {header.profile_name}, this is {self._tracker.profile.name}"
-            self._abort(session.id, session.request_id, "incompatible", text)
-            return False
-        self._memory.record.uploads.pop(session.bank, None)
-        self._memory.record.banks[session.bank] = BankRecord(
-            "committed",
-            session.size,
-            session.sha256.hex(),
-            len(catalogue),
-            len(catalogue.distances),
-            header.epoch_jyear,
-            FORMATS[header.format_name],
-            header.profile_name,
-        )
-        self._memory.save()
-        return True
-
     def _end(self, session: Session, service: str) -> None:
         if session.kind == "catalogue" and session.receiver and not session.committed:
-            self._keep_progress(session)
+            self._writer.keep_progress(session)
         del self._sessions[session.id]
         if service == "ABORT_TRANSFER":
             self.news.append(("TRANSFER_ABORTED", f"{session.kind} {session.target}"))

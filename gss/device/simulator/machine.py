@@ -18,10 +18,11 @@ from gss.device.simulator.bank_orders import BankOrders
 from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.images import SLOTS
-from gss.device.simulator.loader import CHUNK_RANGE, WINDOW_CHUNKS, Loader
+from gss.device.simulator.loader import CHUNK_RANGE, Loader
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.outbox import Outbox
 from gss.device.simulator.reports import frame_report, pose_values, timing_values
+from gss.device.simulator.sessions import WINDOW_CHUNKS
 from gss.device.simulator.tracker_orders import TrackerOrders
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import CorruptData

@@ -8,8 +8,8 @@ from gss.device.dictionary import Dictionary
 from gss.device.protocol.codec import encode
 from gss.device.protocol.line import LineSender
 from gss.device.protocol.packet import PacketType
-from gss.device.simulator.loader import Outgoing
 from gss.device.simulator.reports import Report
+from gss.device.simulator.sessions import Outgoing
 
 MOST_WAITING = 400
 LONGEST_TEXT = 200

@@ -1,0 +1,47 @@
+"""One open transfer of the device, and a message it sends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gss.device.dictionary import Value
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender
+from gss.device.simulator.memory import BANKS
+
+WINDOW_CHUNKS = 16
+
+
+@dataclass(frozen=True)
+class Outgoing:
+    """A transfer message to send."""
+
+    service: str
+    request_id: int
+    values: Mapping[str, Value]
+    lists: Mapping[str, list[Mapping[str, Value]]] = field(default_factory=dict)
+
+
+@dataclass
+class Session:
+    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set."""
+
+    id: int
+    request_id: int
+    kind: str
+    target: int
+    size: int
+    chunk_bytes: int
+    sha256: bytes
+    data: bytearray
+    heard_s: float
+    resumed: bool
+    frame_number: int = 0
+    receiver: ChunkReceiver | None = None
+    sender: ChunkSender | None = None
+    committed: bool = False
+
+    @property
+    def bank(self) -> str:
+        """Name of the target bank."""
+        return BANKS[self.target]
