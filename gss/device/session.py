@@ -33,7 +33,8 @@ from gss.device.session_events import (
     TransferState,
     TransferUpdate,
 )
-from gss.device.session_transfers import Message, RequestIds, Transfer, TransferDesk
+from gss.device.session_transfer import Message, RequestIds, Transfer
+from gss.device.session_transfers import TransferDesk
 from gss.domain.errors import BadInput, Conflict, CorruptData
 
 __all__ = [
@@ -242,7 +243,7 @@ class HostSession:
 
     def transfer(self, transfer_id: int) -> TransferUpdate:
         """The transfer as it stood at the last poll; NotFound otherwise."""
-        return self._desk.update(self._desk.get(transfer_id), self._polled_s or 0.0)
+        return self._desk.get(transfer_id).update(self._polled_s or 0.0, self._desk.line_bytes_s)
 
     def forget_transfer(self, transfer_id: int) -> None:
         """Free the memory of a transfer that has ended."""

@@ -1,0 +1,132 @@
+"""One transfer of the ground: what it is, how far it has come, what is told about it; and the ids and messages it uses."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gss.device.dictionary import Value
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, Compatibility, chunk_count
+from gss.device.session_events import Direction, Ranges, TransferState, TransferUpdate
+
+RATE_SPAN_S = 4.0
+ENDED = (
+    TransferState.VERIFIED,
+    TransferState.COMMITTED,
+    TransferState.ACTIVE,
+    TransferState.FAILED,
+    TransferState.ABORTED,
+)
+MOVING = (TransferState.OPENING, TransferState.TRANSFERRING, TransferState.VERIFYING, TransferState.LINK_LOST)
+NO_HASH = bytes(32)
+
+
+class RequestIds:
+    """Hands out request ids; 0 means unsolicited and is left out."""
+
+    def __init__(self, following: int) -> None:
+        self.following = following
+
+    def __call__(self) -> int:
+        taken = self.following
+        self.following = taken % 0xFFFF_FFFF + 1
+        return taken
+
+
+@dataclass(frozen=True)
+class Message:
+    """A service message to send."""
+
+    service: str
+    request_id: int
+    values: Mapping[str, Value]
+    lists: Mapping[str, list[Mapping[str, Value]]] = field(default_factory=dict)
+
+
+@dataclass
+class Transfer:
+    """One transfer under way."""
+
+    id: int
+    direction: Direction
+    kind: str
+    target: int
+    chunk_bytes: int
+    compatibility: Compatibility
+    data: bytearray
+    size: int = 0
+    sha256: bytes = NO_HASH
+    state: TransferState = TransferState.QUEUED
+    reason: str = ""
+    request_id: int = 0
+    session: int | None = None
+    sender: ChunkSender | None = None
+    receiver: ChunkReceiver | None = None
+    due_s: float = 0.0
+    tries: int = 0
+    resent_before: int = 0
+    frame_number: int = 0
+    resumed: bool = False
+    committing: bool = False
+    history: deque[tuple[float, int]] = field(default_factory=deque)
+    reported_s: float = -1e9
+    changed: bool = True
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks, 0 until the size is known."""
+        return chunk_count(self.size, self.chunk_bytes) if self.size else 0
+
+    def stored(self) -> tuple[Ranges, int]:
+        """What the receiving side holds: ranges and bytes."""
+        held = self.sender.stored if self.sender else self.receiver.held if self.receiver else None
+        if held is None:
+            return (), 0
+        return held.ranges()[0], held.stored_bytes(self.size, self.chunk_bytes)
+
+    @property
+    def resent(self) -> int:
+        """Chunks that went over the line more than once."""
+        now = self.sender.resent if self.sender else self.receiver.repeated if self.receiver else 0
+        return self.resent_before + now
+
+    def to(self, state: TransferState, reason: str = "") -> None:
+        """Go to a state; the next poll tells."""
+        self.state, self.reason, self.changed = state, reason, True
+
+    def update(self, now_s: float, line_bytes_s: float | None) -> TransferUpdate:
+        """The transfer as it stands."""
+        ranges, stored_bytes = self.stored()
+        rate = self._rate_bytes_s(stored_bytes, now_s)
+        return TransferUpdate(
+            transfer_id=self.id,
+            direction=self.direction,
+            kind=self.kind,
+            target=self.target,
+            state=self.state,
+            reason=self.reason,
+            size=self.size,
+            chunk_size=self.chunk_bytes,
+            chunks=self.chunks,
+            stored=ranges,
+            stored_bytes=stored_bytes,
+            in_flight=self.sender.in_flight if self.sender else 0,
+            resent=self.resent,
+            rate_bytes_s=rate,
+            line_share=rate / line_bytes_s if line_bytes_s else None,
+            left_s=(self.size - stored_bytes) / rate if rate > 0 else None,
+            sha256=self.sha256.hex() if self.sha256 != NO_HASH else "",
+            frame_number=self.frame_number,
+            resumed=self.resumed,
+        )
+
+    def _rate_bytes_s(self, stored_bytes: int, now_s: float) -> float:
+        if self.state is not TransferState.TRANSFERRING:
+            self.history.clear()
+            return 0.0
+        self.history.append((now_s, stored_bytes))
+        while now_s - self.history[0][0] > RATE_SPAN_S:
+            self.history.popleft()
+        first_s, first_bytes = self.history[0]
+        return (stored_bytes - first_bytes) / (now_s - first_s) if now_s > first_s else 0.0

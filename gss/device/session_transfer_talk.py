@@ -1,0 +1,213 @@
+"""What the ground says and does for one transfer at a time: open, keep moving, check, verify, commit, close."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+
+from gss.device.dictionary import Value
+from gss.device.protocol.codec import Decoded
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage
+from gss.device.session_events import Direction, TransferDone, TransferState
+from gss.device.session_transfer import ENDED, Message, RequestIds, Transfer
+
+OPEN_AGAIN_S = 1.0
+VERIFY_AGAIN_S = 2.5
+POKE_S = 1.0
+SILENT_TRIES = 6
+RETRY_LOST_S = 4.0
+
+
+def abort_message(session: int, request_id: int, reason: str) -> Message:
+    """ABORT_TRANSFER for a session of the device."""
+    return Message("ABORT_TRANSFER", request_id, {"session": session, "reason": reason, "detail": ""})
+
+
+class TransferTalk:
+    """The protocol of a transfer. ``out``: messages to send; ``done``: contents that arrived; ``line_bytes_s``: None unpaced."""
+
+    def __init__(self) -> None:
+        self.out: deque[Message] = deque()
+        self.done: list[TransferDone] = []
+        self.line_bytes_s: float | None = None
+
+    def begin_open(self, t: Transfer, now_s: float, take_request_id: RequestIds) -> None:
+        """Open under a fresh request id."""
+        t.request_id = take_request_id()
+        t.resent_before = t.resent
+        t.session, t.tries, t.committing = None, 0, False
+        t.to(TransferState.OPENING)
+        self.open_again(t, now_s)
+
+    def open_again(self, t: Transfer, now_s: float) -> None:
+        """Say the opening (again), until it is answered or the line counts as lost."""
+        if t.tries >= SILENT_TRIES:
+            self.lose(t, "no answer to the opening", now_s)
+            return
+        t.tries += 1
+        t.due_s = now_s + OPEN_AGAIN_S * t.tries
+        values: dict[str, Value] = {"kind": t.kind, "target": t.target, "chunk_bytes": t.chunk_bytes}
+        if t.direction is Direction.DOWN:
+            values["held_sha256"] = t.sha256
+            self.out.append(Message("OPEN_DOWNLOAD", t.request_id, values))
+            return
+        c = t.compatibility
+        values |= {"size_bytes": t.size, "sha256": t.sha256, "device_model": c.device_model, "profile": c.profile}
+        values |= {"dictionary_hash": c.dictionary_hash, "format_version": c.format_version}
+        values |= {"epoch_jyear": c.epoch_jyear, "stars": c.stars, "pairs": c.pairs}
+        self.out.append(Message("OPEN_UPLOAD", t.request_id, values))
+
+    def keep_moving(self, t: Transfer, now_s: float) -> None:
+        """A sender asks when it hears nothing; a receiver reports, and pokes when nothing comes."""
+        if t.session is None:
+            return
+        if t.sender is not None:
+            if t.sender.silent_requests >= SILENT_TRIES:
+                self.lose(t, "the device is silent", now_s)
+                return
+            due = t.sender.request_due(now_s)
+            if due is not None:
+                serial, start = due
+                values = {"session": t.session, "serial": serial, "from_index": start}
+                self.out.append(Message("STATUS_REQUEST", t.request_id, values))
+        elif t.receiver is not None and now_s >= t.due_s:
+            t.tries += 1
+            if t.tries > SILENT_TRIES:
+                self.lose(t, "the device is silent", now_s)
+                return
+            self._send_status(t, t.receiver.status(), now_s)
+
+    def _send_status(self, t: Transfer, page: StatusPage, now_s: float) -> None:
+        assert t.session is not None  # noqa: S101 - callers have checked it
+        t.due_s = now_s + max(POKE_S, 4 * self._chunk_time_s(t))
+        self.out.append(Message("STATUS", t.request_id, page.values(t.session), page.lists()))
+
+    def _chunk_time_s(self, t: Transfer) -> float:
+        return (t.chunk_bytes + 64) / self.line_bytes_s if self.line_bytes_s else 0.0
+
+    def lose(self, t: Transfer, reason: str, now_s: float) -> None:
+        """Wait for the line or the device and open again then."""
+        t.due_s = now_s + RETRY_LOST_S
+        t.session = None
+        t.to(TransferState.LINK_LOST, reason)
+
+    def ask_verify(self, t: Transfer, now_s: float) -> None:
+        """Ask for the read-back, or after it for the commit."""
+        if t.tries >= SILENT_TRIES or t.session is None:
+            self.lose(t, "no answer to the verification", now_s)
+            return
+        t.tries += 1
+        t.due_s = now_s + VERIFY_AGAIN_S
+        self.out.append(Message("COMMIT" if t.committing else "VERIFY", t.request_id, {"session": t.session}))
+
+    def after_the_end(self, t: Transfer, service: str, session: int) -> None:
+        """The device did not hear the last word of a session that is over here."""
+        if service not in ("CHUNK", "STATUS_REQUEST"):
+            return
+        if t.state is TransferState.VERIFIED:
+            self.out.append(Message("CLOSE", t.request_id, {"session": session}))
+        elif t.state is TransferState.PAUSED:
+            self.out.append(Message("PAUSE", t.request_id, {"session": session}))
+        elif t.state in ENDED:
+            self.out.append(abort_message(session, t.request_id, "aborted"))
+
+    def opened(self, t: Transfer, message: Decoded, now_s: float) -> bool:
+        """The device opened its side; False when it opened something else than asked for."""
+        v = message.values
+        session, size, chunk_bytes = int(v["session"]), int(v["size_bytes"]), int(v["chunk_bytes"])
+        if chunk_bytes < 1 or (t.direction is Direction.UP and size != t.size):
+            t.to(TransferState.FAILED, "the device opened another transfer than asked for")
+            return False
+        window = max(1, int(v["window_chunks"]))
+        t.session, t.tries, t.resumed = session, 0, bool(v["resumed"])
+        if t.direction is Direction.UP:
+            t.chunk_bytes = chunk_bytes
+            patience_s = 0.5 + (window // 4 + 2) * self._chunk_time_s(t)
+            t.sender = ChunkSender(t.chunks, window, patience_s, resumed=t.resumed)
+        else:
+            self._prepare_download(t, size, chunk_bytes, window, bytes(v["sha256"]))  # type: ignore[arg-type]
+            t.frame_number = int(v["frame_number"])
+        t.to(TransferState.TRANSFERRING)
+        if t.receiver is not None:
+            self._send_status(t, t.receiver.status(), now_s)
+            if t.receiver.held.complete:
+                self._check_download(t)
+        return True
+
+    def _prepare_download(self, t: Transfer, size: int, chunk_bytes: int, window: int, sha256: bytes) -> None:
+        """Keep what is held if it is a part of the same content in the same chunks."""
+        same = t.receiver is not None and (t.sha256, t.size, t.chunk_bytes) == (sha256, size, chunk_bytes)
+        held = [i for first, last in t.stored()[0] for i in range(first, last + 1)] if same else []
+        if not same:
+            t.data = bytearray(size)
+        t.size, t.chunk_bytes, t.sha256 = size, chunk_bytes, sha256
+        t.receiver = ChunkReceiver(size, chunk_bytes, window, held)
+
+    def refused(self, t: Transfer, session: int, message: Decoded, now_s: float) -> None:
+        """The device ended it: some reasons pass, others do not."""
+        if t.state in ENDED or t.state is TransferState.PAUSED:
+            return
+        if t.session is not None and session not in (0, t.session):
+            return
+        reason, detail = str(message.values["reason"]), str(message.values["detail"])
+        if reason in ("no_session", "busy"):
+            t.session = None
+            t.to(TransferState.LINK_LOST, detail or reason)
+            t.due_s = now_s + (0.2 if reason == "no_session" else 1.0)
+            return
+        state = TransferState.ABORTED if reason == "aborted" else TransferState.FAILED
+        t.to(state, f"{reason}: {detail}" if detail else reason)
+        t.session = None
+
+    def chunk(self, t: Transfer, message: Decoded, now_s: float) -> None:
+        """A chunk came down."""
+        assert t.receiver is not None  # noqa: S101 - the caller has checked it
+        index, data = int(message.values["index"]), bytes(message.values["data"])  # type: ignore[arg-type]
+        t.tries = 0
+        t.due_s = now_s + max(POKE_S, 4 * self._chunk_time_s(t))
+        if t.receiver.accept(index, int(message.values["serial"]), len(data)):
+            t.data[index * t.chunk_bytes : index * t.chunk_bytes + len(data)] = data
+        if t.state is TransferState.TRANSFERRING and t.receiver.status_due():
+            self._send_status(t, t.receiver.status(), now_s)
+        if t.receiver.held.complete:
+            self._check_download(t)
+
+    def asked(self, t: Transfer, message: Decoded, now_s: float) -> None:
+        """The device wants to know what is held here."""
+        if t.receiver is None:
+            return
+        v = message.values
+        t.tries = 0
+        self._send_status(t, t.receiver.status(int(v["from_index"]), int(v["serial"])), now_s)
+
+    def _check_download(self, t: Transfer) -> None:
+        if t.state is not TransferState.TRANSFERRING or t.session is None:
+            return
+        self.out.append(Message("CLOSE", t.request_id, {"session": t.session}))
+        if hashlib.sha256(t.data).digest() != t.sha256:
+            t.to(TransferState.FAILED, "the hash of what arrived is not the device's")
+            t.receiver = None
+        else:
+            t.to(TransferState.VERIFIED)
+            self.finish(t)
+
+    def to_verify(self, t: Transfer, now_s: float) -> None:
+        """Everything is stored over there: ask for the read-back."""
+        t.to(TransferState.VERIFYING)
+        t.tries = 0
+        self.ask_verify(t, now_s)
+
+    def verified(self, t: Transfer, message: Decoded, now_s: float) -> None:
+        """The device read its memory back."""
+        if not message.values["equal"] or message.values["sha256"] != t.sha256:
+            t.to(TransferState.FAILED, "the device read back something else than was sent")
+            t.session = None
+            return
+        t.committing, t.tries = True, 0
+        self.ask_verify(t, now_s)
+
+    def finish(self, t: Transfer) -> None:
+        """The content is safe where it belongs."""
+        t.session = None
+        done = TransferDone(t.id, t.direction, t.kind, t.target, t.frame_number, bytes(t.data), t.sha256.hex())
+        self.done.append(done)
