@@ -278,7 +278,10 @@ def cycle(timed: tuple[datetime, Mapping[str, Any]]) -> CycleOut:
     stages = {
         f"{name}_ms": float(values[f"{name}_ms"]) for name in ("capture", "transfer", "detect", "match", "attitude")
     }
-    return CycleOut(iteration=int(values["iteration"]), at=at, total_ms=sum(stages.values()), **stages)
+    # The next image is taken while this one is worked on (Erlank 2013 §5.3.4, Fig. 5.8); only its transfer stops both.
+    working_ms = stages["detect_ms"] + stages["match_ms"] + stages["attitude_ms"]
+    total_ms = max(stages["capture_ms"], working_ms) + stages["transfer_ms"]
+    return CycleOut(iteration=int(values["iteration"]), at=at, total_ms=total_ms, **stages)
 
 
 # --- frames ---------------------------------------------------------------------------------------------------------

@@ -63,8 +63,8 @@ class CommandService:
         housekeeping = self._link.session.housekeeping
         states = []
         for condition in definition.preconditions:
-            value = "not received" if housekeeping is None else str(housekeeping.get(condition.field, "not received"))
-            states.append(PreconditionState(condition.text, condition.met(housekeeping), value))
+            value = None if housekeeping is None else housekeeping.get(condition.field)
+            states.append(PreconditionState(condition.text, condition.met(housekeeping), _words(value)))
         return tuple(states)
 
     def check(self, name: str, arguments: Mapping[str, Any]) -> Check:
@@ -201,6 +201,13 @@ class CommandService:
     def _check_line(self) -> None:
         if not self._link.connected:
             raise Conflict("the line is down", got=self._link.reason, hint="open the port first")
+
+
+def _words(value: Any) -> str:
+    """A telemetry value as an operator reads it."""
+    if value is None:
+        return "not received"
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value).replace("_", " ")
 
 
 def _check_confirmation(definition: Definition, confirm: str) -> None:

@@ -14,7 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from gss.device.session_events import Direction, HelloReceived, SessionEvent, Telemetry, TransferDone, TransferUpdate
+from gss.device.session_events import (
+    DeviceEvent,
+    Direction,
+    HelloReceived,
+    SessionEvent,
+    Telemetry,
+    TransferDone,
+    TransferUpdate,
+)
 from gss.domain.errors import GssError
 from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import quaternion_from_matrix
@@ -79,6 +87,8 @@ class Reception:
                 self._greet(event)
             elif isinstance(event, Telemetry):
                 self._packet(event)
+            elif isinstance(event, DeviceEvent) and event.name == "BANK_FELL_BACK":
+                self._ask("LIST_BANKS")
         self._fetch_wanted()
 
     def _greet(self, hello: HelloReceived) -> None:
@@ -151,6 +161,8 @@ class Reception:
             )
         elif name == "RESET":
             self._prior = Prior()
+        elif name.endswith("_BANK"):
+            self._ask("LIST_BANKS")
 
     @staticmethod
     def _remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:

@@ -51,14 +51,14 @@ def recording(frames: FrameService, frame_ids: list[int], stars: StarTable) -> b
 def _blueprint() -> Any:
     import rerun.blueprint as rrb
 
-    right = rrb.Vertical(
-        rrb.Spatial3DView(origin="/sky", name="Sky"),
-        rrb.TimeSeriesView(origin="/attitude", name="Residuals and differences"),
+    sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
+    side = rrb.Vertical(
+        rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"]),
+        rrb.TimeSeriesView(origin="/attitude", name="Arcseconds"),
         rrb.TextLogView(origin="/log", name="Log"),
-        row_shares=[3, 1, 1],
+        row_shares=[2, 1, 1],
     )
-    picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
-    return rrb.Blueprint(rrb.Horizontal(picture, right, column_shares=[3, 2]), collapse_panels=True)
+    return rrb.Blueprint(rrb.Horizontal(sky, side, column_shares=[3, 2]), collapse_panels=True)
 
 
 def _set_times(stream: Any, frame: Frame) -> None:

@@ -1,0 +1,148 @@
+"""The main job as an operator, a catalogue manager and an engineer do it: in the browser."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+
+def take_image(page) -> None:
+    """Press Take image on the live page and wait until the frame is shown."""
+    page.goto("/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    page.get_by_test_id("cmd-TAKE_IMAGE").click()
+    expect(page.get_by_test_id("cmd-TAKE_IMAGE")).to_contain_text("ago")
+    expect(page.get_by_role("heading", name=re.compile(r"Frame \d"))).to_be_visible()
+
+
+def test_operator_commands_the_sensor_to_an_attitude(page, picture):
+    """Identity, image, centroids, match, attitude; on board beside ground, in arcseconds; then the 1 Hz cycle."""
+    take_image(page)
+    expect(page.get_by_test_id("identity")).to_have_text("SIMULATED")
+    expect(page.get_by_test_id("dictionary")).to_contain_text("match")
+    for step, words in (("FIND_CENTROIDS", "found"), ("MATCH_STARS", "stars"), ("CALCULATE_ATTITUDE", "solved")):
+        page.get_by_test_id(f"cmd-{step}").click()
+        expect(page.get_by_test_id(f"cmd-{step}")).to_contain_text(words)
+    expect(page.get_by_test_id("attitude")).to_contain_text("on board and ground agree")
+    expect(page.get_by_test_id("delta-ra")).to_have_text(re.compile(r"^[+−]?\d+\.\d"))
+
+    page.get_by_test_id("set-exposure_ms").fill("300")
+    expect(page.get_by_test_id("live-preview")).to_contain_text("Will send SET_EXPOSURE")
+    page.get_by_test_id("send-SET_EXPOSURE-exposure_ms").click()
+    expect(page.get_by_test_id("recent-SET_EXPOSURE").first).to_contain_text("completed")
+
+    page.get_by_test_id("cmd-cycle").click()
+    expect(page.get_by_test_id("cmd-cycle")).to_have_text("Stop cycle")
+    expect(page.get_by_test_id("mode")).to_contain_text("TRACKING")
+    page.wait_for_timeout(9000)
+    picture("live")
+    page.get_by_test_id("theme").click()
+    picture("live-light")
+    page.get_by_test_id("theme").click()
+    page.get_by_test_id("cmd-cycle").click()
+    expect(page.get_by_test_id("cmd-cycle")).to_have_text("Start cycle")
+
+
+def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
+    """A value out of range never leaves the page; a critical command wants its name typed; the history shows stages."""
+    page.goto("/commands")
+    page.get_by_test_id("command-search").fill("exposure")
+    page.locator("[data-command=SET_EXPOSURE]").first.click()
+    field = page.get_by_test_id("arg-exposure_ms")
+    field.fill("1001")
+    expect(page.get_by_text("1 – 1 000, got 1 001")).to_be_visible()
+    expect(page.get_by_test_id("command-send")).to_be_disabled()
+    field.fill("250")
+    expect(page.get_by_test_id("byte-preview")).to_contain_text("CRC")
+    page.get_by_test_id("command-send").click()
+    expect(page.get_by_test_id("history-row").first).to_contain_text("completed")
+
+    page.get_by_test_id("command-search").fill("")
+    page.locator("[data-command=ERASE_BANK]").first.click()
+    page.get_by_test_id("command-send").click()
+    expect(page.get_by_test_id("hazard")).to_contain_text("Confirm a critical command")
+    expect(page.get_by_test_id("hazard-queue")).to_be_disabled()
+    page.get_by_test_id("hazard-name").fill("ERASE_BAN")
+    expect(page.get_by_test_id("hazard-queue")).to_be_disabled()
+    picture("commands")
+    page.get_by_test_id("hazard-cancel").click()
+    expect(page.get_by_test_id("hazard")).to_have_count(0)
+
+
+def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
+    """Five steps with a live map; build; upload to an inactive bank; activate with its name; confirm; the header follows."""
+    page.goto("/catalogues")
+    page.get_by_test_id("new-catalogue").click()
+    page.get_by_test_id("build-name").fill("e2e-36")
+    if not page.get_by_test_id("build-faint_mag").is_visible():
+        page.get_by_test_id("step-4").click()
+    expect(page.get_by_test_id("funnel")).to_contain_text("411")
+    page.get_by_test_id("build-faint_mag").fill("3.6")
+    expect(page.get_by_test_id("funnel")).not_to_contain_text("411")
+    page.get_by_test_id("build").click()
+    expect(page).to_have_url(re.compile(r"/catalogues/\d+"))
+    expect(page.get_by_test_id("quality")).to_contain_text("P(fewer than 3)")
+    page.get_by_test_id("upload-bank").select_option("A")
+    page.get_by_test_id("upload-start").click()
+    expect(page.get_by_test_id("upload")).to_contain_text("committed")
+    page.get_by_test_id("activate").click()
+    page.get_by_test_id("hazard-name").fill("ACTIVATE_BANK")
+    page.get_by_test_id("hazard-queue").click()
+    page.get_by_test_id("confirm-bank").click()
+    expect(page.get_by_test_id("bank")).to_contain_text("Bank A active")
+    expect(page.get_by_test_id("bank")).to_contain_text("e2e-36")
+    picture("catalogue")
+
+
+def test_engineer_looks_into_a_frame_and_opens_it_in_rerun(page, picture):
+    """List, detail, stars, another chain, and the embedded viewer, which reports that it opened our recording."""
+    take_image(page)
+    page.goto("/frames")
+    expect(page.get_by_test_id("frame-row").first).to_contain_text("correct")
+    picture("frames")
+    page.get_by_test_id("frame-row").first.click()
+    expect(page).to_have_url(re.compile(r"/frames/\d+"))
+    expect(page.get_by_test_id("chain-row").filter(has_text="reference")).to_contain_text("correct")
+    expect(page.get_by_test_id("star-row").first).to_be_visible()
+    page.get_by_test_id("open-run-chain").click()
+    page.get_by_test_id("run-chain-form").get_by_role("button", name="cubestar").click()
+    page.get_by_test_id("run-chain").click()
+    expect(page.get_by_test_id("chain-row").filter(has_text="cubestar").first).to_be_visible()
+    page.get_by_test_id("star-row").first.click()
+    picture("frame")
+    page.get_by_test_id("open-rerun").click()
+    expect(page.get_by_test_id("rerun-viewer")).to_have_attribute("data-opened", re.compile("true|1"), timeout=90_000)
+    page.wait_for_timeout(12_000)
+    picture("rerun")
+
+
+def test_engineer_imports_a_photograph_and_is_told_what_is_wrong_with_a_bad_one(page, tmp_path):
+    """A text file named .png is refused in words; nothing appears in the list because of it."""
+    bad = tmp_path / "notes.png"
+    bad.write_text("not a picture")
+    page.goto("/frames")
+    page.get_by_test_id("import-file").set_input_files(bad)
+    expect(page.get_by_test_id("import-problem")).to_contain_text("notes.png")
+
+
+def test_telemetry_and_contacts_show_what_the_line_brought(page, picture):
+    """Values with states and limits; the contact under way."""
+    page.goto("/telemetry")
+    page.get_by_test_id("page-power").click()
+    expect(page.get_by_test_id("telemetry")).to_contain_text("3.3 V rail")
+    picture("telemetry")
+    page.goto("/contacts")
+    expect(page.get_by_test_id("contact-row").first).to_contain_text("SIM-0001")
+
+
+def test_abort_answers_its_key_on_every_page(page):
+    """⇧Esc, no dialog."""
+    page.goto("/frames")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    page.keyboard.press("Shift+Escape")
+    page.goto("/commands")
+    expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")

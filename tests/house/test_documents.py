@@ -1,0 +1,59 @@
+"""The documents say what is there."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+from gss.settings import Settings
+
+PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+
+
+def test_every_setting_is_documented_with_its_default(root):
+    """docs/settings.md has a row for each variable and no other."""
+    text = (root / "docs" / "settings.md").read_text()
+    rows = dict(re.findall(r"^\| `(GSS_\w+)` \| `?([^`|]*?)`? \|", text, re.MULTILINE))
+    expected = {f"GSS_{name.upper()}": str(field.default) or "empty" for name, field in Settings.model_fields.items()}
+    assert rows == expected
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_pictures_lead_somewhere(root, page):
+    """No dead relative link in the documents at the top."""
+    for target in re.findall(r"\]\(([^)#]+)\)", (root / page).read_text()):
+        assert target.startswith("http") or (root / target).exists(), target
+
+
+def test_commands_of_the_readme_exist(root):
+    """Each `gss …` line names a command that prints its help."""
+    commands = set(re.findall(r"^\.venv/bin/gss (\w+)", (root / "README.md").read_text(), re.MULTILINE))
+    assert commands >= {"solve", "catalogue", "simulate", "serve", "export"}
+    for command in commands:
+        subprocess.run([sys.executable, "-m", "gss", command, "--help"], check=True, capture_output=True, timeout=60)
+
+
+def test_rooms_of_the_architecture_page_exist(root):
+    """Every folder that the drawing names is there."""
+    drawing = (root / "ARCHITECTURE.md").read_text().split("```")[1]
+    for line in drawing.splitlines():
+        for name in re.findall(r"^\s*((?:\w+/)+)\s", line):
+            found = [root / name, root / "gss" / name, root / "gss" / "device" / name]
+            assert any(path.is_dir() for path in found), name
+
+
+def test_lock_files_name_no_download_host(root):
+    """Whoever installs uses their own registry."""
+    assert "://" not in (root / "constraints.txt").read_text()
+    assert '"resolved"' not in (root / "web" / "package-lock.json").read_text()
+
+
+def test_the_version_comes_from_one_place(root):
+    """pyproject takes it from the package."""
+    project = tomllib.loads((root / "pyproject.toml").read_text())
+    assert project["project"]["dynamic"] == ["version"]
+    assert project["tool"]["hatch"]["version"]["path"] == "gss/__init__.py"
