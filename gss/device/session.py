@@ -7,77 +7,41 @@ All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: one own
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
-from gss.device.dictionary import Command, Dictionary, Service, Value
-from gss.device.protocol.codec import Decoded, check_arguments, decode, encode, encode_item
+from gss.device.dictionary import Command, Dictionary, Value
+from gss.device.protocol.codec import check_arguments, decode, encode, encode_item
 from gss.device.protocol.line import LineReceiver, LineSender
 from gss.device.protocol.packet import CRC_BYTES, Packet, PacketType, labelled_bytes
-from gss.device.protocol.transfer import ChunkReceiver, Compatibility
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_commands import CommandLane
+from gss.device.session_counters import count_line, is_noisy
 from gss.device.session_events import (
     CommandStage,
-    DeviceEvent,
     Direction,
-    DirectionCounters,
     HelloReceived,
     LinkCounters,
     Ranges,
     SessionEvent,
     Stage,
-    Telemetry,
-    TransferDone,
-    TransferState,
     TransferUpdate,
 )
-from gss.device.session_transfer import Message, RequestIds, Transfer
+from gss.device.session_pacing import Pacer
+from gss.device.session_reading import read_event, read_hello, read_report, read_telemetry
+from gss.device.session_transfer import HeldPart, Message, RequestIds, Transfer, checked_target
 from gss.device.session_transfers import TransferDesk
 from gss.domain.errors import BadInput, Conflict, CorruptData
 
-__all__ = [
-    "CommandStage",
-    "Compatibility",
-    "DeviceEvent",
-    "Direction",
-    "DirectionCounters",
-    "HeldPart",
-    "HelloReceived",
-    "HostSession",
-    "InFlight",
-    "LinkCounters",
-    "Ranges",
-    "SessionEvent",
-    "Stage",
-    "Telemetry",
-    "TransferDone",
-    "TransferState",
-    "TransferUpdate",
-]
+__all__ = ["Compatibility", "HeldPart", "HostSession", "InFlight"]
 
 InFlight = tuple[int, str, Mapping[str, Value]]
 """(request id, command name, arguments)."""
 
 CHUNK_BYTES = 1024
 SMALL_CHUNK_BYTES = 256
-NOISY_SHARE = 0.05
-NOISY_AFTER = 20
 HELLO_AGAIN_S = 3.0
-BURST_S = 0.25
 COUNTERS_EVERY_S = 1.0
 UNPACED_CHUNKS = 32
-
-
-@dataclass(frozen=True)
-class HeldPart:
-    """What a broken download left: its hash and chunk size (as its last update said), bytes, and the ranges that are good."""
-
-    sha256: str
-    chunk_bytes: int
-    data: bytes
-    ranges: Ranges
 
 
 class HostSession:
@@ -99,8 +63,7 @@ class HostSession:
         self._housekeeping: Mapping[str, Value] | None = None
         self._last_good_s: float | None = None
         self._undecodable = 0
-        self._credit_bytes = 0.0
-        self._polled_s: float | None = None
+        self._pacer = Pacer()
         self._counted_s = -1e9
 
     # --- commands -----------------------------------------------------------------------------------------------
@@ -171,12 +134,10 @@ class HostSession:
 
         ``held``: what an earlier attempt left; only the rest is asked for if the content is still the same.
         """
-        transfer = self._new_transfer(Direction.DOWN, kind, slot, Compatibility(), b"", chunk_bytes)
+        size = self._chunk_size(kind, chunk_bytes)
+        transfer = Transfer(self._next_transfer_id, Direction.DOWN, kind, checked_target(slot), size)
         if held is not None:
-            transfer.data, transfer.size = bytearray(held.data), len(held.data)
-            transfer.chunk_bytes, transfer.sha256 = held.chunk_bytes, bytes.fromhex(held.sha256)
-            numbers = [i for first, last in held.ranges for i in range(first, last + 1)]
-            transfer.receiver = ChunkReceiver(transfer.size, transfer.chunk_bytes, 1, numbers)
+            transfer.take_held(held)
         return self._queue(transfer)
 
     def start_upload(
@@ -195,34 +156,22 @@ class HostSession:
         """
         if not data:
             raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
-        transfer = self._new_transfer(Direction.UP, kind, target, compatibility, data, chunk_bytes)
-        transfer.size, transfer.sha256 = len(data), hashlib.sha256(data).digest()
+        size = self._chunk_size(kind, chunk_bytes)
+        transfer = Transfer(self._next_transfer_id, Direction.UP, kind, checked_target(target), size, compatibility)
+        transfer.take_content(data)
         return self._queue(transfer)
 
-    def _new_transfer(
-        self, direction: Direction, kind: str, target: int, compatibility: Compatibility, data: bytes, size: int | None
-    ) -> Transfer:
+    def _chunk_size(self, kind: str, wanted: int | None) -> int:
+        """The size of chunks for a kind of content that the dictionary knows."""
         opening = self._dictionary.service("OPEN_DOWNLOAD")
         item = next(f for f in opening.fields if f.name == "kind")
         encode([item], {"kind": kind})  # type: ignore[list-item]
-        if not 0 <= target <= 0xFF:
-            raise BadInput("impossible target", expected="0 – 255", got=str(target))
-        chunk_bytes = size or (SMALL_CHUNK_BYTES if self._noisy() else CHUNK_BYTES)
-        return Transfer(self._next_transfer_id, direction, kind, target, chunk_bytes, compatibility, bytearray(data))
+        return wanted or (SMALL_CHUNK_BYTES if is_noisy(self._receiver, self._housekeeping) else CHUNK_BYTES)
 
     def _queue(self, transfer: Transfer) -> int:
         self._desk.add(transfer)
         self._next_transfer_id += 1
         return transfer.id
-
-    def _noisy(self) -> bool:
-        """Do many packets get damaged in either direction? Then small chunks lose less."""
-        receiver, sensed = self._receiver, self._housekeeping or {}
-        pairs = [
-            (receiver.bad_total, receiver.good),
-            (int(sensed.get("frames_bad", 0)), int(sensed.get("frames_good", 0))),
-        ]
-        return any(bad + good >= NOISY_AFTER and bad > NOISY_SHARE * (bad + good) for bad, good in pairs)
 
     def pause_transfer(self, transfer_id: int, now_s: float) -> None:
         """Stop sending; Conflict unless it is queued, opening, transferring or link_lost."""
@@ -243,7 +192,7 @@ class HostSession:
 
     def transfer(self, transfer_id: int) -> TransferUpdate:
         """The transfer as it stood at the last poll; NotFound otherwise."""
-        return self._desk.get(transfer_id).update(self._polled_s or 0.0, self._desk.line_bytes_s)
+        return self._desk.get(transfer_id).update(self._pacer.polled_s or 0.0, self._desk.line_bytes_s)
 
     def forget_transfer(self, transfer_id: int) -> None:
         """Free the memory of a transfer that has ended."""
@@ -255,7 +204,7 @@ class HostSession:
         """The owner has a port (again): parsers start clean, HELLO goes out until it is answered, then transfers resume."""
         self._receiver.restart()
         self._up, self._hello_due_s = True, now_s
-        self._polled_s, self._credit_bytes = now_s, 0.0
+        self._pacer.restart(now_s)
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
         """The owner lost the port: commands under way become unknown, transfers link_lost."""
@@ -278,25 +227,17 @@ class HostSession:
         """Bytes to write now, and what time alone brought (windows closed, transfers suspended, progress)."""
         out: list[bytes] = []
         if self._up:
-            self._refill(now_s)
+            self._pacer.refill(now_s, self._desk.line_bytes_s)
             self._events += self._lane.expire(now_s)
             self._greet(now_s)
             out += self._commands(now_s)
             out += [self._frame(m) for m in self._desk.step(now_s, self._ids)]
-            self._credit_bytes -= sum(map(len, out))
+            self._pacer.spend(sum(map(len, out)))
             out += self._chunks(now_s)
         if now_s - self._counted_s >= COUNTERS_EVERY_S:
             self._counted_s = now_s
             self._events.append(self.counters)
         return b"".join(out), self._take_events(now_s)
-
-    def _refill(self, now_s: float) -> None:
-        """Chunks go out at the line's own rate, so that a command never waits behind a full buffer."""
-        rate = self._desk.line_bytes_s
-        elapsed_s = now_s - (self._polled_s if self._polled_s is not None else now_s)
-        self._polled_s = now_s
-        if rate is not None:
-            self._credit_bytes = min(self._credit_bytes + rate * elapsed_s, rate * BURST_S)
 
     def _greet(self, now_s: float) -> None:
         if self._hello_due_s is not None and now_s >= self._hello_due_s:
@@ -311,12 +252,12 @@ class HostSession:
     def _chunks(self, now_s: float) -> list[bytes]:
         frames: list[bytes] = []
         paced = self._desk.line_bytes_s is not None
-        while (self._credit_bytes > 0) if paced else (len(frames) < UNPACED_CHUNKS):
+        while self._pacer.open if paced else (len(frames) < UNPACED_CHUNKS):
             message = self._desk.next_chunk(now_s)
             if message is None:
                 break
             frames.append(self._frame(message))
-            self._credit_bytes -= len(frames[-1])
+            self._pacer.spend(len(frames[-1]))
         return frames
 
     def _frame(self, message: Message) -> bytes:
@@ -347,20 +288,8 @@ class HostSession:
             self._undecodable += 1
 
     def _report(self, packet: Packet, command: Command, now_s: float) -> None:
-        fields = self._dictionary.service("REPORT").fields
-        completed = packet.payload[:1] == bytes([5])
-        message = decode((*fields, *command.returns) if completed else fields, packet.payload)
-        v = message.values
-        common = {f.name for f in fields}
-        facts: dict[str, Any] = {
-            "device_time_s": packet.time_s,
-            "reason": "" if v["reason"] == "none" else v["reason"],
-            "detail": v["detail"],
-            "progress": v["progress"],
-            "replayed": v["replayed"],
-            "values": {name: value for name, value in v.items() if name not in common},
-        }
-        stages = self._lane.report(packet.request_id, Stage(str(v["stage"])), now_s, facts)
+        stage_reached, facts = read_report(packet, command, self._dictionary)
+        stages = self._lane.report(packet.request_id, stage_reached, now_s, facts)
         self._events += stages
         for stage in stages:
             if stage.stage is Stage.COMPLETED:
@@ -375,26 +304,8 @@ class HostSession:
                 self._desk.bank_in_use(record.payload[0])
 
     def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
-        told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]
-        match = told == self._dictionary.hash
-        self._hello = HelloReceived(
-            device_model=str(v["device_model"]),
-            profile=str(v["profile"]),
-            firmware=str(v["firmware"]),
-            serial=str(v["serial"]),
-            simulated=bool(v["simulated"]),
-            dictionary_hash=told.hex(),
-            dictionary_match=match,
-            line_baud=int(v["line_baud"]),
-            columns=int(v["columns"]),
-            rows=int(v["rows"]),
-            bits=int(v["bits"]),
-            image_slots=int(v["image_slots"]),
-            bank_bytes=int(v["bank_bytes"]),
-            boot_count=int(v["boot_count"]),
-            last_request_id=int(v["last_request_id"]),
-            device_time_s=device_time_s,
-        )
+        self._hello = read_hello(v, device_time_s, self._dictionary.hash)
+        match = self._hello.dictionary_match
         if match:
             self._sender.prefix, self._acknowledged = self._dictionary.prefix, False
         self._desk.line_bytes_s = self._hello.line_baud / 10 if self._hello.line_baud else None
@@ -410,35 +321,20 @@ class HostSession:
         if definition is None:
             self._undecodable += 1
             return
-        message: Decoded = decode(definition.fields, packet.payload)
+        telemetry = read_telemetry(packet, definition)
         if definition.name == "housekeeping":
-            self._housekeeping = message.values
-        self._events.append(
-            Telemetry(
-                definition.name,
-                packet.time_s,
-                packet.request_id,
-                message.raw,
-                message.values,
-                message.lists,
-                definition.simulator_only,
-            )
-        )
+            self._housekeeping = telemetry.values
+        self._events.append(telemetry)
 
     def _event(self, packet: Packet, now_s: float) -> None:
         definition = self._dictionary.event_of_code(packet.code)
         if definition is None:
             self._undecodable += 1
             return
-        fields = self._event_service().fields
-        text = str(decode(fields, packet.payload).values["text"])
-        self._events.append(DeviceEvent(definition.name, definition.severity, text, packet.time_s, packet.request_id))
+        self._events.append(read_event(packet, definition, self._dictionary))
         if definition.name == "BOOT":
             self._desk.device_restarted(now_s)
             self._hello_due_s = now_s
-
-    def _event_service(self) -> Service:
-        return self._dictionary.service("EVENT")
 
     def _take_events(self, now_s: float) -> list[SessionEvent]:
         self._events += self._desk.news(now_s)
@@ -450,19 +346,7 @@ class HostSession:
     @property
     def counters(self) -> LinkCounters:
         """Counters since the session was made."""
-        r, d = self._receiver, self._receiver.deframer
-        received = DirectionCounters(
-            bytes=d.bytes,
-            good=r.good,
-            bad_crc=r.bad_crc + d.bad_cobs,
-            too_long=d.too_long,
-            too_short=r.too_short,
-            unframed=d.unframed,
-            unknown=r.unknown + self._undecodable,
-            gaps=r.gaps,
-            duplicates=r.duplicates,
-        )
-        return LinkCounters(DirectionCounters(self._sender.bytes, self._sender.good), received, self._last_good_s)
+        return count_line(self._sender, self._receiver, self._undecodable, self._last_good_s)
 
     @property
     def next_request_id(self) -> int:

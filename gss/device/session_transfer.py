@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field
 from gss.device.dictionary import Value
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, Compatibility, chunk_count
 from gss.device.session_events import Direction, Ranges, TransferState, TransferUpdate
+from gss.domain.errors import BadInput
 
 RATE_SPAN_S = 4.0
 ENDED = (
@@ -44,6 +46,23 @@ class Message:
     lists: Mapping[str, list[Mapping[str, Value]]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class HeldPart:
+    """What a broken download left: its hash and chunk size (as its last update said), bytes, and the ranges that are good."""
+
+    sha256: str
+    chunk_bytes: int
+    data: bytes
+    ranges: Ranges
+
+
+def checked_target(target: int) -> int:
+    """A slot or bank number; BadInput unless it fits a byte."""
+    if not 0 <= target <= 0xFF:
+        raise BadInput("impossible target", expected="0 – 255", got=str(target))
+    return target
+
+
 @dataclass
 class Transfer:
     """One transfer under way."""
@@ -53,8 +72,8 @@ class Transfer:
     kind: str
     target: int
     chunk_bytes: int
-    compatibility: Compatibility
-    data: bytearray
+    compatibility: Compatibility = field(default_factory=Compatibility)
+    data: bytearray = field(default_factory=bytearray)
     size: int = 0
     sha256: bytes = NO_HASH
     state: TransferState = TransferState.QUEUED
@@ -72,6 +91,17 @@ class Transfer:
     history: deque[tuple[float, int]] = field(default_factory=deque)
     reported_s: float = -1e9
     changed: bool = True
+
+    def take_held(self, held: HeldPart) -> None:
+        """A download that goes on: only the rest is asked for if the content is still the same."""
+        self.data, self.size = bytearray(held.data), len(held.data)
+        self.chunk_bytes, self.sha256 = held.chunk_bytes, bytes.fromhex(held.sha256)
+        numbers = [i for first, last in held.ranges for i in range(first, last + 1)]
+        self.receiver = ChunkReceiver(self.size, self.chunk_bytes, 1, numbers)
+
+    def take_content(self, data: bytes) -> None:
+        """What an upload sends."""
+        self.data, self.size, self.sha256 = bytearray(data), len(data), hashlib.sha256(data).digest()
 
     @property
     def chunks(self) -> int:

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from gss.device.dictionary_file import load_dictionary
-from gss.device.session import CommandStage, HostSession, SessionEvent, Stage, TransferUpdate
+from gss.device.session import HostSession
+from gss.device.session_events import CommandStage, SessionEvent, Stage, TransferUpdate
 from gss.device.transport import ByteStream, open_stream
 
 ENDS = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)

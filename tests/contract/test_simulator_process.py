@@ -16,7 +16,8 @@ import pytest
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import encode
-from gss.device.session import Compatibility, Stage, Telemetry, TransferDone
+from gss.device.protocol.transfer import Compatibility
+from gss.device.session_events import Stage, Telemetry, TransferDone
 from gss.device.simulator.__main__ import main
 from gss.device.transport import open_stream
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound

@@ -11,7 +11,8 @@ import pytest
 from gss.device.dictionary import Dictionary
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import Golden, build_golden
-from gss.device.session import CommandStage, HostSession, SessionEvent, Stage, Telemetry, TransferUpdate
+from gss.device.session import HostSession
+from gss.device.session_events import CommandStage, SessionEvent, Stage, Telemetry, TransferUpdate
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.device.simulator.firmware import StarTracker

@@ -10,7 +10,8 @@ import pytest
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import encode
-from gss.device.session import Compatibility, DeviceEvent, Stage, Telemetry
+from gss.device.protocol.transfer import Compatibility
+from gss.device.session_events import DeviceEvent, Stage, Telemetry
 
 if TYPE_CHECKING:
     from conftest import Bench

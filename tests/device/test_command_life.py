@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gss.device.dictionary_file import load_dictionary, parse_dictionary
-from gss.device.session import DeviceEvent, HelloReceived, HostSession, LinkCounters, Stage
+from gss.device.session import HostSession
+from gss.device.session_events import DeviceEvent, HelloReceived, LinkCounters, Stage
 from gss.device.simulator.faults import FaultRates
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad

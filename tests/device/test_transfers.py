@@ -12,8 +12,9 @@ import pytest
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import encode
-from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, ChunkSet, chunk_count
-from gss.device.session import Compatibility, DeviceEvent, HeldPart, Stage, TransferDone
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, ChunkSet, Compatibility, chunk_count
+from gss.device.session import HeldPart
+from gss.device.session_events import DeviceEvent, Stage, TransferDone
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.images import thumbnail
 from gss.domain.errors import BadInput, Conflict, NotFound

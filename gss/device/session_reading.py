@@ -1,0 +1,74 @@
+"""What a packet of the device says, as an event of the session. No state: a packet and its definition in, an event out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gss.device.dictionary import Command, Dictionary, EventDefinition, Value
+from gss.device.dictionary import Packet as PacketDefinition
+from gss.device.protocol.codec import Decoded, decode
+from gss.device.protocol.packet import Packet
+from gss.device.session_events import DeviceEvent, HelloReceived, Stage, Telemetry
+
+COMPLETED = bytes([5])
+
+
+def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tuple[Stage, dict[str, Any]]:
+    """Stage of a command and its facts; a completed one brings the command's returned values."""
+    fields = dictionary.service("REPORT").fields
+    completed = packet.payload[:1] == COMPLETED
+    v = decode((*fields, *command.returns) if completed else fields, packet.payload).values
+    common = {f.name for f in fields}
+    facts: dict[str, Any] = {
+        "device_time_s": packet.time_s,
+        "reason": "" if v["reason"] == "none" else v["reason"],
+        "detail": v["detail"],
+        "progress": v["progress"],
+        "replayed": v["replayed"],
+        "values": {name: value for name, value in v.items() if name not in common},
+    }
+    return Stage(str(v["stage"])), facts
+
+
+def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) -> HelloReceived:
+    """The device's identity from what HELLO returns; ``own_hash``: of the ground's dictionary."""
+    told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]
+    return HelloReceived(
+        device_model=str(v["device_model"]),
+        profile=str(v["profile"]),
+        firmware=str(v["firmware"]),
+        serial=str(v["serial"]),
+        simulated=bool(v["simulated"]),
+        dictionary_hash=told.hex(),
+        dictionary_match=told == own_hash,
+        line_baud=int(v["line_baud"]),
+        columns=int(v["columns"]),
+        rows=int(v["rows"]),
+        bits=int(v["bits"]),
+        image_slots=int(v["image_slots"]),
+        bank_bytes=int(v["bank_bytes"]),
+        boot_count=int(v["boot_count"]),
+        last_request_id=int(v["last_request_id"]),
+        device_time_s=device_time_s,
+    )
+
+
+def read_telemetry(packet: Packet, definition: PacketDefinition) -> Telemetry:
+    """A telemetry packet, raw and in engineering units."""
+    message: Decoded = decode(definition.fields, packet.payload)
+    return Telemetry(
+        definition.name,
+        packet.time_s,
+        packet.request_id,
+        message.raw,
+        message.values,
+        message.lists,
+        definition.simulator_only,
+    )
+
+
+def read_event(packet: Packet, definition: EventDefinition, dictionary: Dictionary) -> DeviceEvent:
+    """Something the device noticed."""
+    text = str(decode(dictionary.service("EVENT").fields, packet.payload).values["text"])
+    return DeviceEvent(definition.name, definition.severity, text, packet.time_s, packet.request_id)
