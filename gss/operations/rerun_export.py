@@ -135,9 +135,7 @@ def _log_camera(rr: Any, stream: Any, solution: Solution) -> None:
     stream.log("sky/field", rr.LineStrips3D([np.vstack([outline, outline[:1]]), *rays], colors=BLUE, radii=0.02))
     axes = [cam_from_icrs[k] * 2.0 for k in range(3)]
     colours = [(245, 102, 111), (79, 181, 141), BLUE]
-    stream.log(
-        "sky/camera_axes", rr.Arrows3D(vectors=axes, colors=colours, labels=["+x columns", "+y rows", "boresight"])
-    )
+    stream.log("sky/camera_axes", rr.Arrows3D(vectors=axes, colors=colours))
 
 
 def _log_text(rr: Any, stream: Any, solution: Solution) -> None:

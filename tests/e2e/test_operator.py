@@ -77,16 +77,21 @@ def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
     """Five steps with a live map; build; upload to an inactive bank; activate with its name; confirm; the header follows."""
     page.goto("/catalogues")
     page.get_by_test_id("new-catalogue").click()
-    page.get_by_test_id("build-name").fill("e2e-36")
-    if not page.get_by_test_id("build-faint_mag").is_visible():
-        page.get_by_test_id("step-4").click()
+    page.get_by_test_id("build-name").fill("zen-e2e")
+    if not page.get_by_role("group", name="Orbit from").is_visible():
+        page.get_by_test_id("step-1").click()
     expect(page.get_by_test_id("funnel")).to_contain_text("411")
-    page.get_by_test_id("build-faint_mag").fill("3.6")
-    expect(page.get_by_test_id("funnel")).not_to_contain_text("411")
+    page.get_by_role("group", name="Orbit from").get_by_role("button", name="elements").click()
+    page.get_by_test_id("build-raan_from").fill("20")
+    page.get_by_test_id("build-raan_to").fill("34")
+    page.get_by_test_id("step-4").click()
+    page.get_by_test_id("build-faint_mag").fill("4")
+    expect(page.get_by_test_id("funnel")).to_contain_text("519")
     page.get_by_test_id("build").click()
     expect(page).to_have_url(re.compile(r"/catalogues/\d+"))
     expect(page.get_by_test_id("quality")).to_contain_text("P(fewer than 3)")
     page.get_by_test_id("upload-bank").select_option("A")
+    picture("catalogue")
     page.get_by_test_id("upload-start").click()
     expect(page.get_by_test_id("upload")).to_contain_text("committed")
     page.get_by_test_id("activate").click()
@@ -94,8 +99,9 @@ def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
     page.get_by_test_id("hazard-queue").click()
     page.get_by_test_id("confirm-bank").click()
     expect(page.get_by_test_id("bank")).to_contain_text("Bank A active")
-    expect(page.get_by_test_id("bank")).to_contain_text("e2e-36")
-    picture("catalogue")
+    expect(page.get_by_test_id("bank")).to_contain_text("zen-e2e")
+    expect(page.get_by_test_id("bank")).to_contain_text("left")
+    picture("catalogue-active")
 
 
 def test_engineer_looks_into_a_frame_and_opens_it_in_rerun(page, picture):

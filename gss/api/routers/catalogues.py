@@ -18,6 +18,7 @@ from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
 from gss.catalogue_tools.selection import Rules
 from gss.domain.errors import BadInput
+from gss.operations.clock import utc_now
 
 router = APIRouter(prefix="/catalogues", tags=["catalogues"])
 
@@ -104,7 +105,7 @@ def request_of(body: CatalogueIn, user: str) -> BuildRequest:
         author=user,
         orbit=orbit,
         attitude=attitude,
-        start=_moment(body.start),
+        start=_moment(body.start) or (None if body.orbit == "none" else utc_now()),
         days=body.days,
         margin_rad=math.radians(body.margin_deg),
         pair_min_rad=math.radians(body.pair_min_deg),
