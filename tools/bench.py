@@ -1,0 +1,90 @@
+"""Measure what GSS can do, one thread, seeds fixed, processor time.
+
+``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it.
+
+Tables go to the terminal. With ``--json`` standard output is one JSON document and the tables go to standard error. Never part
+of the tests: figures depend on the machine. Peers (sep, tetra3rs) are measured in the same run where they are installed
+(``pip install -e .[dev,bench]``) and named as skipped where not.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "RAYON_NUM_THREADS",
+):
+    os.environ[_variable] = "1"  # before numpy is imported
+
+import argparse  # noqa: E402
+import json  # noqa: E402
+import sys  # noqa: E402
+from collections.abc import Callable, Sequence  # noqa: E402
+from typing import Any  # noqa: E402
+
+from tools.bench_catalogue import catalogues  # noqa: E402
+from tools.bench_frames import chains, drawing, finding  # noqa: E402
+from tools.bench_identify import lost_in_space  # noqa: E402
+from tools.bench_line import packets, transfers  # noqa: E402
+from tools.bench_tables import Table, machine  # noqa: E402
+
+SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
+    "render": drawing,
+    "centroid": finding,
+    "chain": chains,
+    "lost_in_space": lost_in_space,
+    "catalogue": catalogues,
+    "packets": packets,
+    "transfer": transfers,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the sections and print."""
+    parser = _parser()
+    asked = parser.parse_args(arguments)
+    unknown = [name for name in asked.sections if name not in SECTIONS]
+    if unknown:
+        parser.error(f"unknown section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+    at_start = machine()
+    show = sys.stderr if asked.json else sys.stdout
+    tables: list[Table] = []
+    for name in asked.sections or SECTIONS:
+        for table in SECTIONS[name](asked.quick):
+            tables.append(table)
+            print(table.markdown() if asked.markdown else table.text(), file=show, flush=True)
+    report = _report(at_start, asked.quick, tables)
+    if asked.json:
+        json.dump(report, sys.stdout, indent=1)
+        print()
+    else:
+        print(json.dumps(report["machine"]), file=show)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
+    parser.add_argument(
+        "sections", nargs="*", metavar="section", help=f"one or more of {', '.join(SECTIONS)}; all without"
+    )
+    parser.add_argument("--quick", action="store_true", help="a few repetitions only: shows that it runs, not how fast")
+    shape = parser.add_mutually_exclusive_group()
+    shape.add_argument("--json", action="store_true", help="one JSON document on standard output")
+    shape.add_argument("--markdown", action="store_true", help="tables for docs/benchmarks.md")
+    return parser
+
+
+def _report(at_start: dict[str, Any], quick: bool, tables: list[Table]) -> dict[str, Any]:
+    return {
+        "machine": at_start | {"load_average_at_end": machine()["load_average"]},
+        "threads": 1,
+        "quick": quick,
+        "tables": [table.plain() for table in tables],
+    }
+
+
+if __name__ == "__main__":
+    main()

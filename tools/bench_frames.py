@@ -1,0 +1,216 @@
+"""Work on pixels: drawing, detection and centroids against the Cramér–Rao bound and the peers, whole chains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, load_stars, propagate
+from gss.catalogue_tools.onboard import decode, encode
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import SolveResult, Truth, Verdict
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.chains import cubestar, reference
+from gss.pipeline.detect import find_stars
+from gss.pipeline.identify.verify import Sky
+from gss.pipeline.render import render
+from gss.pipeline.score import assess
+from tools.bench_scenes import E_PER_DN, EPOCH_JYEAR, SIGMA_PX, Array, StarFrame, star_frames
+from tools.bench_tables import Table, Value, repeated_ms, spread, timed_ms
+
+FIND_SEED, CHAIN_SEED, DRAW_SEED = 554, 11, 5
+STARS = 20
+FOUND_WITHIN_PX = 1.5
+DEEPER_MAG = 2.5
+Finder = Callable[[NDArray[np.uint8]], Array]
+
+
+def drawing(quick: bool) -> list[Table]:
+    """Time to draw one frame."""
+    rows: list[tuple[str, dict[str, Value]]] = []
+    for name in ("cubestar", "sunsat"):
+        known = profile(name)
+        stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
+        rng = np.random.default_rng(DRAW_SEED)
+
+        def draw(known: CameraProfile = known, stars: Any = stars, rng: np.random.Generator = rng) -> object:
+            pose = matrix_from_quaternion(random_quaternion(rng))
+            return render(stars, known.camera, known.sensor, pose, known.sensor.exposure_s, rng)
+
+        size = f"{known.camera.columns} x {known.camera.rows}"
+        rows.append((f"{name}, {size}", spread(repeated_ms(draw, 5 if quick else 60))))
+    conditions = (
+        f"Random attitudes, stars to {DEEPER_MAG} mag below the camera's limit (V 8 at most), all noise, no motion."
+    )
+    return [Table("render", "Drawing a frame", conditions, DRAW_SEED, rows)]
+
+
+def finding(quick: bool) -> list[Table]:
+    """Detection and centroids on the same frames for all, in turns, so that the machine's moods fall on all alike."""
+    frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
+    finders: dict[str, Finder] = {
+        "reference, known camera": _ours(SIGMA_PX),
+        "reference, unknown width": _ours(None),
+    }
+    skipped: list[str] = []
+    for peer in (_sep_finders, _tetra3rs_finders):
+        try:
+            finders |= peer()
+        except ImportError as error:
+            skipped.append(f"{error.name} is not installed")
+    spent: dict[str, list[float]] = {name: [] for name in finders}
+    found: dict[str, list[Array]] = {name: [] for name in finders}
+    for finder in finders.values():
+        finder(frames[0].pixels)
+    for frame in frames:
+        for name, finder in finders.items():
+            duration_ms, places = timed_ms(lambda f=finder, p=frame.pixels: f(p))  # type: ignore[misc]
+            spent[name].append(duration_ms)
+            found[name].append(places)
+    ours_ms = float(np.median(spent["reference, known camera"]))
+    rows = [
+        (
+            name,
+            spread(spent[name])
+            | {"time_of_ours": float(np.median(spent[name])) / ours_ms}
+            | _judged(frames, found[name]),
+        )
+        for name in finders
+    ]
+    conditions = (
+        f"{len(frames)} frames of 1024 x 512 px, 8 bits, {STARS} stars over 3 mag, σ {SIGMA_PX:g} px, {E_PER_DN:g} e/DN, "
+        f"read-out 40 e, dark 80 e, not drawn by our renderer. A star counts as found within {FOUND_WITHIN_PX} px; rms per axis. "
+        "The bound is Cramér–Rao's, of known flux and width."
+    )
+    return [Table("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
+
+
+def _ours(sigma_px: float | None) -> Finder:
+    def find(pixels: NDArray[np.uint8]) -> Array:
+        if sigma_px is None:
+            return find_stars(pixels).centroids.pixels
+        return find_stars(pixels, psf_sigma_px=sigma_px, saturation_dn=255.0, e_per_dn=E_PER_DN).centroids.pixels
+
+    return find
+
+
+def _sep_finders() -> dict[str, Finder]:
+    import sep  # type: ignore[import-not-found, unused-ignore]
+
+    def extract(pixels: NDArray[np.uint8]) -> tuple[Any, Any]:
+        image = pixels.astype(np.float32)
+        background = sep.Background(image)
+        background.subfrom(image)
+        return image, sep.extract(image, 5.0, err=background.globalrms, minarea=3)
+
+    def moments(pixels: NDArray[np.uint8]) -> Array:
+        _, stars = extract(pixels)
+        return np.column_stack([stars["x"], stars["y"]])
+
+    def windowed(pixels: NDArray[np.uint8]) -> Array:
+        image, stars = extract(pixels)
+        col, row, _ = sep.winpos(image, stars["x"], stars["y"], np.full(len(stars), SIGMA_PX))
+        return np.column_stack([col, row])
+
+    return {"sep, 5 σ": moments, "sep, 5 σ, winpos": windowed}
+
+
+def _tetra3rs_finders() -> dict[str, Finder]:
+    import tetra3rs
+
+    def places(pixels: NDArray[np.uint8], found: Any) -> Array:
+        rows, columns = pixels.shape
+        middle = columns / 2 - 0.5, rows / 2 - 0.5
+        return np.array([(c.x + middle[0], c.y + middle[1]) for c in found.centroids], float).reshape(-1, 2)
+
+    return {
+        "tetra3rs": lambda pixels: places(pixels, tetra3rs.extract_centroids(pixels, threads=1)),
+        "tetra3rs, fast": lambda pixels: places(pixels, tetra3rs.extract_centroids_fast(pixels, threads=1)),
+    }
+
+
+def _judged(frames: list[StarFrame], found: list[Array]) -> dict[str, Value]:
+    errors, bounds, false = [], [], 0
+    for frame, places in zip(frames, found, strict=True):
+        used: set[int] = set()
+        for place, bound_px in zip(frame.places, frame.bound_px, strict=True):
+            offsets = places - place
+            nearest = int(np.argmin(np.hypot(*offsets.T))) if len(places) else -1
+            if nearest >= 0 and np.hypot(*offsets[nearest]) < FOUND_WITHIN_PX:
+                used.add(nearest)
+                errors.append(offsets[nearest])
+                bounds.append(bound_px)
+        false += len(places) - len(used)
+    rms_px = float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")
+    bound_rms_px = float(np.sqrt(np.mean(np.square(bounds)))) if bounds else float("nan")
+    return {
+        "rms_px": rms_px,
+        "bound_px": bound_rms_px,
+        "rms_of_bound": rms_px / bound_rms_px,
+        "found_percent": 100 * len(errors) / (STARS * len(frames)),
+        "false": false,
+    }
+
+
+def chains(quick: bool) -> list[Table]:
+    """Both chains from pixels to attitude on the same frames."""
+    known = profile("cubestar")
+    bank, sky, parameters = _bank(known), _known_sky(known), cubestar.default_parameters(known)
+    results: dict[str, list[tuple[float, Verdict]]] = {"cubestar": [], "reference": []}
+    for pixels, truth in _frames_of(known, 3 if quick else 200):
+        solves: dict[str, Callable[[], SolveResult]] = {
+            "cubestar": lambda p=pixels: cubestar.solve(p, known.camera, bank, parameters),  # type: ignore[misc]
+            "reference": lambda p=pixels: reference.solve_known(p, known.camera, known.sensor, sky),  # type: ignore[misc]
+        }
+        for name, solve in solves.items():
+            if not results[name]:
+                solve()
+            duration_ms, result = timed_ms(solve)
+            results[name].append((duration_ms, assess(result, truth, known.camera).verdict))
+    rows = [(name, spread([ms for ms, _ in said]) | _verdicts([v for _, v in said])) for name, said in results.items()]
+    conditions = (
+        f"{len(results['cubestar'])} frames of the CubeStar camera (1024 x 512 px, its distortion), our renderer, "
+        f"random attitudes, stars to {DEEPER_MAG} mag below the limit of 3.8; lost in space, bank through the on-board format."
+    )
+    return [Table("chain", "From pixels to attitude", conditions, CHAIN_SEED, rows)]
+
+
+def _frames_of(known: CameraProfile, count: int) -> Iterator[tuple[NDArray[Any], Truth]]:
+    stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
+    rng = np.random.default_rng(CHAIN_SEED)
+    for _ in range(count):
+        pose = matrix_from_quaternion(random_quaternion(rng))
+        drawn = render(stars, known.camera, known.sensor, pose, known.sensor.exposure_s, rng)
+        yield drawn.pixels, drawn.truth
+
+
+def _drawn_to_mag(known: CameraProfile) -> float:
+    return min(known.sensor.faint_limit_mag + DEEPER_MAG, FAINTEST_V_MAG)
+
+
+def _bank(known: CameraProfile) -> OnboardCatalogue:
+    stars = propagate(load_stars(known.sensor.faint_limit_mag), EPOCH_JYEAR)
+    return decode(
+        encode(stars, distance_table(stars, 0.0, known.camera.diagonal_rad), "cubestar", known.name), stars.hip
+    )
+
+
+def _known_sky(known: CameraProfile) -> reference.KnownSky:
+    stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
+    stars = stars.brighter_than(_drawn_to_mag(known))
+    sky = Sky(stars.hip, stars.icrs, stars.v_mag)
+    return reference.known_sky(sky, known.camera, known.sensor.faint_limit_mag)
+
+
+def _verdicts(verdicts: list[Verdict]) -> dict[str, Value]:
+    return {
+        "correct": verdicts.count(Verdict.CORRECT),
+        "imprecise": verdicts.count(Verdict.IMPRECISE),
+        "wrong": verdicts.count(Verdict.WRONG),
+        "none": verdicts.count(Verdict.NONE),
+    }

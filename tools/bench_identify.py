@@ -1,0 +1,164 @@
+"""Lost in space from lists of centroids: ours and a peer on the same lists."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gss.catalogue_tools.distances import distance_table_of_units
+from gss.domain.profiles import profile
+from gss.domain.results import Centroids
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.chains import cubestar, reference
+from gss.pipeline.identify.verify import Sky
+from tools.bench_scenes import CAMERAS, Array, Optics, StarList, star_lists, visible_stars
+from tools.bench_tables import Table, Value, spread, timed_ms
+
+SEED = 2025
+NOISE_PX = 0.2
+FALSE_STARS = (0, 1, 5, 10)
+FEWEST = 4
+Solver = Callable[[StarList], tuple[float, Array | None]]
+"""A list in, duration in ms and the (3,) boresight in ICRS out; None when there is no solution."""
+
+
+def lost_in_space(quick: bool) -> list[Table]:
+    """One table for each camera."""
+    return [_table(optics, 5 if quick else 300) for optics in CAMERAS]
+
+
+def _table(optics: Optics, count: int) -> Table:
+    sky = visible_stars(optics)
+    solvers: dict[str, Solver] = {"reference": _reference(sky, optics)}
+    if optics.name == "cubestar":
+        solvers["cubestar"] = _replica(sky, optics)
+    skipped: list[str] = []
+    try:
+        solvers["tetra3rs"] = _tetra3rs(sky, optics)
+    except ImportError as error:
+        skipped.append(f"{error.name} is not installed")
+    rows: list[tuple[str, dict[str, Value]]] = []
+    for false_stars in FALSE_STARS:
+        scenes = star_lists(sky, optics, count, false_stars, NOISE_PX, SEED + false_stars)
+        rows += _rows(f"{false_stars} false", scenes, solvers, optics)
+    conditions = (
+        f"{count} random attitudes for each number of false stars; {optics.columns} x {optics.rows} px, no distortion, "
+        f"{len(sky)} stars to V {optics.faint_mag}, places ±{NOISE_PX} px, magnitudes ±0.15; "
+        f"right within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
+        f"'few' counts lists with fewer than {FEWEST} stars."
+    )
+    return Table("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)
+
+
+def _rows(
+    label: str, scenes: list[StarList], solvers: dict[str, Solver], optics: Optics
+) -> list[tuple[str, dict[str, Value]]]:
+    said: dict[str, list[tuple[float, Array | None]]] = {name: [] for name in solvers}
+    for solve in solvers.values():
+        solve(scenes[0])
+    for scene in scenes:
+        for name, solve in solvers.items():
+            said[name].append(solve(scene))
+    ours_ms = float(np.median([ms for ms, _ in said["reference"]]))
+    few = sum(scene.true_stars < FEWEST for scene in scenes)
+    rows = []
+    for name, answers in said.items():
+        durations = spread([ms for ms, _ in answers])
+        ratio: dict[str, Value] = {"time_of_ours": float(durations["median_ms"] or 0) / ours_ms}
+        rows.append((f"{label}, {name}", durations | ratio | _judged(answers, scenes, optics) | {"few": few}))
+    return rows
+
+
+def _judged(answers: list[tuple[float, Array | None]], scenes: list[StarList], optics: Optics) -> dict[str, Value]:
+    off_rad: list[float] = []
+    for (_, boresight), scene in zip(answers, scenes, strict=True):
+        if boresight is not None:
+            half_chord = float(np.linalg.norm(boresight - scene.cam_from_icrs[2])) / 2
+            off_rad.append(2 * float(np.arcsin(min(1.0, half_chord))))
+    n = len(scenes)
+    good = [off for off in off_rad if off <= optics.tolerance_rad]
+    right = len(good)
+    return {
+        "right_percent": 100 * right / n,
+        "wrong_percent": 100 * (len(off_rad) - right) / n,
+        "none_percent": 100 * (n - len(off_rad)) / n,
+        "error_arcsec": float(np.degrees(np.median(good)) * 3600) if good else None,
+    }
+
+
+def _centroids(scene: StarList, optics: Optics) -> Centroids:
+    middle = np.array([(optics.columns - 1) / 2, (optics.rows - 1) / 2])
+    return Centroids.from_pixels(scene.offset_px + middle, 10 ** (-0.4 * scene.magnitude), NOISE_PX)
+
+
+def _reference(sky: Sky, optics: Optics) -> Solver:
+    camera = optics.camera
+    known = reference.known_sky(sky, camera, optics.faint_mag)
+
+    def solve(scene: StarList) -> tuple[float, Array | None]:
+        centroids = _centroids(scene, optics)
+        duration_ms, result = timed_ms(lambda: reference.solve_centroids(centroids, camera, known))
+        return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
+
+    return solve
+
+
+def _replica(sky: Sky, optics: Optics) -> Solver:
+    camera = optics.camera
+    icrs = sky.icrs.astype(np.float32)
+    bank = OnboardCatalogue(sky.hip, icrs, sky.v_mag, distance_table_of_units(icrs, 0.0, camera.diagonal_rad))
+    parameters = cubestar.default_parameters(profile("cubestar"))
+
+    def solve(scene: StarList) -> tuple[float, Array | None]:
+        centroids = _centroids(scene, optics)
+        duration_ms, result = timed_ms(lambda: cubestar.solve_centroids(centroids, camera, bank, parameters))
+        return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
+
+    return solve
+
+
+def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
+    """The peer takes square pixels only: rows are stretched for it."""
+    import tetra3rs
+
+    wide_deg, high_deg = np.degrees(optics.fov_rad)
+    with tempfile.TemporaryDirectory() as folder:
+        catalogue = Path(folder) / "stars.bin"
+        catalogue.write_bytes(_gaia_records(sky))
+        database = tetra3rs.SolverDatabase.generate_from_gaia(
+            str(catalogue),
+            max_fov_deg=wide_deg,
+            min_fov_deg=high_deg,
+            star_max_magnitude=optics.faint_mag + 0.01,
+            epoch_proper_motion_year=None,
+        )
+    stretch = optics.pitch_row_mm / optics.pitch_col_mm
+    camera = tetra3rs.CameraModel(optics.focal_mm / optics.pitch_col_mm, optics.columns, round(optics.rows * stretch))
+
+    def solve(scene: StarList) -> tuple[float, Array | None]:
+        stars = np.column_stack([scene.offset_px * [1.0, stretch], 10 ** (-0.4 * scene.magnitude)])
+        duration_ms, result = timed_ms(
+            lambda: database.solve_from_centroids(
+                stars, camera_model=camera, fov_max_error_deg=0.02 * wide_deg, solve_timeout_ms=1000
+            )
+        )
+        if not result:
+            return duration_ms, None
+        ra_rad, dec_rad = np.radians([result.ra_deg, result.dec_deg])  # type: ignore[union-attr]
+        flat = np.cos(dec_rad)
+        return duration_ms, np.array([flat * np.cos(ra_rad), flat * np.sin(ra_rad), np.sin(dec_rad)])
+
+    return solve
+
+
+def _gaia_records(sky: Sky) -> bytes:
+    """The layout of the file that the peer reads; positions are at the epoch already, so no motion."""
+    fields = [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("mag", "<f4"), ("pm_ra", "<f4"), ("pm_dec", "<f4")]
+    records = np.zeros(len(sky), np.dtype(fields))
+    x, y, z = sky.icrs.T
+    records["id"], records["mag"] = sky.hip, sky.v_mag
+    records["ra"], records["dec"] = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z))
+    return b"GDR3" + (1).to_bytes(4, "little") + len(records).to_bytes(8, "little") + records.tobytes()

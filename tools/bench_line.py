@@ -1,0 +1,185 @@
+"""The line: packets per second through codec, packet and frame, and how much of a line a transfer turns into content."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.device.dictionary import Dictionary, Layout, Values
+from gss.device.dictionary_file import load_dictionary
+from gss.device.golden import Golden, build_golden
+from gss.device.protocol.codec import Lists, decode, encode
+from gss.device.protocol.line import LineReceiver, LineSender
+from gss.device.protocol.packet import PacketType
+from gss.device.session import HostSession
+from gss.device.session_events import CommandStage, SessionEvent, Stage, TransferUpdate
+from gss.device.simulator.factory import burn_golden
+from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.orbit import Inertial
+from gss.device.simulator.sky import Sky
+from gss.domain.profiles import profile
+from tools.bench_tables import Table, Value, repeated_ms, timed_ms
+
+SEED = 1
+STEP_S = 0.01
+PATIENCE_S = 1500.0
+BITS_PER_BYTE = 10
+BAUDS = (115_200, 921_600)
+ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A packet to send again and again."""
+
+    type: PacketType
+    code: int
+    layout: Layout
+    values: Values
+    lists: Lists
+
+
+def packets(quick: bool) -> list[Table]:
+    """Packets per second on one core, both halves and the way through."""
+    dictionary, count = load_dictionary(), 50 if quick else 2000
+    rng = np.random.default_rng(SEED)
+    chunk, matches = dictionary.service("CHUNK"), dictionary.packet("matches")
+    stars: list[Values] = [{"centroid": i, "star": int(rng.integers(400)), "weight": float(i)} for i in range(20)]
+    kinds = {
+        "CHUNK, 1024 B": Kind(
+            PacketType.TRANSFER,
+            chunk.code,
+            chunk.fields,
+            {"session": 1, "index": 7, "serial": 9, "data": rng.bytes(1024)},
+            {},
+        ),
+        "matches, 20 stars": Kind(
+            PacketType.TELEMETRY, matches.code, matches.fields, {"frame_number": 3}, {"items": stars}
+        ),
+    }
+    rows = [(label, _packet_rates(kind, dictionary.prefix, count)) for label, kind in kinds.items()]
+    conditions = f"{count} packets at once, values to framed bytes and back, CRC-32 checked; median of five runs."
+    return [Table("packets", "Packets through codec, packet and frame", conditions, SEED, rows)]
+
+
+def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
+    sender = LineSender(to_device=False, prefix=prefix)
+
+    def send() -> bytes:
+        frames = (
+            sender.packet(kind.type, kind.code, 1, encode(kind.layout, kind.values, kind.lists)) for _ in range(count)
+        )
+        return b"".join(frames)
+
+    def receive() -> int:
+        packets = LineReceiver(from_device=True).feed(stream)
+        return sum(bool(decode(kind.layout, packet.payload).values) for packet in packets)
+
+    stream = send()
+    assert receive() == count  # noqa: S101 - a figure of lost packets would be worthless
+    there_ms = float(np.median(repeated_ms(send, 5)))
+    back_ms = float(np.median(repeated_ms(receive, 5)))
+    return {
+        "bytes": len(stream) // count,
+        "encode_per_s": round(1e3 * count / there_ms),
+        "decode_per_s": round(1e3 * count / back_ms),
+        "through_per_s": round(1e3 * count / (there_ms + back_ms)),
+        "through_MB_per_s": len(stream) / 1e3 / (there_ms + back_ms),
+    }
+
+
+class Line:
+    """A ground and a device on a line of a given rate, in simulated time; both directions lose bits."""
+
+    def __init__(self, dictionary: Dictionary, golden: Golden, baud: int, faults: FaultRates) -> None:
+        known = profile("cubestar")
+        memory = Memory.in_ram()
+        burn_golden(memory, known, golden)
+        tracker = StarTracker(known, Sky(known, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
+        self.baud, self.now_s = baud, 100.0
+        self.device = Device(dictionary, Identity(line_baud=baud), memory, tracker, self.now_s)
+        self.host = HostSession(dictionary)
+        self.events: list[SessionEvent] = []
+        self._faults = LineFaults(faults, SEED), LineFaults(faults, SEED + 1)
+        self._up, self._down = bytearray(), bytearray()
+        self.host.link_up(self.now_s)
+
+    def step(self) -> None:
+        """Let time pass."""
+        self.now_s += STEP_S
+        share = int(self.baud / BITS_PER_BYTE * STEP_S)
+        out, events = self.host.poll(self.now_s)
+        self._up += out
+        going, self._up = bytes(self._up[:share]), self._up[share:]
+        self.device.advance(self.now_s)
+        self.device.feed(self._faults[0].apply(going), self.now_s)
+        while len(self._down) < share:
+            frame = self.device.next_frame(self.now_s)
+            if frame is None:
+                break
+            self._down += frame
+        coming, self._down = bytes(self._down[:share]), self._down[share:]
+        self.events = events + self.host.feed(self._faults[1].apply(coming), self.now_s)
+
+    def greet(self) -> None:
+        """Until the device has introduced itself."""
+        while self.host.hello is None and self.now_s < PATIENCE_S:
+            self.step()
+
+    def picture(self) -> bool:
+        """Take an image into slot 0; the command is sent again until the device says that it is done."""
+        request_id = self.host.submit("TAKE_IMAGE", {}, self.now_s)
+        while self.now_s < PATIENCE_S:
+            self.step()
+            for event in self.events:
+                if not isinstance(event, CommandStage) or event.request_id != request_id:
+                    continue
+                if event.stage is Stage.COMPLETED:
+                    return True
+                if event.stage is Stage.UNKNOWN:
+                    self.host.retry(request_id, self.now_s)
+        return False
+
+    def download(self) -> tuple[float, TransferUpdate]:
+        """Fetch slot 0: simulated seconds and the last word on it."""
+        start_s = self.now_s
+        transfer_id = self.host.start_download("frame", 0, self.now_s)
+        while self.host.transfer(transfer_id).state.value != "verified" and self.now_s < start_s + PATIENCE_S:
+            self.step()
+        return self.now_s - start_s, self.host.transfer(transfer_id)
+
+
+def transfers(quick: bool) -> list[Table]:
+    """A frame down the line at several rates of damage."""
+    dictionary = load_dictionary()
+    golden = build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
+    rows: list[tuple[str, dict[str, Value]]] = []
+    for baud in BAUDS[-1:] if quick else BAUDS:
+        for rate in ERROR_RATES[:1] if quick else ERROR_RATES:
+            line = Line(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
+            line.greet()
+            line.picture()
+            spent_ms, (took_s, update) = timed_ms(line.download)
+            rows.append((f"{baud:,} Bd, bit error rate {rate:g}", _facts(update, took_s, baud, spent_ms)))
+    conditions = (
+        "Ground session and simulated device in one process, simulated time in steps of 10 ms, ten bits per byte; "
+        "bit errors in both directions. One frame of 512 KiB comes down, housekeeping shares the line. "
+        "Share: content over what the line could carry; processor time of both ends."
+    )
+    return [Table("transfer", "Transfers", conditions, SEED, rows)]
+
+
+def _facts(update: TransferUpdate, took_s: float, baud: int, spent_ms: float) -> dict[str, Value]:
+    return {
+        "state": update.state.value,
+        "line_s": took_s,
+        "share_percent": 100 * update.stored_bytes * BITS_PER_BYTE / baud / took_s,
+        "chunk_bytes": update.chunk_size,
+        "resent": update.resent,
+        "chunks": update.chunks,
+        "processor_ms": spent_ms,
+    }

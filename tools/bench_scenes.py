@@ -1,0 +1,152 @@
+"""The truth that ours and the peers are measured on. None of it is drawn or placed by the project's own code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+from scipy.special import erf
+
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.domain.camera import Camera, Pinhole
+from gss.pipeline.identify.verify import Sky
+
+Array = NDArray[np.float64]
+EPOCH_JYEAR = 2025.0
+MERGE_PX = 3.0
+
+# Frames: a sensor with a visible noise floor, so that the bound on centroids is set by photons and read-out.
+SIGMA_PX, E_PER_DN, BIAS_DN, DARK_E, READ_E = 1.0, 40.0, 8.0, 80.0, 40.0
+PEAK_DN, RANGE_MAG, APART_PX, BORDER_PX, HALF_PX = 240.0, 3.0, 16.0, 12.0, 7
+
+
+@dataclass(frozen=True)
+class StarFrame:
+    """(rows, columns) counts, (n, 2) true col and row, (n,) electrons, and the Cramér–Rao bound per axis, px."""
+
+    pixels: NDArray[np.uint8]
+    places: Array
+    flux_e: Array
+    bound_px: Array
+
+
+def star_frames(count: int, stars: int, seed: int, columns: int = 1024, rows: int = 512) -> list[StarFrame]:
+    """Frames of pixel-integrated Gaussian stars with Poisson light, normal read-out and eight bits."""
+    rng = np.random.default_rng(seed)
+    return [_star_frame(rng, stars, columns, rows) for _ in range(count)]
+
+
+def _star_frame(rng: np.random.Generator, stars: int, columns: int, rows: int) -> StarFrame:
+    places = _apart(rng, stars, columns, rows)
+    brightest_e = PEAK_DN * E_PER_DN / erf(0.5 / (SIGMA_PX * np.sqrt(2))) ** 2
+    flux_e = brightest_e * 10 ** (-0.4 * rng.uniform(0, RANGE_MAG, stars))
+    expected_e = np.full((rows, columns), DARK_E)
+    bound_px = np.empty(stars)
+    for i, ((col, row), light_e) in enumerate(zip(places, flux_e, strict=True)):
+        left, top = round(col) - HALF_PX, round(row) - HALF_PX
+        across, slope = _profile(left, col)
+        down, _ = _profile(top, row)
+        spot_e = light_e * np.outer(down, across)
+        variance_e2 = spot_e + DARK_E + READ_E**2 + E_PER_DN**2 / 12
+        bound_px[i] = 1 / np.sqrt(np.sum((light_e * np.outer(down, slope)) ** 2 / variance_e2))
+        expected_e[top : top + 2 * HALF_PX + 1, left : left + 2 * HALF_PX + 1] += spot_e
+    signal_e = rng.poisson(expected_e) + rng.normal(0, READ_E, expected_e.shape)
+    pixels = np.clip(np.rint(signal_e / E_PER_DN + BIAS_DN), 0, 255).astype(np.uint8)
+    return StarFrame(pixels, places, flux_e, bound_px)
+
+
+def _apart(rng: np.random.Generator, stars: int, columns: int, rows: int) -> Array:
+    places = np.empty((0, 2))
+    while len(places) < stars:
+        place = rng.uniform([BORDER_PX, BORDER_PX], [columns - 1 - BORDER_PX, rows - 1 - BORDER_PX])
+        if np.all(np.hypot(*(places - place).T) > APART_PX):
+            places = np.vstack([places, place])
+    return places
+
+
+def _profile(first_px: int, centre_px: float) -> tuple[Array, Array]:
+    """Share of the light in each pixel of a row, and its derivative by the centre."""
+    edges = np.arange(first_px, first_px + 2 * HALF_PX + 2) - 0.5 - centre_px
+    share = 0.5 * np.diff(erf(edges / (SIGMA_PX * np.sqrt(2))))
+    density = np.exp(-0.5 * (edges / SIGMA_PX) ** 2) / (SIGMA_PX * np.sqrt(2 * np.pi))
+    return share, -np.diff(density)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """A camera without distortion, its limit, and how far a right boresight may be off."""
+
+    name: str
+    columns: int
+    rows: int
+    pitch_col_mm: float
+    pitch_row_mm: float
+    focal_mm: float
+    faint_mag: float
+    tolerance_rad: float
+
+    @property
+    def camera(self) -> Camera:
+        """As the chains know it."""
+        return Camera.from_optics(
+            self.columns, self.rows, self.pitch_col_mm, self.pitch_row_mm, self.focal_mm, Pinhole()
+        )
+
+    @property
+    def fov_rad(self) -> tuple[float, float]:
+        """Across and down."""
+        wide, high = self.columns * self.pitch_col_mm, self.rows * self.pitch_row_mm
+        return 2 * np.arctan(wide / 2 / self.focal_mm), 2 * np.arctan(high / 2 / self.focal_mm)
+
+
+CAMERAS = (
+    Optics("cubestar", 1024, 512, 5.6e-3, 5.6e-3, 6.28, 3.8, float(np.radians(0.25))),
+    Optics("sunsat", 752, 582, 6.5e-3, 6.25e-3, 25.0, 6.0, float(np.radians(0.10))),
+)
+
+
+@dataclass(frozen=True)
+class StarList:
+    """A list of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's middle; ``true_stars``:
+    how many of them are stars."""
+
+    cam_from_icrs: Array
+    offset_px: Array
+    magnitude: Array
+    true_stars: int
+
+
+def visible_stars(optics: Optics) -> Sky:
+    """Stars to the limit at the epoch, without the fainter of pairs closer than three pixels: no camera parts them."""
+    table = propagate(load_stars(optics.faint_mag), EPOCH_JYEAR).brighter_than(optics.faint_mag)
+    reach_rad = MERGE_PX * max(optics.pitch_col_mm, optics.pitch_row_mm) / optics.focal_mm
+    close = cKDTree(table.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
+    keep = np.ones(len(table), bool)
+    keep[close.max(axis=1)] = False
+    return Sky(table.hip[keep], table.icrs[keep], table.v_mag[keep])
+
+
+def star_lists(sky: Sky, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int) -> list[StarList]:
+    """Scenes at random attitudes: noisy places, 0.15 mag of photometric noise, false stars all over the frame."""
+    rng = np.random.default_rng(seed)
+    return [_star_list(rng, sky, optics, false_stars, noise_px) for _ in range(count)]
+
+
+def _star_list(rng: np.random.Generator, sky: Sky, optics: Optics, false_stars: int, noise_px: float) -> StarList:
+    matrix = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+    seen = sky.icrs @ matrix.T
+    focal = optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])
+    half = np.array([optics.columns, optics.rows]) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = focal * seen[:, :2] / seen[:, 2:]
+    inside = np.flatnonzero((seen[:, 2] > 0) & np.all(np.abs(places) < half, axis=1))
+    stars = places[inside] + rng.normal(0, noise_px, (len(inside), 2))
+    star_mag = sky.v_mag[inside] + rng.normal(0, 0.15, len(inside))
+    others = rng.uniform(-half, half, (false_stars, 2))
+    other_mag = rng.uniform(optics.faint_mag - 3, optics.faint_mag, false_stars)
+    magnitude = np.concatenate([star_mag, other_mag])
+    order = np.argsort(magnitude)
+    return StarList(matrix, np.concatenate([stars, others])[order], magnitude[order], len(inside))
