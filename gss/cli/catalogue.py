@@ -23,6 +23,7 @@ from gss.catalogue_tools.onboard import FORMATS, decode
 from gss.catalogue_tools.orbits import Range
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
 from gss.catalogue_tools.selection import Rules
+from gss.cli import catalogue_upload
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
 from gss.domain.stars import OnboardCatalogue
@@ -56,6 +57,7 @@ def register(subparsers: Subparsers) -> None:
     export_.add_argument("--kind", default="csv", help="csv | ecsv | fits")
     export_.add_argument("--out", type=Path, required=True, metavar="FILE")
     export_.set_defaults(run=run_export)
+    catalogue_upload.register(commands)
 
 
 def _register_build(commands: Subparsers) -> None:

@@ -15,7 +15,9 @@ from gss.catalogue_tools.onboard import HEADER_VERSION, read_header
 from gss.catalogue_tools.quality import Quality
 from gss.catalogue_tools.request import BuildRequest
 from gss.catalogue_tools.selection import Fate, Selection
+from gss.device.dictionary import Dictionary
 from gss.device.session import Compatibility
+from gss.device.session_events import HelloReceived
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.stars import StarTable
@@ -120,30 +122,13 @@ class CatalogueService:
         row, hello = self.get(catalogue_id), self._link.hello
         if hello is None:
             raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
-        if row.profile != hello.profile:
-            raise BadInput("this catalogue is for another camera", expected=hello.profile, got=row.profile)
-        if row.size > hello.bank_bytes:
-            raise BadInput(
-                "the catalogue does not fit the bank",
-                expected=f"at most {hello.bank_bytes} bytes",
-                got=f"{row.size} bytes",
-            )
-        target = self._bank_number(bank)
+        target = bank_number(self._link.dictionary, bank)
         if any(view.bank == bank and view.active for view in self._banks.views()):
             raise Conflict(
                 f"bank {bank} is active", expected="an inactive bank", got=bank, hint="the sensor matches from it now"
             )
         image = self._blobs.get(row.sha256)
-        header = read_header(image)
-        compatibility = Compatibility(
-            device_model=hello.device_model,
-            profile=row.profile,
-            dictionary_hash=bytes.fromhex(hello.dictionary_hash),
-            format_version=HEADER_VERSION,
-            epoch_jyear=header.epoch_jyear,
-            stars=row.stars,
-            pairs=row.pairs,
-        )
+        compatibility = compatibility_of(image, hello)
         return self._transfers.upload(
             "catalogue",
             target,
@@ -154,12 +139,32 @@ class CatalogueService:
             catalogue_id=row.id,
         )
 
-    def _bank_number(self, bank: str) -> int:
-        choices = self._link.dictionary.command("VERIFY_BANK").argument("bank").choices
-        for choice in choices:
-            if choice.name == bank:
-                return choice.value
-        raise BadInput("no such bank", expected=" | ".join(c.name for c in choices), got=bank)
+
+def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
+    """What the device checks before it takes a bank image; BadInput when it is for another camera or does not fit."""
+    header = read_header(image)
+    if header.profile_name != hello.profile:
+        raise BadInput("this catalogue is for another camera", expected=hello.profile, got=header.profile_name)
+    if len(image) > hello.bank_bytes:
+        raise BadInput(
+            "the catalogue does not fit the bank",
+            expected=f"at most {hello.bank_bytes} bytes",
+            got=f"{len(image)} bytes",
+        )
+    return Compatibility(
+        device_model=hello.device_model,
+        profile=header.profile_name,
+        dictionary_hash=bytes.fromhex(hello.dictionary_hash),
+        format_version=HEADER_VERSION,
+        epoch_jyear=header.epoch_jyear,
+        stars=header.stars,
+        pairs=header.pairs,
+    )
+
+
+def bank_number(dictionary: Dictionary, bank: str) -> int:
+    """The number of a bank on the wire; BadInput lists the banks."""
+    return dictionary.command("VERIFY_BANK").argument("bank").choice(bank).value
 
 
 def report_of(selection: Selection, envelope: EnvelopeMap, quality: Quality | None) -> dict[str, Any]:

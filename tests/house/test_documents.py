@@ -11,7 +11,7 @@ import pytest
 
 from gss.settings import Settings
 
-PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docs/tour.md")
 
 
 def test_every_setting_is_documented_with_its_default(root):
@@ -26,7 +26,7 @@ def test_every_setting_is_documented_with_its_default(root):
 def test_links_and_pictures_lead_somewhere(root, page):
     """No dead relative link in the documents at the top."""
     for target in re.findall(r"\]\(([^)#]+)\)", (root / page).read_text()):
-        assert target.startswith("http") or (root / target).exists(), target
+        assert target.startswith("http") or ((root / page).parent / target).exists(), target
 
 
 def test_commands_of_the_readme_exist(root):
