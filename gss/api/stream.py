@@ -15,15 +15,15 @@ from gss.operations.events import Message
 
 router = APIRouter(tags=["stream"])
 PRESENT: dict[str, Callable[[Any], Any]] = {
-    "link": present.link,
-    "telemetry": present.latest,
-    "command": present.command,
-    "transfer": present.transfer,
-    "frame": lambda frame: present.frame(frame, None),
-    "solution": present.solution,
-    "job": present.job,
-    "event": present.event,
-    "cycle": present.cycle,
+    "link": present.link.link,
+    "telemetry": present.telemetry.latest,
+    "command": present.commands.command,
+    "transfer": present.records.transfer,
+    "frame": lambda frame: present.frames.frame(frame, None),
+    "solution": present.frames.solution,
+    "job": present.records.job,
+    "event": present.records.event,
+    "cycle": present.telemetry.cycle,
 }
 BACKFILL = 500
 PING_S = 10.0
@@ -42,7 +42,7 @@ async def stream(
             for row in await asyncio.to_thread(app.bus.after, seq, BACKFILL):
                 seq = row.seq
                 yield _sse(Message("event", row, row.seq))
-        yield ServerSentEvent(data=present.link(app.status.header()), event="link")
+        yield ServerSentEvent(data=present.link.link(app.status.header()), event="link")
         while not app.stopping.is_set() and not await request.is_disconnected():
             messages, dropped = subscription.take()
             if dropped:

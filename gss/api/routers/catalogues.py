@@ -27,7 +27,7 @@ router = APIRouter(prefix="/catalogues", tags=["catalogues"])
 def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[CatalogueOut]:
     """Newest first."""
     banks = app.banks.views()
-    return [present.catalogue(row, banks) for row in app.catalogues.newest(limit)]
+    return [present.catalogues.catalogue(row, banks) for row in app.catalogues.newest(limit)]
 
 
 @router.post("/preview")
@@ -47,13 +47,13 @@ def preview(app: App, body: CatalogueIn) -> PreviewOut:
 def build_catalogue(app: App, body: CatalogueIn) -> JobOut:
     """Build as a job; its result names the catalogue."""
     request = request_of(body, app.settings.user)
-    return present.job(app.catalogues.build(request, body.model_dump(mode="json"), user=app.settings.user))
+    return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=app.settings.user))
 
 
 @router.get("/{catalogue_id}")
 def read_catalogue(app: App, catalogue_id: int) -> CatalogueDetailOut:
     """A catalogue with its map and quality."""
-    return present.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
+    return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
 
 
 @router.get("/{catalogue_id}/image.bin", response_class=Response)
@@ -74,7 +74,7 @@ def manifest(app: App, catalogue_id: int) -> Response:
 @router.post("/{catalogue_id}/upload", status_code=201)
 def upload(app: App, catalogue_id: int, body: UploadIn) -> TransferOut:
     """Send it to an inactive bank."""
-    return present.transfer(app.catalogues.upload(catalogue_id, body.bank))
+    return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 
 
 def request_of(body: CatalogueIn, user: str) -> BuildRequest:

@@ -19,11 +19,11 @@ def list_events(
     app: App, after: Annotated[int, Query(ge=0)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 200
 ) -> list[EventOut]:
     """Events after a number, oldest first."""
-    return [present.event(row) for row in app.bus.after(after, limit)]
+    return [present.records.event(row) for row in app.bus.after(after, limit)]
 
 
 @router.get("/contacts")
 def list_contacts(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ContactOut]:
     """Newest first."""
     with app.database.unit_of_work() as session:
-        return [present.contact(*row) for row in devices.list_contacts(session, limit)]
+        return [present.records.contact(*row) for row in devices.list_contacts(session, limit)]

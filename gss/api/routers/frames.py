@@ -43,13 +43,13 @@ def list_frames(
 ) -> FramePage:
     """Newest first."""
     total, rows = app.frames.page(limit, offset, source=source, outcome=outcome, mode=mode, contact_id=contact)
-    return FramePage(total=total, frames=[present.frame(frame, best) for frame, best in rows])
+    return FramePage(total=total, frames=[present.frames.frame(frame, best) for frame, best in rows])
 
 
 @router.get("/latest")
 def latest_frame(app: App) -> FrameDetailOut:
     """The frame that came last."""
-    return present.frame_detail(app.frames.detail(app.frames.latest_id()))
+    return present.frames.frame_detail(app.frames.detail(app.frames.latest_id()))
 
 
 @router.post("/import", status_code=201)
@@ -57,19 +57,19 @@ def import_frame(app: App, file: UploadFile, profile: Annotated[str, Form()] = "
     """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
     data = file.file.read(security.MAX_BODY_BYTES + 1)
     frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=app.settings.user)
-    return present.frame_detail(app.frames.detail(frame.id))
+    return present.frames.frame_detail(app.frames.detail(frame.id))
 
 
 @router.post("/download", status_code=201)
 def download_frame(app: App, body: DownloadIn) -> TransferOut:
     """Bring a frame or its thumbnail from a slot of the device."""
-    return present.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
+    return present.records.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
 
 
 @router.get("/{frame_id}")
 def read_frame(app: App, frame_id: int) -> FrameDetailOut:
     """A frame with everything that was made of it."""
-    return present.frame_detail(app.frames.detail(frame_id))
+    return present.frames.frame_detail(app.frames.detail(frame_id))
 
 
 @router.get("/{frame_id}/image.png", response_class=Response)
@@ -168,4 +168,4 @@ def solve_frame(app: App, frame_id: int, body: SolveIn) -> SolutionDetailOut:
     named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
     blind = body.blind or (named is None and fov_rad is None)
     request = SolveRequest(chain=body.chain, profile=named, fov_rad=fov_rad, blind=blind)
-    return present.solution_detail(app.frames.solve(frame_id, request))
+    return present.frames.solution_detail(app.frames.solve(frame_id, request))

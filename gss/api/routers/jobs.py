@@ -16,16 +16,16 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 @router.get("")
 def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[JobOut]:
     """Newest first."""
-    return [present.job(row) for row in app.jobs.newest(limit)]
+    return [present.records.job(row) for row in app.jobs.newest(limit)]
 
 
 @router.get("/{job_id}")
 def read_job(app: App, job_id: int) -> JobOut:
     """One job."""
-    return present.job(app.jobs.get(job_id))
+    return present.records.job(app.jobs.get(job_id))
 
 
 @router.post("/{job_id}/cancel")
 def cancel_job(app: App, job_id: int) -> JobOut:
     """Ask it to end."""
-    return present.job(app.jobs.cancel(job_id))
+    return present.records.job(app.jobs.cancel(job_id))

@@ -21,18 +21,18 @@ def health() -> dict[str, str]:
 @router.get("/link")
 def read_link(app: App) -> LinkOut:
     """Everything of the header bar."""
-    return present.link(app.status.header())
+    return present.link.link(app.status.header())
 
 
 @router.post("/link/open")
 def open_link(app: App, body: LinkOpenIn) -> LinkOut:
     """Use another port. What is wrong with it is said at once, and the present one stays."""
     app.link.open(body.url)
-    return present.link(app.status.header())
+    return present.link.link(app.status.header())
 
 
 @router.post("/link/close")
 def close_link(app: App) -> LinkOut:
     """Give the port back."""
     app.link.close()
-    return present.link(app.status.header())
+    return present.link.link(app.status.header())

@@ -14,4 +14,4 @@ router = APIRouter(tags=["solutions"])
 @router.get("/solutions/{solution_id}")
 def read_solution(app: App, solution_id: int) -> SolutionDetailOut:
     """One result with its overlays."""
-    return present.solution_detail(app.frames.solution(solution_id))
+    return present.frames.solution_detail(app.frames.solution(solution_id))

@@ -25,7 +25,7 @@ Moment = Annotated[datetime, AfterValidator(_with_zone)]
 @router.get("/latest")
 def latest(app: App) -> LatestOut:
     """Every field with its state now."""
-    return present.latest(app.telemetry.values())
+    return present.telemetry.latest(app.telemetry.values())
 
 
 @router.get("/history")
@@ -47,4 +47,4 @@ def history(
 @router.get("/cycles")
 def cycles(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 12) -> list[CycleOut]:
     """Timing of the newest iterations."""
-    return [present.cycle(timed) for timed in app.telemetry.cycles(limit)]
+    return [present.telemetry.cycle(timed) for timed in app.telemetry.cycles(limit)]

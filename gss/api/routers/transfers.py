@@ -16,28 +16,28 @@ router = APIRouter(prefix="/transfers", tags=["transfers"])
 @router.get("")
 def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[TransferOut]:
     """Newest first."""
-    return [present.transfer(view) for view in app.transfers.newest(limit)]
+    return [present.records.transfer(view) for view in app.transfers.newest(limit)]
 
 
 @router.get("/{transfer_id}")
 def read_transfer(app: App, transfer_id: int) -> TransferOut:
     """One transfer."""
-    return present.transfer(app.transfers.get(transfer_id))
+    return present.records.transfer(app.transfers.get(transfer_id))
 
 
 @router.post("/{transfer_id}/pause")
 def pause(app: App, transfer_id: int) -> TransferOut:
     """Stop sending; what is stored stays stored."""
-    return present.transfer(app.transfers.pause(transfer_id))
+    return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume")
 def resume(app: App, transfer_id: int) -> TransferOut:
     """Go on with what is missing."""
-    return present.transfer(app.transfers.resume(transfer_id))
+    return present.records.transfer(app.transfers.resume(transfer_id))
 
 
 @router.post("/{transfer_id}/abort")
 def abort(app: App, transfer_id: int) -> TransferOut:
     """Give it up on both sides."""
-    return present.transfer(app.transfers.abort(transfer_id))
+    return present.records.transfer(app.transfers.abort(transfer_id))

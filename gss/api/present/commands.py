@@ -1,0 +1,148 @@
+"""Dictionary, dry runs and the history of commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gss.api.schemas.commands import (
+    ArgumentOut,
+    ByteGroupOut,
+    CheckOut,
+    ChoiceOut,
+    CommandDefinitionOut,
+    CommandOut,
+    DictionaryOut,
+    FieldDefinitionOut,
+    PreconditionOut,
+    StageOut,
+)
+from gss.device.dictionary import Command as Definition
+from gss.device.dictionary import Dictionary
+from gss.operations.commanding import Check, PreconditionState
+from gss.store.models import Command
+
+STAGES = ("queued", "released", "sent", "accepted", "started", "progress", "completed")
+ENDED = ("completed", "rejected", "failed", "unknown", "resolved")
+TEXT_LENGTH = 120
+
+
+def dictionary(d: Dictionary, preconditions: Mapping[str, Sequence[PreconditionState]]) -> DictionaryOut:
+    """The whole dictionary with the present state of its preconditions."""
+    fields = [
+        FieldDefinitionOut(
+            name=f.name,
+            packet=packet.name,
+            page=f.page,
+            title=f.title,
+            unit=f.unit,
+            decimals=f.decimals,
+            watch=f.limits.watch,
+            warning=f.limits.warning,
+            critical=f.limits.critical,
+            stale_after_s=f.stale_after_s,
+        )
+        for packet in d.telemetry
+        for f in packet.values
+    ]
+    commands = [definition(c, preconditions.get(c.name, ())) for c in d.commands]
+    return DictionaryOut(hash=d.hash_hex, commands=commands, telemetry=fields)
+
+
+def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDefinitionOut:
+    """One command of the dictionary."""
+    arguments = [
+        ArgumentOut(
+            name=a.name,
+            type=a.type,
+            unit=a.unit,
+            purpose=a.purpose,
+            min=a.minimum,
+            max=a.maximum,
+            default=None if isinstance(a.default, bytes) else a.default,
+            choices=[ChoiceOut(name=x.name, value=x.value, hazard=str(x.hazard), note=x.note) for x in a.choices],
+        )
+        for a in c.arguments
+    ]
+    return CommandDefinitionOut(
+        name=c.name,
+        code=c.code,
+        subsystem=c.subsystem,
+        purpose=c.purpose,
+        hazard=c.hazard.value,
+        hazard_reason=c.hazard_reason,
+        idempotent=c.idempotent,
+        role=c.role,
+        favourite=c.favourite,
+        arguments=arguments,
+        preconditions=[precondition(s) for s in states],
+        accept_within_s=c.accept_s,
+        complete_within_s=c.complete_s,
+    )
+
+
+def precondition(state: PreconditionState) -> PreconditionOut:
+    """One condition."""
+    return PreconditionOut(text=state.text, met=state.met, value=state.value)
+
+
+def check(result: Check, argument_names: Sequence[str]) -> CheckOut:
+    """A dry run."""
+    groups = [
+        ByteGroupOut(label=label, hex=data.hex(" "), argument=label in argument_names) for label, data in result.groups
+    ]
+    size = sum(len(data) for _, data in result.groups)
+    return CheckOut(
+        problems=list(result.problems),
+        preconditions=[precondition(s) for s in result.preconditions],
+        bytes=groups,
+        size=size,
+    )
+
+
+def command(row: Command) -> CommandOut:
+    """A command with its stage lights."""
+    duration_s = (row.finished - row.created).total_seconds() if row.finished else None
+    return CommandOut(
+        id=row.id,
+        request_id=row.request_id,
+        name=row.name,
+        arguments=row.arguments,
+        text=_arguments_text(row.arguments),
+        user=row.user,
+        source=row.source,
+        created=row.created,
+        finished=row.finished,
+        duration_s=duration_s,
+        stages=_stages(row),
+        result=row.result,
+        detail=row.detail,
+        late=row.late,
+        attempts=row.attempts,
+        resolved_note=row.resolved_note,
+        values=row.values,
+    )
+
+
+def _arguments_text(arguments: Mapping[str, Any]) -> str:
+    text = ", ".join(f"{name.rsplit('_', 1)[0] if '_' in name else name} {value}" for name, value in arguments.items())
+    return text if len(text) <= TEXT_LENGTH else text[: TEXT_LENGTH - 1] + "…"
+
+
+def _stages(row: Command) -> list[StageOut]:
+    """Seven lights: what was passed, where it stands or ended, and what is still to come."""
+    at = {stage.stage: stage.at for stage in row.stages}
+    reached = max((STAGES.index(name) for name in at if name in STAGES), default=0)
+    lights = []
+    for k, name in enumerate(STAGES):
+        state = "to_come"
+        if k <= reached:
+            state = "passed" if name in at else "skipped"
+        if k == reached and row.result not in ENDED:
+            state = "now"
+        if k == reached + 1 and row.result in ("rejected", "failed"):
+            state = "failed"
+        if k == reached + 1 and row.result in ("unknown", "resolved"):
+            state = "unknown"
+        lights.append(StageOut(name=name, state=state, at=at.get(name)))  # type: ignore[arg-type]  # literals by construction
+    return lights

@@ -1,0 +1,148 @@
+"""Frames, solutions and their comparison."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gss.api.schemas.frames import (
+    AttitudeOut,
+    CameraOut,
+    ComparisonOut,
+    FrameDetailOut,
+    FrameOut,
+    PredictedOut,
+    RegionOut,
+    SolutionDetailOut,
+    SolutionOut,
+    StarOut,
+)
+from gss.domain.angles import wrap_pi_rad
+from gss.domain.frames import pointing_difference_rad, ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.frames import FrameDetail
+from gss.store.models import Frame, Solution
+
+AGREE_CROSS_ARCSEC = 120.0
+AGREE_ROLL_ARCSEC = 360.0
+
+
+def arcsec(angle_rad: float) -> float:
+    """Radians to arcseconds."""
+    return math.degrees(angle_rad) * 3600
+
+
+def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | None] | None) -> AttitudeOut | None:
+    """Degrees, quaternion, arcseconds."""
+    if quaternion is None:
+        return None
+    ra, dec, roll = ra_dec_roll_rad(matrix_from_quaternion(np.array(quaternion, float)))
+    cross, about = sigma_rad or (None, None)
+    x, y, z, w = (float(q) for q in quaternion)
+    return AttitudeOut(
+        ra_deg=math.degrees(ra),
+        dec_deg=math.degrees(dec),
+        roll_deg=math.degrees(roll),
+        quaternion=(x, y, z, w),
+        sigma_cross_arcsec=None if cross is None else arcsec(cross),
+        sigma_roll_arcsec=None if about is None else arcsec(about),
+    )
+
+
+def frame(row: Frame, best: Solution | None) -> FrameOut:
+    """A frame with the essence of its newest ground solution."""
+    return FrameOut(**_frame_values(row, best))
+
+
+def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
+    names = (
+        "id number slot source name taken received columns rows bits "
+        "exposure_s profile mode sha256 complete rows_held contact_id"
+    )
+    values = {name: getattr(row, name) for name in names.split()}
+    return values | {
+        "verdict": best.verdict if best else None,
+        "outcome": best.outcome if best else None,
+        "chain": best.chain if best else None,
+        "matched": best.matched if best else None,
+        "centroids": best.found if best else None,
+        "attitude": attitude(best.quaternion, best.sigma_rad) if best else None,
+    }
+
+
+def frame_detail(detail: FrameDetail) -> FrameDetailOut:
+    """A frame with everything that was made of it."""
+    return FrameDetailOut(
+        **_frame_values(detail.frame, detail.ground),
+        solutions=[solution(s) for s in detail.solutions],
+        on_board=solution_detail(detail.on_board) if detail.on_board else None,
+        ground=solution_detail(detail.ground) if detail.ground else None,
+        comparison=comparison(detail.on_board, detail.ground),
+        truth=attitude(detail.frame.truth, None),
+    )
+
+
+def solution(row: Solution) -> SolutionOut:
+    """A result without its overlays."""
+    return SolutionOut(**_solution_values(row))
+
+
+def _solution_values(row: Solution) -> dict[str, Any]:
+    names = (
+        "id frame_id origin chain version created outcome reason found matched rejected rms_px "
+        "false_match_probability verdict replay notes"
+    )
+    values = {name: getattr(row, name) for name in names.split()}
+    fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None
+    deltas = [
+        s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2
+        for s in row.detail["stars"]
+        if s.get("dx_arcsec") is not None and s["weight"] > 0
+    ]
+    return values | {
+        "attitude": attitude(row.quaternion, row.sigma_rad),
+        "rms_arcsec": math.sqrt(sum(deltas) / (2 * len(deltas))) if deltas else None,
+        "fov_deg": fov_deg,
+        "timing_ms": {name: 1000 * s for name, s in row.timing_s.items()},
+        "error_axis_arcsec": None if row.error_axis_rad is None else arcsec(row.error_axis_rad),
+        "error_roll_arcsec": None if row.error_roll_rad is None else arcsec(row.error_roll_rad),
+    }
+
+
+def solution_detail(row: Solution) -> SolutionDetailOut:
+    """A result with its overlays."""
+    detail = row.detail
+    optional = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
+    return SolutionDetailOut(
+        **_solution_values(row),
+        regions=[RegionOut(**r) for r in detail["regions"]],
+        stars=[StarOut(**(dict.fromkeys(optional) | s)) for s in detail["stars"]],
+        predicted=[PredictedOut(**p) for p in detail["predicted"]],
+        camera=CameraOut(**row.camera),
+        grid=detail["grid"],
+        north=detail["north"],
+        field=[(math.degrees(a), math.degrees(d)) for a, d in detail["field"]],
+    )
+
+
+def comparison(on_board: Solution | None, ground: Solution | None) -> ComparisonOut | None:
+    """On board minus ground."""
+    if on_board is None or ground is None or on_board.quaternion is None or ground.quaternion is None:
+        return None
+    a, b = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (on_board, ground))
+    (ra_a, dec_a, roll_a), (ra_b, dec_b, roll_b) = ra_dec_roll_rad(a), ra_dec_roll_rad(b)
+    cross, about = (arcsec(x) for x in pointing_difference_rad(a, b))
+    agree = cross < AGREE_CROSS_ARCSEC and abs(about) < AGREE_ROLL_ARCSEC
+    return ComparisonOut(
+        d_ra_arcsec=arcsec(float(wrap_pi_rad(ra_a - ra_b))),
+        d_dec_arcsec=arcsec(dec_a - dec_b),
+        d_roll_arcsec=arcsec(float(wrap_pi_rad(roll_a - roll_b))),
+        cross_arcsec=cross,
+        agree=agree,
+        text="on board and ground agree"
+        if agree
+        else f"on board and ground differ by {cross:.0f}″ across, {about:.0f}″ about",
+    )

@@ -1,0 +1,43 @@
+"""The header bar: link, banks, alarms."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from gss.api.schemas.link import AlarmOut, BankOut, DirectionOut, LinkOut
+from gss.operations.banks import BankView, days_left
+from gss.operations.status import Header
+
+
+def link(header: Header) -> LinkOut:
+    """The header bar."""
+    banks = [bank(view, header.utc) for view in header.banks]
+    active = next((b for b in banks if b.active), None)
+    values = {k: v for k, v in vars(header).items() if k not in ("tx", "rx", "banks", "alarms")}
+    return LinkOut(
+        **values,
+        tx=DirectionOut.model_validate(header.tx),
+        rx=DirectionOut.model_validate(header.rx),
+        banks=banks,
+        active_bank=active,
+        alarms=[AlarmOut.model_validate(a) for a in header.alarms],
+        role="operator",
+        authority=header.user,
+    )
+
+
+def bank(view: BankView, now: datetime) -> BankOut:
+    """One flash bank."""
+    known = view.catalogue
+    return BankOut(
+        bank=view.bank,
+        state=view.state,
+        active=view.active,
+        catalogue_id=known.id if known else None,
+        catalogue_name=known.name if known else None,
+        stars=view.stars,
+        pairs=view.pairs,
+        sha256=view.sha256,
+        valid_to=known.valid_to if known else None,
+        days_left=days_left(known.valid_to, now) if known else None,
+    )

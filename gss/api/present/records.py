@@ -1,0 +1,52 @@
+"""Transfers, jobs, events and contacts."""
+
+from __future__ import annotations
+
+from gss.api.schemas.events import ContactOut, EventOut
+from gss.api.schemas.jobs import JobOut
+from gss.api.schemas.transfers import TransferOut
+from gss.operations.transfers import TransferView
+from gss.store.models import Contact, Device, Event, Job
+
+
+def transfer(view: TransferView) -> TransferOut:
+    """A transfer with the figures of the moment."""
+    row, live = view.row, view.live
+    chunks = -(-row.size // row.chunk_size) if row.chunk_size else 0
+    stored = [(int(a), int(b)) for a, b in row.stored]
+    stored_bytes = min(row.size, sum(b - a + 1 for a, b in stored) * row.chunk_size)
+    names = "id direction kind target subject state reason size chunk_size resent sha256 created finished frame_id catalogue_id log"
+    return TransferOut(
+        **{name: getattr(row, name) for name in names.split()},
+        chunks=chunks,
+        stored=stored,
+        stored_bytes=stored_bytes,
+        rate_bytes_s=live.rate_bytes_s if live else None,
+        line_share=live.line_share if live else None,
+        left_s=live.left_s if live else None,
+    )
+
+
+def job(row: Job) -> JobOut:
+    """A job."""
+    return JobOut.model_validate(row)
+
+
+def event(row: Event) -> EventOut:
+    """One line of the record."""
+    return EventOut.model_validate(row)
+
+
+def contact(row: Contact, device: Device | None, frames: int, commands: int) -> ContactOut:
+    """A contact."""
+    return ContactOut(
+        id=row.id,
+        device=device.name if device else "nobody answered",
+        url=row.url,
+        started=row.started,
+        ended=row.ended,
+        rx_bytes=row.rx_bytes,
+        tx_bytes=row.tx_bytes,
+        frames=frames,
+        commands=commands,
+    )
