@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids, Region
-from gss.pipeline.background import Background, measure_background, pixel_noise
+from gss.pipeline.background import Background
+from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, single_again
 from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours
 
 THRESHOLD_SIGMA = 5.5
-MAX_PEAKS = 4000  # counted budget: brightest first, the rest is said to be left out
 MAX_STARS = 400
-STREAK_RATIO = 1.7
-BINOMIAL_GAIN = 256.0
-SINGLE_SHARE = 0.35  # of the light that a star must have beside its brightest pixel
 SIGMA_RANGE_PX = (0.55, 6.0)
 
 
@@ -66,7 +62,7 @@ def find_stars(
     known = psf_sigma_px is not None
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
-    pass_one = _peaks(image, covariance, ceiling, threshold_sigma, notes)
+    pass_one = find_peaks(image, covariance, threshold_sigma, notes)
     if not known:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
@@ -74,9 +70,9 @@ def find_stars(
             covariance = measured
             if moved > 0.8:
                 notes.clear()
-                pass_one = _peaks(image, covariance, ceiling, threshold_sigma, notes)
+                pass_one = find_peaks(image, covariance, threshold_sigma, notes)
             else:
-                pass_one = _single_again(image, pass_one, covariance)
+                pass_one = single_again(image, pass_one, covariance)
     return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes)
 
 
@@ -101,143 +97,7 @@ def _ceiling(image: NDArray[Any]) -> float:
     return float(top) if enough else float("inf")
 
 
-def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
-    """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat."""
-    kind = np.uint16 if image.dtype == np.uint8 else np.float32
-    wide = np.empty((image.shape[0] + 4, image.shape[1] + 4), kind)
-    wide[2:-2, 2:-2] = image
-    wide[:2, 2:-2], wide[-2:, 2:-2] = image[0], image[-1]
-    wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
-    for _ in range(4):
-        wide = wide[:, :-1] + wide[:, 1:]
-    for _ in range(4):
-        wide = wide[:-1] + wide[1:]
-    return wide
-
-
-def _filtered(image: NDArray[Any], covariance: Array) -> tuple[NDArray[Any], float]:
-    """The frame under a filter close to its point-spread function, and the filter's gain. Noise is measured on the result."""
-    low, high = np.sqrt(np.linalg.eigvalsh(covariance))
-    if high < 1.6:
-        return _binomial_sum(image), BINOMIAL_GAIN
-    if high / low < STREAK_RATIO:
-        smooth = ndimage.gaussian_filter(image.astype(np.float32), float(np.sqrt(low * high)), mode="nearest")
-        return np.asarray(smooth), 1.0
-    half = int(np.ceil(2.5 * high))
-    y, x = np.mgrid[-half : half + 1, -half : half + 1]
-    q = np.linalg.inv(covariance)
-    kernel = np.exp(-0.5 * (q[0, 0] * x * x + 2 * q[0, 1] * x * y + q[1, 1] * y * y))
-    from scipy.signal import oaconvolve
-
-    wide = np.pad(image.astype(np.float32), half, mode="edge")
-    return np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid")), 1.0
-
-
-@dataclass(frozen=True)
-class _Peaks:
-    """Local maxima of the filtered frame, brightest first: position, significance; backgrounds of raw and filtered."""
-
-    col: NDArray[np.intp]
-    row: NDArray[np.intp]
-    snr: Array
-    sky: Array
-    noise: Array
-    single: NDArray[np.bool_]
-    background: Background
-
-
-def _peaks(image: NDArray[Any], covariance: Array, ceiling: float, threshold_sigma: float, notes: list[str]) -> _Peaks:
-    smooth, gain = _filtered(image, covariance)
-    background = measure_background(smooth)
-    raw_background = _unfiltered(image, background, gain)
-    row, col = _above(smooth, background, threshold_sigma)
-    level, noise = background.at(col, row)
-    snr = (smooth[row, col] - level) / noise
-    keep = np.flatnonzero((snr > threshold_sigma) & _is_maximum(smooth, row, col))
-    keep = keep[np.argsort(-snr[keep], kind="stable")]
-    if len(keep) > MAX_PEAKS:
-        notes.append(f"{len(keep)} peaks above threshold; the brightest {MAX_PEAKS} were looked at")
-        keep = keep[:MAX_PEAKS]
-    row, col, snr = row[keep], col[keep], snr[keep]
-    sky, raw_noise = raw_background.at(col, row)
-    single = _is_single_pixel(image, row, col, sky, raw_noise, covariance)
-    return _Peaks(col, row, snr, sky, raw_noise, single, raw_background)
-
-
-def _unfiltered(image: NDArray[Any], background: Background, gain: float) -> Background:
-    """Level and noise of single pixels from the mesh of a filtered frame; ``gain``: of the filter on a flat frame."""
-    level = background.scaled(1 / gain, 1.0)
-    return level.scaled(1.0, pixel_noise(image, level) / float(np.median(background.noise)))
-
-
-def _single_again(image: NDArray[Any], peaks: _Peaks, covariance: Array) -> _Peaks:
-    """Judge the shapes anew once the frame's own point-spread function is known."""
-    single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
-    return replace(peaks, single=single)
-
-
-def _above(smooth: NDArray[Any], background: Background, sigma: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pixels that may be above threshold: each tile against its own lowest threshold."""
-    tile = background.tile_px
-    lowest = background.lowest_threshold(sigma)
-    if smooth.dtype.kind == "u":
-        lowest = np.clip(np.floor(lowest), 0, np.iinfo(smooth.dtype).max)
-    per_col = np.repeat(lowest, tile, axis=1)[:, : smooth.shape[1]].astype(smooth.dtype)
-    hit = np.empty(smooth.shape, bool)
-    for k in range(len(lowest)):
-        np.greater(smooth[k * tile : (k + 1) * tile], per_col[k], out=hit[k * tile : (k + 1) * tile])
-    flat = np.flatnonzero(hit)
-    return np.divmod(flat, smooth.shape[1])
-
-
-def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """No neighbour is higher; of equal ones the first in reading order counts."""
-    rows, cols = smooth.shape
-    here = smooth[row, col]
-    best = np.ones(len(row), bool)
-    for dr, dc in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-        there = smooth[np.clip(row + dr, 0, rows - 1), np.clip(col + dc, 0, cols - 1)]
-        outside = (row + dr < 0) | (row + dr >= rows) | (col + dc < 0) | (col + dc >= cols)
-        earlier = (dr, dc) < (0, 0)
-        best &= outside | ((here > there) if earlier else (here >= there))
-    return best
-
-
-def _is_single_pixel(
-    image: NDArray[Any],
-    row: NDArray[np.intp],
-    col: NDArray[np.intp],
-    sky: Array,
-    noise: Array,
-    covariance: Array,
-) -> NDArray[np.bool_]:
-    """Light that stands in one pixel, one row or one column only: a hot pixel, cosmic ray or column defect, no lens makes it.
-
-    A star of covariance C leaves its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star;
-    about a third of that is asked for, along columns and along rows separately, within the noise.
-    """
-    rows, cols = image.shape
-    side = np.arange(-1, 2)
-    r = np.clip(row[:, None, None] + side[:, None], 0, rows - 1)
-    c = np.clip(col[:, None, None] + side, 0, cols - 1)
-    box = image[r, c].astype(float) - sky[:, None, None]
-    # The raw maximum may sit next to the filtered one.
-    k = box.reshape(len(row), 9).argmax(1) if len(row) else np.zeros(0, int)
-    r2, c2 = row + k // 3 - 1, col + k % 3 - 1
-    r = np.clip(r2[:, None, None] + side[:, None], 0, rows - 1)
-    c = np.clip(c2[:, None, None] + side, 0, cols - 1)
-    box = image[r, c].astype(float) - sky[:, None, None]
-    peak = box[:, 1, 1]
-    across, along = box[:, 1, [0, 2]].sum(1), box[:, [0, 2], 1].sum(1)
-    expected_col = 2 * np.exp(-0.5 / max(covariance[0, 0], 0.25))
-    expected_row = 2 * np.exp(-0.5 / max(covariance[1, 1], 0.25))
-    doubt = 1.5 * noise
-    return np.asarray(
-        (across + doubt < SINGLE_SHARE * expected_col * peak) | (along + doubt < SINGLE_SHARE * expected_row * peak)
-    )
-
-
-def _measure_psf(image: NDArray[Any], peaks: _Peaks, ceiling: float) -> Array | None:
+def _measure_psf(image: NDArray[Any], peaks: Peaks, ceiling: float) -> Array | None:
     """Covariance (2, 2) of the typical bright star, None where too few stars say anything."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:30]
     if len(pick) < 3:
@@ -268,7 +128,7 @@ def _measure_psf(image: NDArray[Any], peaks: _Peaks, ceiling: float) -> Array | 
 
 def _measure(
     image: NDArray[Any],
-    peaks: _Peaks,
+    peaks: Peaks,
     covariance: Array,
     ceiling: float,
     e_per_dn: float,
@@ -312,7 +172,7 @@ def _measure(
 
 
 def _not_shoulders(
-    image: NDArray[Any], peaks: _Peaks, stars: NDArray[np.intp], width: float, ceiling: float
+    image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], width: float, ceiling: float
 ) -> NDArray[np.intp]:
     """Rows of ``stars`` that are not mere bumps on a brighter neighbour: no dip in between, or swamped by its wings."""
     col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
@@ -346,7 +206,7 @@ def _not_shoulders(
     return np.flatnonzero(~drop)
 
 
-def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: _Peaks, stars: NDArray[np.intp], half: int) -> Stamps:
+def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int) -> Stamps:
     """Stars so saturated that fewer than a third of their pixels are left are fitted with the clipped values."""
     blown = stamps.use.mean(1) < 0.34
     if not blown.any():
@@ -372,7 +232,7 @@ def _reasons(image: NDArray[Any], fit: PsfFit, stamps: Stamps, width: float) -> 
 
 
 def _regions(
-    peaks: _Peaks,
+    peaks: Peaks,
     stars: NDArray[np.intp],
     order: NDArray[np.intp],
     area: NDArray[np.int32],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +17,26 @@ DONE = 1e-10
 OUTLIER_SIGMA = 4.0
 CORNER_DISTORTION = 0.02  # of the radius: how far an unknown lens is expected to bend its corners, as one sigma
 STEP = 1e-6
+BELIEF = 20.0  # degrees of freedom that the stated errors of centroids are worth
 
 
 @dataclass(frozen=True)
 class Refined:
     """Geometry and attitude after the fit. ``residual_px``: (n, 2) measured − predicted, ``weight``: (n,) 0 = outlier.
-    ``covariance_rad2``: (3, 3) of the rotation vector in the camera frame, free camera parameters included."""
+    ``parameters``: what was fitted, and ``covariance``: (p, p) of all of it."""
 
     camera: Camera
     cam_from_icrs: Array
     residual_px: Array
     weight: Array
-    covariance_rad2: Array
     rms_px: float
+    parameters: tuple[str, ...] = ("x", "y", "z")
+    covariance: Array = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def covariance_rad2(self) -> Array:
+        """(3, 3) of the rotation vector in the camera frame, the error of free camera parameters included."""
+        return self.covariance[:3, :3]
 
 
 def refine(
@@ -71,7 +78,14 @@ def refine(
     good = np.isfinite(residual).all(1) & used
     rms = float(np.sqrt(np.mean(residual[good] ** 2))) if good.any() else float("inf")
     covariance = _covariance(normal, residual, weight, good, len(names))
-    return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), covariance, rms)
+    return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
+
+
+def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
+    """(n,) standard deviations per axis of where the fit puts (n, 3) stars: its attitude's and its lens's own error."""
+    _, jacobian = _linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
+    variance = np.einsum("nij,jk,nik->n", jacobian, fit.covariance, jacobian)
+    return np.asarray(np.sqrt(np.maximum(variance, 0) / 2))
 
 
 def _linearised(
@@ -113,7 +127,12 @@ def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool
 
 
 def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
-    """Inverse information, enlarged where the residuals are larger than the centroids' own errors say."""
+    """Inverse information, scaled to the residuals: fully where they are larger than the centroids' own errors say, and
+    where they are smaller only as far as many stars prove it."""
     freedom = 2 * int(good.sum()) - parameters
-    factor = max(1.0, float(np.sum(residual[good] ** 2 * weight[good, None])) / freedom) if freedom > 0 else 1.0
-    return np.asarray(np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal)))[:3, :3] * factor)
+    if freedom <= 0:
+        factor = 1.0
+    else:
+        chi2 = float(np.sum(residual[good] ** 2 * weight[good, None]))
+        factor = chi2 / freedom if chi2 > freedom else (chi2 + BELIEF) / (freedom + BELIEF)
+    return np.asarray(np.linalg.inv(normal + 1e-12 * np.diag(np.diag(normal))) * factor)

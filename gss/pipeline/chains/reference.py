@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
@@ -20,11 +21,12 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind import BlindFound, identify_blind
+from gss.pipeline.identify.faint import Named, Spots, name_the_rest
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
 from gss.pipeline.identify.patterns import Level
 from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
-from gss.pipeline.identify.verify import Field, Sky, field_of
+from gss.pipeline.identify.verify import Evidence, Field, Sky, field_of
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
@@ -36,22 +38,27 @@ MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a 
 
 @dataclass(frozen=True)
 class KnownSky:
-    """What the known-camera path needs of the catalogue: the stars a camera can show and their pair distances."""
+    """What the known-camera path needs of the catalogue: the stars a camera identifies by and their pair distances, and
+    ``deep``, the whole table, brightest first, by which it names the rest. ``deep_row``: where each star of ``sky`` is in it."""
 
     sky: Sky
     pairs: PairTable
+    deep: Sky
+    deep_row: NDArray[np.intp]
 
 
 def known_sky(sky: Sky, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
     """Stars to the camera's limit, without the fainter of pairs that it cannot separate, and their pair table."""
-    bright = np.flatnonzero(sky.v_mag <= faint_limit_mag)
-    bright = bright[np.argsort(sky.v_mag[bright], kind="stable")]
-    close = pair_table(sky.icrs[bright], 0.0, merge_px * camera.pixel_rad)
+    order = np.argsort(sky.v_mag, kind="stable")
+    deep = Sky(sky.hip[order], sky.icrs[order], sky.v_mag[order])
+    bright = np.arange(np.searchsorted(deep.v_mag, faint_limit_mag, side="right"))
+    close = pair_table(deep.icrs[bright], 0.0, merge_px * camera.pixel_rad)
     keep = np.ones(len(bright), bool)
     keep[np.maximum(close.first, close.second)] = False
     rows = bright[keep]
-    kept = Sky(sky.hip[rows], sky.icrs[rows], sky.v_mag[rows])
-    return KnownSky(kept, pair_table(kept.icrs, 2 * merge_px * camera.pixel_rad, camera.diagonal_rad))
+    kept = Sky(deep.hip[rows], deep.icrs[rows], deep.v_mag[rows])
+    pairs = pair_table(kept.icrs, 2 * merge_px * camera.pixel_rad, camera.diagonal_rad)
+    return KnownSky(kept, pairs, deep, rows)
 
 
 def solve_known(
@@ -115,11 +122,24 @@ def _identify_known(
         with trace.stage("why not"):
             mirrored = _solves_mirrored(centroids, camera, stars)
         return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
-    rows, picked = evidence.rows, evidence.stars
     with trace.stage("attitude"):
-        fit = refine(view.pixels[rows], stars.sky.icrs[picked], view.sigma_px[rows], camera, evidence.cam_from_icrs)
-    solved = _solved(base, fit, view.centroid[rows], stars.sky.hip[picked], evidence.false_match_probability)
+        named = _name_all(view, camera, stars, evidence, found)
+    hip = stars.deep.hip[named.stars]
+    solved = _solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
     return replace(solved, timing_s=dict(trace.timing_s))
+
+
+def _name_all(view: Field, camera: Camera, stars: KnownSky, evidence: Evidence, found: Detections | None) -> Named:
+    """Attitude from the stars of the proof, then from every star that can be named."""
+    deep = stars.deep
+    picked = stars.deep_row[evidence.stars]
+
+    def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
+        return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, evidence.cam_from_icrs)
+
+    first = fit_to(evidence.rows, picked, view.sigma_px[evidence.rows])
+    spots = Spots(view.pixels, view.sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
+    return name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:

@@ -1,0 +1,147 @@
+"""The proof of a blind candidate: match and refine in turn, then ask how likely so many coincidences are by accident."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array
+from gss.domain.camera import Brown, Camera
+from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
+from gss.pipeline.identify.verify import Sky, in_view, pair_up
+from gss.pipeline.refine import Refined, refine
+
+WIDE_HALF_DIAGONAL_RAD = np.radians(12.0)
+WIDE_STARS = 20
+WIDE_LENS = ("k1", "k2", "p1", "p2")
+MERGE_PX = 2.5
+BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
+ACQUIRE = (0.003, 0.008)  # of the frame's width: a good lens, and one with strong distortion
+# Coincidences are counted within these parts of the acquisition radius and among so many of the brightest detections;
+# the best of all these counts is taken and pays for the others. Junk is mostly faint, and good lenses predict well.
+COUNT_WITHIN = (1.0, 0.5, 0.2)
+COUNT_AMONG = (8, 16, 40, 10_000)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Accepted identification: rows of the detections and of the sky, with the fitted geometry."""
+
+    rows: NDArray[np.intp]
+    stars: NDArray[np.intp]
+    fit: Refined
+    predicted: int
+    false_match_probability: float
+
+
+def prove(
+    camera: Camera, cam_from_icrs: Array, pixels: Array, magnitude: Array, sigma_px: Array, sky: Sky, hypotheses: float
+) -> Solved | None:
+    """Match and refine in turn from a narrow and from a wide acquisition radius; the more certain of the two."""
+    results = [
+        _prove(camera, cam_from_icrs, pixels, magnitude, sigma_px, sky, hypotheses, part * camera.columns)
+        for part in ACQUIRE
+    ]
+    good = [r for r in results if r is not None]
+    return min(good, key=lambda r: r.false_match_probability) if good else None
+
+
+def _is_wide(camera: Camera) -> bool:
+    """Whether decentring and higher orders of the lens show."""
+    return bool(camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD)
+
+
+def _visible(sky: Sky, camera: Camera, cam_from_icrs: Array, wanted: int) -> tuple[NDArray[np.intp], Array]:
+    """The brightest ``wanted`` stars in view and their pixels, without faint companions that melt into a brighter star."""
+    rows, pixels = in_view(sky, camera, cam_from_icrs)
+    rows, pixels = rows[:wanted], pixels[:wanted]
+    keep = np.ones(len(rows), bool)
+    if len(rows) > 1:
+        keep[cKDTree(pixels).query_pairs(MERGE_PX, output_type="ndarray").max(axis=1)] = False
+    return rows[keep], pixels[keep]
+
+
+def _prove(
+    camera: Camera,
+    cam_from_icrs: Array,
+    pixels: Array,
+    magnitude: Array,
+    sigma_px: Array,
+    sky: Sky,
+    hypotheses: float,
+    acquire_px: float,
+) -> Solved | None:
+    wanted = int(1.5 * len(pixels)) + 5
+    sigma = np.maximum(sigma_px, 0.15)
+    radius = acquire_px
+    fit = Refined(camera, cam_from_icrs, np.zeros((0, 2)), np.zeros(0), radius)
+    first, expected = np.zeros((0, 2)), 0
+    for round_ in range(6):
+        seen, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, wanted)
+        if len(seen) < 4:
+            return None
+        p, m = pair_up(predicted, pixels, np.full(len(seen), radius))
+        if len(m) < 5:
+            return None
+        if round_ == 0:
+            first = np.full((len(sky), 2), np.inf)
+            first[seen] = predicted
+            expected = len(seen)
+        try:
+            lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
+            fit = refine(
+                pixels[m], sky.icrs[seen[p]], sigma[m], fit.camera, fit.cam_from_icrs, fit_focal=True, fit_lens=lens
+            )
+        except np.linalg.LinAlgError:
+            return None
+        if not np.isfinite(fit.rms_px):
+            return None
+        radius = (
+            float(np.clip(4.0 * fit.rms_px, 0.8, max(acquire_px * 0.7, 0.8)))
+            if round_ < 3
+            else float(np.clip(3.5 * fit.rms_px, 0.7, 3.5))
+        )
+    difference = magnitude[m] - sky.v_mag[seen[p]]
+    keep = (fit.weight > 0) & (np.abs(difference - np.median(difference)) < BRIGHTNESS_GATE_MAG)
+    rows, stars = m[keep], seen[p][keep]
+    if len(rows) < 5 or not _plausible(fit):
+        return None
+    spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(magnitude)))
+    brightness = brightness_tail(magnitude[rows], sky.v_mag[stars], spread)
+    offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
+    tail = _tail(rows, offset, acquire_px, expected, len(pixels), camera, brightness)
+    fit = replace(fit, residual_px=fit.residual_px[keep], weight=fit.weight[keep])
+    return Solved(rows, stars, fit, len(seen), false_match_probability(hypotheses, tail))
+
+
+def _tail(
+    rows: NDArray[np.intp],
+    offset: Array,
+    acquire_px: float,
+    expected: int,
+    detections: int,
+    camera: Camera,
+    brightness: float,
+) -> float:
+    """Chance that detections scattered at random meet the first prediction so often.
+
+    ``offset``: (m,) px of the matched detections ``rows`` before any fit could pull stars together. Four are used up by the figure.
+    """
+    area_px2 = camera.columns * camera.rows
+    tails = []
+    for part in COUNT_WITHIN:
+        radius = part * acquire_px
+        chance = min(1.0, expected * np.pi * radius**2 / area_px2)
+        for among in COUNT_AMONG:
+            met = int(((offset <= radius) & (rows < among)).sum())
+            tails.append(match_tail(met - 4, max(min(detections, among) - 4, 0), chance, brightness))
+    return min(1.0, min(tails) * len(tails) * len(ACQUIRE))
+
+
+def _plausible(fit: Refined) -> bool:
+    """A lens that bends its corners by more than a fifth is no fit but an accident."""
+    k1 = fit.camera.distortion.k1 if isinstance(fit.camera.distortion, Brown) else 0.0
+    return abs(k1) * np.tan(min(fit.camera.half_diagonal_rad, 1.2)) ** 2 < 0.2 and fit.rms_px < 3.0
