@@ -11,7 +11,7 @@ from gss.device.dictionary import Dictionary
 from gss.device.session import HostSession
 from gss.device.session_events import HelloReceived, LinkCounters, SessionEvent
 from gss.device.transport import ByteStream, open_stream
-from gss.domain.errors import GssError, LinkDown
+from gss.domain.errors import Conflict, GssError, LinkDown
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.raw_capture import RECEIVED, SENT, RawCapture
@@ -52,6 +52,7 @@ class LinkService:
         self.reason = "no port has been opened"
         self.contact_id: int | None = None
         self.hello: HelloReceived | None = None
+        self.dictionary_acknowledged = False
         self.handlers: list[Handler] = []
         self._database, self._bus, self._captures = database, bus, captures
         self._now, self.monotonic_s = now, monotonic_s
@@ -91,6 +92,19 @@ class LinkService:
         """Give the port back."""
         self.url, self.reason = "", "closed by the operator"
         self._wake.set()
+
+    def acknowledge_dictionary(self, user: str) -> None:
+        """An operator accepts that the device has another dictionary; commanding is possible again, at their risk."""
+        if self.hello is None or self.hello.dictionary_match:
+            raise Conflict(
+                "there is no difference to acknowledge", got="dictionary matches" if self.hello else "no device"
+            )
+        with self.lock:
+            self.session.acknowledge_mismatch()
+        self.dictionary_acknowledged = True
+        self._bus.record(
+            "link", "watch", f"{user} acknowledged that the dictionaries differ", contact_id=self.contact_id
+        )
 
     @property
     def counters(self) -> LinkCounters:
@@ -166,7 +180,7 @@ class LinkService:
                 self._bus.record("link", "critical", text, contact_id=self.contact_id)
 
     def _met(self, hello: HelloReceived) -> None:
-        self.hello = hello
+        self.hello, self.dictionary_acknowledged = hello, False
         name = f"{hello.serial}" if hello.serial else f"{hello.profile} {hello.device_model}"
         with self._database.unit_of_work() as session:
             device = store.remember(

@@ -62,6 +62,7 @@ class Header:
     dictionary_hash: str
     device_dictionary_hash: str | None
     dictionary_match: bool | None
+    dictionary_acknowledged: bool
     alarms: list[Alarm]
     contact_id: int | None
     user: str
@@ -121,6 +122,7 @@ class StatusService:
             dictionary_hash=self._link.dictionary.hash_hex,
             device_dictionary_hash=device_hash,
             dictionary_match=match,
+            dictionary_acknowledged=self._link.dictionary_acknowledged,
             alarms=self._alarms(rx, match, banks),
             contact_id=self._link.contact_id,
             user=self._user,

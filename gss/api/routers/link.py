@@ -31,6 +31,13 @@ def open_link(app: App, body: LinkOpenIn) -> LinkOut:
     return present.link.link(app.status.header())
 
 
+@router.post("/link/acknowledge-dictionary")
+def acknowledge_dictionary(app: App) -> LinkOut:
+    """Accept that the device has another dictionary; commanding is blocked until then."""
+    app.link.acknowledge_dictionary(app.settings.user)
+    return present.link.link(app.status.header())
+
+
 @router.post("/link/close")
 def close_link(app: App) -> LinkOut:
     """Give the port back."""

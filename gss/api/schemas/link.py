@@ -63,6 +63,7 @@ class LinkOut(Out):
     dictionary_hash: str
     device_dictionary_hash: str | None
     dictionary_match: bool | None
+    dictionary_acknowledged: bool
     alarms: list[AlarmOut]
     contact_id: int | None
     user: str

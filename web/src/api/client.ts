@@ -87,6 +87,7 @@ export const api = {
   link: () => get<T.Link>('/link'),
   openLink: (url: string) => post<T.Link>('/link/open', { url }),
   closeLink: () => post<T.Link>('/link/close'),
+  acknowledgeDictionary: () => post<T.Link>('/link/acknowledge-dictionary'),
   dictionary: () => get<T.Dictionary>('/dictionary'),
   commands: (limit = 100, contact?: number) => get<T.Command[]>(`/commands${query({ limit, contact })}`),
   send: (name: string, args: Record<string, T.ArgumentValue>, confirm = '') => post<T.Command>('/commands', { name, arguments: args, confirm }),

@@ -1,0 +1,51 @@
+"""A device with another dictionary: seen, blocked, and commanded only after somebody took the responsibility."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gss.api.app import create_app
+from gss.settings import Settings
+from gss.wiring import build
+
+pytestmark = pytest.mark.timeout(120)
+
+
+def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, tmp_path, monkeypatch):
+    """The header says so, commands are refused with words, ABORT is not; after acknowledging they pass."""
+    import gss.wiring
+
+    ours = gss.wiring.load_dictionary()
+    other = dataclasses.replace(ours, hash=bytes(32))
+    monkeypatch.setattr(gss.wiring, "load_dictionary", lambda: other)
+    settings = Settings(data=tmp_path / "data", device=simulator)
+    with TestClient(create_app(build(settings)), headers={"X-GSS": "1"}) as client:
+
+        def link():
+            return client.get("/api/link").json()
+
+        for _ in range(600):
+            if link()["dictionary_match"] is not None:
+                break
+
+            time.sleep(0.05)
+        state = link()
+        assert (state["dictionary_match"], state["dictionary_acknowledged"]) == (False, False)
+        assert state["device_dictionary_hash"] == ours.hash_hex
+        assert "Dictionary differs" in state["alarms"][0]["text"]
+        refused = client.post("/api/commands", json={"name": "GET_STATUS"})
+        assert (refused.status_code, "acknowledge" in refused.json()["hint"]) == (409, True)
+        assert client.post("/api/commands/abort").status_code == 201
+
+        assert client.post("/api/link/acknowledge-dictionary").json()["dictionary_acknowledged"] is True
+        row = client.post("/api/commands", json={"name": "GET_STATUS"}).json()
+        for _ in range(200):
+            result = client.get(f"/api/commands/{row['id']}").json()["result"]
+            if result == "completed":
+                break
+            time.sleep(0.05)
+        assert result == "completed"
