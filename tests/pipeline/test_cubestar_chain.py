@@ -16,7 +16,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import PROFILES, profile
+from gss.domain.profiles import profile
 from gss.domain.results import Centroids, Outcome, SolveResult, Truth
 from gss.domain.rotation import (
     matrix_from_quaternion,
@@ -33,8 +33,8 @@ from gss.pipeline.chains.cubestar import (
     solve_centroids,
 )
 from gss.pipeline.chains.cubestar_match import document_distortion, match_stars
-from gss.pipeline.chains.cubestar_modes import Hint, Mode, next_mode
-from gss.pipeline.chains.cubestar_parameters import SOURCES, CubestarParameters, default_parameters
+from gss.pipeline.chains.cubestar_modes import Hint, Mode
+from gss.pipeline.chains.cubestar_parameters import default_parameters
 from gss.pipeline.render import FalseStar, HotPixel, render, stars_near, truth_of
 from gss.pipeline.score import assess
 from gss.pipeline.trace import Trace
@@ -344,15 +344,6 @@ def test_an_empty_bank_matches_nothing() -> None:
     assert solve_centroids(centroids, CAMERA, bank, PARAMETERS).outcome is Outcome.NONE
 
 
-def test_the_state_machine() -> None:
-    """An attitude leads to tracking (0); without one tracking falls to assisted (1), and that to lost in space (2)."""
-    assert [next_mode(m, True).state for m in Mode] == [0, 0, 0]
-    assert [next_mode(Mode.from_state(s), False).state for s in (0, 1, 2)] == [1, 2, 2]
-    assert [Mode.from_state(m.state) for m in Mode] == list(Mode)
-    with pytest.raises(BadInput):
-        Mode.from_state(3)
-
-
 def test_the_documents_correction_is_an_approximation() -> None:
     """Inverting the toolbox signs is right in the middle and off by tens of pixels in the corners of this wide lens."""
     approximate = replace(CAMERA, distortion=document_distortion(CAMERA))
@@ -384,22 +375,3 @@ def test_the_documents_correction_costs_solutions() -> None:
         approximate += not np.isnan(graded.cross_rad)
         assert not graded.cross_rad > 3 * CAMERA.pixel_rad
     assert 0.3 * exact < approximate < 0.85 * exact
-
-
-@pytest.mark.parametrize("name", list(PROFILES))
-def test_every_camera_has_parameters(name: str) -> None:
-    """Defaults exist for all profiles, thresholds above noise, and each parameter has a source."""
-    p = default_parameters(profile(name))
-    assert p.threshold_dn >= 4 * p.noise.dark_sigma_dn - 0.5
-    assert p.assisted_radius_rad > profile(name).camera.half_diagonal_rad
-    told = set(SOURCES) | {"min_verified_lost", "min_verified_assisted", "min_verified_tracking", "max_small_regions"}
-    assert set(CubestarParameters.__dataclass_fields__) == told - {"min_verified"}
-
-
-@pytest.mark.parametrize(
-    "change", [{"undistort": "no"}, {"threshold_dn": 0.0}, {"min_area_px": 61}, {"tolerance_rad": -1.0}]
-)
-def test_impossible_parameters_are_refused(change: dict[str, object]) -> None:
-    """Parameters that cannot work raise BadInput at once."""
-    with pytest.raises(BadInput):
-        replace(PARAMETERS, **change)  # type: ignore[arg-type]
