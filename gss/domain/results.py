@@ -145,11 +145,13 @@ class SolveResult:
 
     @property
     def residual_rms_px(self) -> float:
-        """Root mean square residual length per axis of the used matches; NaN without a solution."""
-        if self.matches is None or not len(self.matches):
+        """Weighted root mean square residual per axis of the used matches, so that hundreds of faint stars do not drown
+        the few dozen that carry the attitude; NaN without a solution."""
+        if self.matches is None or not (self.matches.weight > 0).any():
             return float("nan")
         used = self.matches.weight > 0
-        return float(np.sqrt(np.mean(self.matches.residual_px[used] ** 2))) if used.any() else float("nan")
+        square_px2 = np.mean(self.matches.residual_px[used] ** 2, axis=1)
+        return float(np.sqrt(np.average(square_px2, weights=self.matches.weight[used])))
 
 
 @dataclass(frozen=True)

@@ -97,14 +97,12 @@ def _solution_values(row: Solution) -> dict[str, Any]:
     )
     values = {name: getattr(row, name) for name in names.split()}
     fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None
-    deltas = [
-        s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2
-        for s in row.detail["stars"]
-        if s.get("dx_arcsec") is not None and s["weight"] > 0
-    ]
+    known = [s for s in row.detail["stars"] if s.get("dx_arcsec") is not None and s["weight"] > 0]
+    weights = sum(s["weight"] for s in known)
+    square = sum(s["weight"] * (s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2) / 2 for s in known)
     return values | {
         "attitude": attitude(row.quaternion, row.sigma_rad),
-        "rms_arcsec": math.sqrt(sum(deltas) / (2 * len(deltas))) if deltas else None,
+        "rms_arcsec": math.sqrt(square / weights) if weights else None,
         "fov_deg": fov_deg,
         "timing_ms": {name: 1000 * s for name, s in row.timing_s.items()},
         "error_axis_arcsec": None if row.error_axis_rad is None else arcsec(row.error_axis_rad),

@@ -8,6 +8,8 @@ export interface Screen { scale: number; x: number; y: number; width: number; he
 export interface Scene { frame: Frame; solution: SolutionDetail | null; show: Record<Overlay, boolean>; selected: number | null; residualFactor: number }
 type Ctx = CanvasRenderingContext2D;
 const MATCH_RADIUS = 10;
+/** How many stars in view get full marks; the others are dots until one zooms in. */
+const PROMINENT = 40;
 
 const at = (s: Screen, col: number, row: number): [number, number] => [s.x + (col + 0.5) * s.scale, s.y + (row + 0.5) * s.scale];
 const seen = (s: Screen, x: number, y: number): boolean => x > -20 && y > -20 && x < s.width + 20 && y < s.height + 20;
@@ -18,11 +20,12 @@ export function drawOverlays(ctx: Ctx, s: Screen, scene: Scene, colour: (name: s
   if (!sol) return;
   ctx.lineWidth = 1.2;
   if (scene.show.grid) grid(ctx, s, sol, colour);
-  if (scene.show.regions) regions(ctx, s, sol, colour('ov-region'));
+  const main = prominent(sol, s);
+  if (scene.show.regions) regions(ctx, s, sol, main, colour('ov-region'));
   if (scene.show.rejected) rejected(ctx, s, sol, colour('ov-rej'));
   if (scene.show.predicted) predicted(ctx, s, sol, colour('ov-pred'));
-  stars(ctx, s, scene, colour);
-  labels(ctx, s, scene, colour);
+  stars(ctx, s, scene, main, colour);
+  labels(ctx, s, scene, main, colour);
   if (sol.north) compass(ctx, s, scene, colour);
   scaleBar(ctx, s, scene, colour);
 }
@@ -84,12 +87,20 @@ function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, ground:
   ctx.restore();
 }
 
-function regions(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void {
+/** The brightest stars that are in view, by index: a deep solution names hundreds, and a picture holds a few dozen marks. */
+export function prominent(sol: SolutionDetail, s: Screen): ReadonlySet<number> {
+  const inView = sol.stars.filter((star) => seen(s, ...at(s, star.col_px, star.row_px)));
+  return new Set(inView.sort((a, b) => b.flux_dn - a.flux_dn).slice(0, PROMINENT).map((star) => star.index));
+}
+
+function regions(ctx: Ctx, s: Screen, sol: SolutionDetail, main: ReadonlySet<number>, ink: string): void {
+  const shown = sol.stars.filter((star) => main.has(star.index));
   ctx.strokeStyle = ink;
   ctx.globalAlpha = 0.5;
   ctx.lineWidth = 1;
   for (const r of sol.regions) {
     if (r.rejected) continue;
+    if (sol.stars.length > PROMINENT && !shown.some((q) => q.col_px > r.col_min - 1 && q.col_px < r.col_max + 1 && q.row_px > r.row_min - 1 && q.row_px < r.row_max + 1)) continue;
     ctx.strokeRect(s.x + r.col_min * s.scale - 1.5, s.y + r.row_min * s.scale - 1.5, (r.col_max - r.col_min + 1) * s.scale + 3, (r.row_max - r.row_min + 1) * s.scale + 3);
   }
   ctx.globalAlpha = 1;
@@ -141,17 +152,31 @@ function faintestMatched(sol: SolutionDetail): number {
   return fluxes[Math.floor(fluxes.length / 2)] ?? 0;
 }
 
-function stars(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string): void {
+function stars(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, colour: (n: string) => string): void {
   const plain = scene.solution ? faintestMatched(scene.solution) : 0;
   for (const star of scene.solution?.stars ?? []) {
     const [x, y] = at(s, star.col_px, star.row_px);
     if (!seen(s, x, y)) continue;
+    if (!main.has(star.index) && scene.selected !== star.index) {
+      if (star.hip !== null ? scene.show.matched : scene.show.centroids) dot(ctx, x, y, colour(star.hip !== null ? 'ov-match' : 'ov-region'));
+      continue;
+    }
     if (scene.show.centroids) plus(ctx, x, y, colour('ov-centroid'));
     if (star.hip !== null && scene.show.matched) ring(ctx, x, y, colour('ov-match'));
     if (star.hip === null && scene.show.matched && star.flux_dn >= plain) diamond(ctx, x, y, colour('ov-nomatch'));
     if (scene.show.residual && star.dx_px !== null && star.dy_px !== null) arrow(ctx, x, y, star.dx_px * scene.residualFactor, star.dy_px * scene.residualFactor, s.scale, colour('ov-centroid'));
     if (scene.selected === star.index) box(ctx, x, y, colour('ac'));
   }
+}
+
+function dot(ctx: Ctx, x: number, y: number, ink: string): void {
+  ctx.strokeStyle = ink;
+  ctx.lineWidth = 1;
+  ctx.globalAlpha = 0.75;
+  ctx.beginPath();
+  ctx.arc(x, y, 3.5, 0, 7);
+  ctx.stroke();
+  ctx.globalAlpha = 1;
 }
 
 function plus(ctx: Ctx, x: number, y: number, ink: string): void {
@@ -205,7 +230,7 @@ function box(ctx: Ctx, x: number, y: number, ink: string): void {
 
 interface Text { parts: { text: string; ink: string }[][] }
 
-function labels(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string): void {
+function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, colour: (n: string) => string): void {
   const { solution: sol, show } = scene;
   if (!sol) return;
   ctx.font = "11.5px 'IBM Plex Sans'";
@@ -221,6 +246,7 @@ function labels(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => string
     wants.push({ key, x, y, gap, w, h: 14 * parts.length, rank });
   };
   for (const star of sol.stars) {
+    if (!main.has(star.index) && scene.selected !== star.index) continue;
     const [x, y] = at(s, star.col_px, star.row_px);
     if (star.hip !== null || star.flux_dn >= plain) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
