@@ -13,6 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_angle_rad
 from gss.pipeline.identify.blind import BlindFound, identify_blind
+from gss.pipeline.identify.faint import Spots
 from gss.pipeline.identify.patterns import Level, build_level, codes_of, radii_rad
 from gss.pipeline.identify.verify import Sky
 
@@ -46,9 +47,8 @@ def view(
 
 
 def solve(pixels: Array, mag: Array, low_deg: float, high_deg: float) -> BlindFound:
-    return identify_blind(
-        pixels, mag, np.full(len(pixels), 0.2), SHAPE, (np.radians(low_deg), np.radians(high_deg)), SKY, level
-    )
+    spots = Spots(pixels, np.full(len(pixels), 0.2), mag, 1.0)
+    return identify_blind(spots, SHAPE, (np.radians(low_deg), np.radians(high_deg)), SKY, level)
 
 
 def test_codes_do_not_depend_on_place_roll_scale_or_order() -> None:

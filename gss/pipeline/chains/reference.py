@@ -139,7 +139,8 @@ def _name_all(view: Field, camera: Camera, stars: KnownSky, evidence: Evidence, 
 
     first = fit_to(evidence.rows, picked, view.sigma_px[evidence.rows])
     spots = Spots(view.pixels, view.sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
-    return name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
+    named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
+    return named if named is not None else Named(evidence.rows, picked, first, np.zeros(len(picked)))
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:
@@ -208,7 +209,7 @@ def solve_foreign(
     centroids = found.centroids
     shape = (int(pixels.shape[1]), int(pixels.shape[0]))
     with trace.stage("identify"):
-        result = _blind(centroids, shape, fov_range_rad, sky, level)
+        result = _blind(centroids, found.psf_sigma_px, shape, fov_range_rad, sky, level)
     notes = found.notes
     if found.streak_px:
         notes = (
@@ -221,7 +222,7 @@ def solve_foreign(
     if solved is None:
         with trace.stage("why not"):
             reverse = (
-                _blind(_mirrored(centroids, shape[0]), shape, fov_range_rad, sky, level)
+                _blind(_mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level)
                 if len(centroids) >= 5
                 else None
             )
@@ -233,10 +234,12 @@ def solve_foreign(
 
 def _blind(
     centroids: Centroids,
+    psf_sigma_px: float,
     shape: tuple[int, int],
     fov_range_rad: tuple[float, float],
     sky: Sky,
     level: Callable[[float], Level],
 ) -> BlindFound:
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
-    return identify_blind(centroids.pixels, magnitude, centroids.sigma_px, shape, fov_range_rad, sky, level)
+    spots = Spots(centroids.pixels, centroids.sigma_px, magnitude, psf_sigma_px)
+    return identify_blind(spots, shape, fov_range_rad, sky, level)

@@ -13,15 +13,19 @@ from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.blind_candidates import Candidate, look_up
 from gss.pipeline.identify.blind_proof import Solved, prove
+from gss.pipeline.identify.faint import Rows, Spots, name_the_rest
 from gss.pipeline.identify.patterns import Level, codes_of, radii_rad
 from gss.pipeline.identify.pyramid import counted
 from gss.pipeline.identify.verify import Sky
+from gss.pipeline.lens import fit_lens
+from gss.pipeline.refine import Refined
 
 FOV_STEP = 1.22  # between field-of-view hypotheses where perspective matters
 FLAT_FIELD_RAD = np.radians(13.0)  # below this all fields of view give the same figures
 SMALLEST_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
+MIN_SIGMA_PX = 0.03  # no lens is better known
 STRONG_HITS = 3
 MOST_PROVED = 40
 MAX_CANDIDATES = 40_000
@@ -38,9 +42,7 @@ class BlindFound:
 
 
 def identify_blind(
-    pixels: Array,
-    magnitude: Array,
-    sigma_px: Array,
+    spots: Spots,
     shape: tuple[int, int],
     fov_range_rad: tuple[float, float],
     sky: Sky,
@@ -48,22 +50,23 @@ def identify_blind(
     *,
     accept: float = ACCEPT,
 ) -> BlindFound:
-    """Identify (n, 2) detections, brightest first, in a frame of (columns, rows) ``shape`` with square pixels.
+    """Identify detections, brightest first, in a frame of (columns, rows) ``shape`` with square pixels.
 
     ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` gives the dictionary of one size (the
-    caller keeps them). Detections come with magnitudes of any zero point.
+    caller keeps them). The answer names every star that can be named, not only those of the proof.
     """
-    if len(pixels) < 5:
-        return BlindFound(None, 0, f"{counted(len(pixels))} found: at least 5 are needed without a calibrated camera")
-    search = _BlindSearch(pixels, magnitude, sigma_px, shape, fov_range_rad, sky, accept)
-    for wanted in _rank_batches(len(pixels)):
+    n = len(spots.pixels)
+    if n < 5:
+        return BlindFound(None, 0, f"{counted(n)} found: at least 5 are needed without a calibrated camera")
+    search = _BlindSearch(spots, shape, fov_range_rad, sky, accept)
+    for wanted in _rank_batches(n):
         for fov in _fov_hypotheses(*fov_range_rad):
             solved = search.run(wanted, fov, level)
             if solved is not None:
                 return BlindFound(solved, search.tried)
             if search.tried > MAX_CANDIDATES or search.full > MAX_FULL_CHECKS:
-                return BlindFound(None, search.tried, _why(len(pixels), search.best, accept, "budget used up; "))
-    return BlindFound(None, search.tried, _why(len(pixels), search.best, accept, ""))
+                return BlindFound(None, search.tried, search.why("budget used up; "))
+    return BlindFound(None, search.tried, search.why(""))
 
 
 class _BlindSearch:
@@ -71,18 +74,17 @@ class _BlindSearch:
 
     def __init__(
         self,
-        pixels: Array,
-        magnitude: Array,
-        sigma_px: Array,
+        spots: Spots,
         shape: tuple[int, int],
         fov_range_rad: tuple[float, float],
         sky: Sky,
         accept: float,
     ) -> None:
-        self.pixels, self.magnitude, self.sigma_px, self.shape = pixels, magnitude, sigma_px, shape
+        self.spots, self.pixels, self.shape = spots, spots.pixels, shape
         self.limits, self.sky, self.accept = fov_range_rad, sky, accept
         self.tried = self.full = 0
         self.best: Solved | None = None
+        self.unsettled = 0
 
     def run(self, wanted: NDArray[np.int32], fov_rad: float, level: Callable[[float], Level]) -> Solved | None:
         """Test the figures ``wanted`` under one field of view, large circles first: they are few and quickly built."""
@@ -113,8 +115,8 @@ class _BlindSearch:
                 candidate.camera,
                 candidate.cam_from_icrs,
                 self.pixels,
-                self.magnitude,
-                self.sigma_px,
+                self.spots.magnitude,
+                self.spots.sigma_px,
                 self.sky,
                 max(self.tried, 1),
             )
@@ -124,19 +126,37 @@ class _BlindSearch:
             if not self.limits[0] * 0.97 < fov < self.limits[1] * 1.03:
                 continue
             if solved.false_match_probability <= self.accept:
-                return solved
+                settled = self._settle(solved)
+                if settled is not None:
+                    return settled
+                self.unsettled += 1
+                continue
             if self.best is None or solved.false_match_probability < self.best.false_match_probability:
                 self.best = solved
         return None
 
+    def _settle(self, solved: Solved) -> Solved | None:
+        """Lens and attitude from all stars that can be named; None where a strong lens has led the proof's fit astray."""
+        spots = replace(self.spots, sigma_px=np.maximum(self.spots.sigma_px, MIN_SIGMA_PX))
+        start = solved.fit
 
-def _why(n: int, best: Solved | None, accept: float, prefix: str) -> str:
-    if best is None:
-        return f"{prefix}none of the figures made of the brightest of {n} stars is in the sky at this field of view"
-    return (
-        f"{prefix}best candidate has {len(best.rows)} of {n} stars, but a false-match probability of "
-        f"{best.false_match_probability:.1e} (limit {accept:.0e})"
-    )
+        def fit_to(rows: Rows, of: Rows, sigma_px: Array) -> Refined:
+            return fit_lens(spots.pixels[rows], self.sky.icrs[of], sigma_px, start.camera, start.cam_from_icrs)
+
+        named = name_the_rest(spots, self.sky, start, solved.rows, solved.stars, fit_to)
+        return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
+
+    def why(self, prefix: str) -> str:
+        """Reason for a search that ended without an answer."""
+        n, best = len(self.pixels), self.best
+        if self.unsettled:
+            return f"{prefix}a place on the sky was found, but no lens under which its stars fit one by one"
+        if best is None:
+            return f"{prefix}none of the figures made of the brightest of {n} stars is in the sky at this field of view"
+        return (
+            f"{prefix}best candidate has {len(best.rows)} of {n} stars, but a false-match probability of "
+            f"{best.false_match_probability:.1e} (limit {self.accept:.0e})"
+        )
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:

@@ -22,7 +22,9 @@ Rows = NDArray[np.intp]
 Refit = Callable[[Rows, Rows, Array], Refined]
 
 ROUNDS = 2
+LEAST_NAMED = 3
 GATE_SIGMA = 3.5
+LEAST_FOR_EXCESS = 8
 FLOOR_PX = 0.05  # lens calibration and proper motion that no error budget holds
 MAX_GATE_PX = 4.0
 BRIGHTNESS_SIGMA = 3.5
@@ -77,11 +79,12 @@ class _Expected:
     reach_px: Array
 
 
-def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named:
+def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named | None:
     """Match all detections, given a proved ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
     ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits attitude, and camera where it is free,
-    to all matches. Proved matches are judged like the others, but in a wider window of brightness.
+    to all matches. Proved matches are judged like the others, but in a wider window of brightness. None where fewer than half of
+    them pass: then the place on the sky may be right, but the geometry is not.
     """
     proved = np.full(len(spots.pixels), -1, np.intp)
     proved[rows] = stars
@@ -89,21 +92,23 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
     for _ in range(ROUNDS):
         line = flux_line(spots.magnitude[named.rows], sky.v_mag[named.stars], spots.magnitude_sigma[named.rows])
         expected = _expect(spots, sky, named.fit, line)
-        found, which, chance = _assign(spots, expected, line, _extra_px(named.fit), proved, named.fit)
-        if len(found) < max(4, len(rows) // 2):
-            return named
-        sigma = np.hypot(spots.sigma_px[found], np.linalg.norm(expected.shift_px[which], axis=1))
+        excess = _excess_px(named.fit)
+        found, which, chance = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
+        if len(found) < max(LEAST_NAMED, len(rows) // 2):
+            return None
+        shift2 = (expected.shift_px[which] ** 2).sum(1)
+        sigma = np.sqrt(spots.sigma_px[found] ** 2 + shift2 + excess**2)
         named = Named(found, expected.stars[which], refit(found, expected.stars[which], sigma), chance)
     return named
 
 
-def _extra_px(fit: Refined) -> float:
+def _excess_px(fit: Refined) -> float:
     """Scatter of the matches so far beyond their own errors, per axis: what the calibration leaves."""
     good = fit.weight > 0
-    if good.sum() < 5:
-        return FLOOR_PX
-    scatter = float(np.median((fit.residual_px[good] ** 2).sum(1))) / 1.386
-    return float(np.sqrt(max(scatter - float(np.median(1 / fit.weight[good])), FLOOR_PX**2)))
+    if good.sum() < LEAST_FOR_EXCESS:
+        return 0.0
+    squares = (fit.residual_px[good] ** 2).sum(1)
+    return float(np.sqrt(max(float(np.median(squares)) / 1.386 - float(np.median(1 / fit.weight[good])), 0.0)))
 
 
 def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
