@@ -1,4 +1,4 @@
-"""``gss export``: what others read: Rerun recordings and the interface document."""
+"""``gss export``: what others read: Rerun recordings, the interface document, XTCE, OpenAPI."""
 
 from __future__ import annotations
 
@@ -22,6 +22,12 @@ def register(subparsers: Subparsers) -> None:
     icd = kinds.add_parser("icd", help="the interface control document, from the dictionary")
     icd.add_argument("--out", type=Path, help="file to write; standard output without it")
     icd.set_defaults(run=export_icd)
+    xtce = kinds.add_parser("xtce", help="the telemetry's layout as XTCE 1.2, for other ground software")
+    xtce.add_argument("--out", type=Path, help="file to write; standard output without it")
+    xtce.add_argument(
+        "--repeat-lists", action="store_true", help="lists as repeated containers, where the reader knows these"
+    )
+    xtce.set_defaults(run=export_xtce)
     openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
@@ -59,6 +65,14 @@ def export_icd(arguments: argparse.Namespace) -> int:
     from gss.device.icd import icd_markdown
 
     return _write(icd_markdown(load_dictionary()), arguments.out)
+
+
+def export_xtce(arguments: argparse.Namespace) -> int:
+    """Write the telemetry's layout."""
+    from gss.device.dictionary_file import load_dictionary
+    from gss.device.xtce import xtce
+
+    return _write(xtce(load_dictionary(), repeat_lists=arguments.repeat_lists), arguments.out)
 
 
 def export_openapi(arguments: argparse.Namespace) -> int:

@@ -1,0 +1,193 @@
+"""The XTCE document: valid by the standard's schema, and read by a parser that is not ours to the same values."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from lxml import etree
+from space_packet_parser.xtce.definitions import XtcePacketDefinition
+from space_packet_parser.xtce.validation import validate_xtce
+
+from gss.device.dictionary import INTEGER_RANGES, Group, Item, Layout, Value
+from gss.device.dictionary import Packet as PacketRow
+from gss.device.dictionary_file import load_dictionary
+from gss.device.protocol.codec import F32_MAX, decode, encode
+from gss.device.protocol.frame import Deframer
+from gss.device.protocol.packet import Packet, PacketType, decode_packet, encode_packet
+from gss.device.session_events import Stage
+from gss.device.xtce import xtce
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+DICTIONARY = load_dictionary()
+
+
+@lru_cache(maxsize=1)
+def parser() -> XtcePacketDefinition:
+    return XtcePacketDefinition.from_xtce(io.BytesIO(xtce(DICTIONARY).encode()))
+
+
+@pytest.mark.parametrize("repeat_lists", [False, True])
+def test_the_document_is_valid_xtce(repeat_lists: bool) -> None:
+    """The schema of XTCE 1.2 and the references inside the document are satisfied."""
+    tree = etree.ElementTree(etree.fromstring(xtce(DICTIONARY, repeat_lists=repeat_lists).encode()))
+    assert validate_xtce(tree, print_results=False, allow_schema_download=False)
+
+
+def test_repeated_rows_name_their_count() -> None:
+    """In the standard's own form a list is a container repeated as often as the count before it says."""
+    root = ET.fromstring(xtce(DICTIONARY, repeat_lists=True))  # noqa: S314 - our own document
+    space = {"x": "http://www.omg.org/spec/XTCE/20180204"}
+    repeated = root.findall(".//x:SequenceContainer[@name='matches']/x:EntryList/x:ContainerRefEntry", space)
+    assert [e.get("containerRef") for e in repeated] == ["matches_items_row"]
+    count = repeated[0].find(".//x:ParameterInstanceRef", space)
+    assert count is not None
+    assert count.get("parameterRef") == "matches_items_count"
+
+
+def same(ours: Value, theirs: Any) -> bool:
+    """Equal, where not-a-number equals itself and a polynomial may be summed in another order."""
+    if isinstance(ours, float) and not isinstance(theirs, str | bytes):
+        return (math.isnan(ours) and math.isnan(theirs)) or math.isclose(ours, theirs, rel_tol=1e-12, abs_tol=1e-12)
+    return bool(theirs == ours)
+
+
+def assert_same_layout(owner: str, layout: Layout, payload: bytes, parsed: Any) -> int:
+    """Raw and engineering values of a payload against the other parser's; how many values were compared."""
+    ours, compared = decode(layout, payload), 0
+    for entry in layout:
+        name = f"{owner}_{entry.name}"
+        theirs = parsed[name]
+        if isinstance(entry, Group):
+            compared += assert_same_rows(name, entry, ours.lists[entry.name], parsed)
+            continue
+        assert same(ours.values[entry.name], theirs), (name, ours.values[entry.name], theirs)
+        if entry.type not in ("str", "text"):
+            assert same(ours.raw[entry.name], theirs.raw_value), (name, ours.raw[entry.name], theirs.raw_value)
+        compared += 1
+    return compared
+
+
+def assert_same_rows(name: str, group: Group, rows: Iterable[dict[str, Value]], parsed: Any) -> int:
+    """Each row of a list, read by the row's own container."""
+    rows, data = list(rows), bytes(parsed[name])
+    assert parsed[f"{name}_count"] == len(rows)
+    size = len(data) // len(rows) if rows else 0
+    assert size * len(rows) == len(data)
+    for i, row in enumerate(rows):
+        theirs = parser().parse_bytes(data[i * size : (i + 1) * size], root_container_name=f"{name}_row")
+        for item in group.items:
+            assert same(row[item.name], theirs[f"{name}_row_{item.name}"]), (name, i, item.name)
+    return len(rows) * len(group.items)
+
+
+def assert_same_packet(packet: Packet) -> int:
+    """A packet of the device in both readings; how many values were compared."""
+    parsed = parser().parse_bytes(encode_packet(packet))
+    assert parsed["CODE"] == packet.code
+    assert parsed["REQUEST_ID"] == packet.request_id
+    assert parsed["SRC_SEQ_CTR"] == packet.sequence
+    assert parsed["DICTIONARY"] == packet.prefix
+    assert math.isclose(parsed["DEVICE_TIME_S"] + parsed["DEVICE_TIME_MS"] / 1000, packet.time_s, abs_tol=1e-9)
+    if packet.type is PacketType.TELEMETRY:
+        row = DICTIONARY.packet_of_code(packet.code)
+        assert row is not None
+        return assert_same_layout(row.name, row.fields, packet.payload, parsed)
+    if packet.type is PacketType.REPORT:
+        command, common = DICTIONARY.command_of_code(packet.code), DICTIONARY.service("REPORT").fields
+        returned = command.returns if command is not None and packet.payload[0] == 5 else ()
+        values = decode((*common, *returned), packet.payload).values
+        named = [("REPORT", f.name) for f in common] + [(command.name, r.name) for r in returned if command]
+        assert all(same(values[name], parsed[f"{owner}_{name}"]) for owner, name in named)
+        return len(named)
+    service = DICTIONARY.service_of_code(packet.type.name.lower(), packet.code) or DICTIONARY.service("EVENT")
+    return assert_same_layout(service.name, service.fields, packet.payload, parsed)
+
+
+def values_of(item: Item) -> st.SearchStrategy[Value]:
+    """Any value that fits the wire."""
+    if item.type in INTEGER_RANGES:
+        return st.integers(*INTEGER_RANGES[item.type])
+    if item.type == "enum":
+        return st.sampled_from([c.name for c in item.choices])
+    if item.type == "f32":
+        return st.floats(-F32_MAX, F32_MAX, width=32) | st.just(math.nan)
+    if item.type == "f64":
+        return st.floats(allow_nan=True, allow_infinity=True)
+    if item.type == "bytes":
+        return st.binary(min_size=item.size, max_size=item.size)
+    if item.type in ("str", "text"):
+        # The last byte of a fixed text stays zero: see the limits in the module's text.
+        room = item.size - 1 if item.type == "str" else 255
+        letters = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
+        return st.text(letters, max_size=room // 4)
+    return st.booleans()
+
+
+@st.composite
+def telemetry(draw: st.DrawFn, row: PacketRow) -> Packet:
+    """A telemetry packet with anything in it."""
+    values = {f.name: draw(values_of(f)) for f in row.values}
+    groups = [f for f in row.fields if isinstance(f, Group)]
+    items = {g.name: st.fixed_dictionaries({i.name: values_of(i) for i in g.items}) for g in groups}
+    lists = {name: draw(st.lists(rows, max_size=20)) for name, rows in items.items()}
+    payload = encode(row.fields, values, lists)
+    return Packet(PacketType.TELEMETRY, row.code, 7, payload, DICTIONARY.prefix, False, 11, 3661.25)
+
+
+@pytest.mark.parametrize("name", [p.name for p in DICTIONARY.telemetry])
+def test_another_parser_reads_every_telemetry_packet_to_the_same_values(name: str) -> None:
+    """Raw and engineering values are equal over the whole range of every field."""
+    row = DICTIONARY.packet(name)
+
+    @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @given(telemetry(row))
+    def holds(packet: Packet) -> None:
+        assert assert_same_packet(packet) >= len(row.values)
+
+    holds()
+
+
+def recorded(bench: Bench) -> list[Packet]:
+    """A contact with a bit of everything, as it came over the line."""
+    stream = bytearray()
+    feed: Callable[[bytes, float], Any] = bench.host.feed
+
+    def listen(data: bytes, now_s: float) -> Any:
+        stream.extend(data)
+        return feed(data, now_s)
+
+    bench.host.feed = listen  # type: ignore[method-assign]
+    bench.do("SET_MODE", mode="standby")
+    assert bench.do("RUN_ITERATION").stage is Stage.REJECTED
+    bench.do("SET_MODE", mode="lost_in_space")
+    assert bench.do("RUN_ITERATION").values["outcome"] == "solved"
+    for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE", "TAKE_IMAGE", "LIST_FRAMES", "LIST_BANKS"):
+        bench.do(name, **({"slot": 1} if name == "TAKE_IMAGE" else {}))
+    bench.do("VERIFY_BANK", bank="golden")
+    transfer_id = bench.host.start_download("thumbnail", 0, bench.now_s)
+    bench.transfer_ends(transfer_id, "verified")
+    bench.host.start_download("thumbnail", 3, bench.now_s)
+    bench.host.abort(bench.now_s)
+    bench.run(1.5)
+    packets = [decode_packet(frame) for frame in Deframer().feed(b"\0" + bytes(stream))]
+    return [p for p in packets if isinstance(p, Packet)]
+
+
+def test_another_parser_reads_a_recorded_contact_to_the_same_values(bench: Bench) -> None:
+    """Telemetry, events, reports and transfer messages of a contact: every packet is known and every value equal."""
+    packets = recorded(bench)
+    kinds = {p.type for p in packets}
+    assert kinds == {PacketType.REPORT, PacketType.TELEMETRY, PacketType.EVENT, PacketType.TRANSFER}
+    seen = {p.code for p in packets if p.type is PacketType.TELEMETRY}
+    assert seen == {p.code for p in DICTIONARY.telemetry}
+    assert sum(assert_same_packet(p) for p in packets) > 500
