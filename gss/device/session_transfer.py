@@ -117,8 +117,8 @@ class Transfer:
 
     @property
     def resent(self) -> int:
-        """Chunks that went over the line more than once."""
-        now = self.sender.resent if self.sender else self.receiver.repeated if self.receiver else 0
+        """Chunks sent again (up) or asked for again (down)."""
+        now = self.sender.resent if self.sender else self.receiver.asked_again if self.receiver else 0
         return self.resent_before + now
 
     def to(self, state: TransferState, reason: str = "") -> None:

@@ -34,7 +34,6 @@ class TransferTalk:
     def begin_open(self, t: Transfer, now_s: float, take_request_id: RequestIds) -> None:
         """Open under a fresh request id."""
         t.request_id = take_request_id()
-        t.resent_before = t.resent
         t.session, t.tries, t.committing = None, 0, False
         t.to(TransferState.OPENING)
         self.open_again(t, now_s)
@@ -120,6 +119,7 @@ class TransferTalk:
             return False
         window = max(1, int(v["window_chunks"]))
         t.session, t.tries, t.resumed = session, 0, bool(v["resumed"])
+        t.resent_before = t.resent
         if t.direction is Direction.UP:
             t.chunk_bytes = chunk_bytes
             patience_s = 0.5 + (window // 4 + 2) * self._chunk_time_s(t)

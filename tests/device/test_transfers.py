@@ -122,6 +122,27 @@ def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callab
     assert bench.memory.content("B") == data
 
 
+@pytest.mark.parametrize("bit_error_rate", [0.0, 1e-4])
+def test_a_download_counts_what_it_asked_for_again(make_bench: Callable[..., Bench], bit_error_rate: float) -> None:
+    """As many as the device sent beyond one of each: none on a clean line, all that were damaged on another."""
+    bench = make_bench(faults=FaultRates(bit_error_rate=bit_error_rate))
+    bench.until(lambda: bench.host.hello is not None, 60)
+    while bench.do("TAKE_IMAGE").stage is not Stage.COMPLETED:
+        pass
+    chunks, next_chunk = [], bench.device._loader.next_chunk
+
+    def counted(now_s: float) -> object:
+        message = next_chunk(now_s)
+        chunks.extend([message] if message else [])
+        return message
+
+    bench.device._loader.next_chunk = counted  # type: ignore[method-assign, assignment]
+    down = bench.host.start_download("frame", 0, bench.now_s, chunk_bytes=512)
+    update = bench.transfer_ends(down, "verified", 300)
+    assert update.resent == len(chunks) - update.chunks
+    assert (update.resent > 0) == (bit_error_rate > 0)
+
+
 def test_a_bursty_line_with_losses_and_doubles_still_delivers(make_bench: Callable[..., Bench]) -> None:
     """Dropped and doubled runs of bytes."""
     bench = make_bench(faults=FaultRates(drop_rate=0.01, duplicate_rate=0.01))

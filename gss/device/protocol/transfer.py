@@ -229,7 +229,8 @@ class ChunkSender:
 
 
 class ChunkReceiver:
-    """Keeps what arrived. ``store``: called with (chunk, data) for each new chunk by the owner before ``accept``."""
+    """Keeps what arrived. ``asked_again``: chunks that were sent, did not arrive whole and were told as missing: each
+    chunk sent has its own serial and the line keeps order, so what is missing among the serials was lost."""
 
     def __init__(self, size: int, chunk_bytes: int, window: int, held: Iterable[int] = ()) -> None:
         self.size, self.chunk_bytes = size, chunk_bytes
@@ -237,7 +238,8 @@ class ChunkReceiver:
         self._every = max(1, window // 4)
         self._since = 0
         self._serial = 0
-        self.repeated = 0
+        self._arrived = 0
+        self.asked_again = 0
 
     def expected_bytes(self, index: int) -> int:
         """Length of a chunk; 0 for one that does not exist."""
@@ -245,13 +247,11 @@ class ChunkReceiver:
 
     def accept(self, index: int, serial: int, length: int) -> bool:
         """Is this chunk new and whole? Then the owner stores it."""
+        whole = 0 < length == self.expected_bytes(index)
+        self._arrived += whole and serial > self._serial
         self._serial = max(self._serial, serial)
         self._since += 1
-        if length == 0 or length != self.expected_bytes(index):
-            return False
-        new = self.held.add(index)
-        self.repeated += not new
-        return new
+        return whole and self.held.add(index)
 
     def status_due(self) -> bool:
         """Some chunks came since the last STATUS, or the last one came."""
@@ -260,6 +260,7 @@ class ChunkReceiver:
     def status(self, from_index: int | None = None, serial: int = 0) -> StatusPage:
         """A page from the first gap (or where asked). ``serial``: of the request that asks; order on the line makes it final."""
         self._serial = max(self._serial, serial)
+        self.asked_again = self._serial - self._arrived
         self._since = 0
         start = self.held.first_missing if from_index is None else min(from_index, len(self.held))
         if from_index is None and start:
