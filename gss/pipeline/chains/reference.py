@@ -226,7 +226,7 @@ def solve_foreign(
                 if len(centroids) >= 5
                 else None
             )
-        mirrored = reverse is not None and reverse.solved is not None
+        mirrored = reverse is not None and reverse.placed and not result.placed
         return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
     answer = _solved(base, solved.fit, solved.rows, sky.hip[solved.stars], solved.false_match_probability)
     return replace(answer, timing_s=dict(trace.timing_s))

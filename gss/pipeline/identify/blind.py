@@ -30,15 +30,22 @@ STRONG_HITS = 3
 MOST_PROVED = 40
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
+MAX_UNSETTLED = 15  # proved places whose stars do not fit one by one: another try would do no better
+NO_LENS = (
+    "a place on the sky was found, but no lens under which its stars fit one by one: "
+    "pixels that are not square, or a middle far from the optical axis"
+)
 
 
 @dataclass(frozen=True)
 class BlindFound:
-    """``solved`` or None with the reason; ``hypotheses``: candidates put to the test."""
+    """``solved`` or None with the reason; ``hypotheses``: candidates put to the test. ``placed``: the place on the sky was
+    proved, even if no lens was found under which the stars fit one by one."""
 
     solved: Solved | None
     hypotheses: int
     reason: str = ""
+    placed: bool = False
 
 
 def identify_blind(
@@ -63,10 +70,12 @@ def identify_blind(
         for fov in _fov_hypotheses(*fov_range_rad):
             solved = search.run(wanted, fov, level)
             if solved is not None:
-                return BlindFound(solved, search.tried)
+                return BlindFound(solved, search.tried, placed=True)
+            if search.unsettled >= MAX_UNSETTLED:
+                return BlindFound(None, search.tried, search.why(""), placed=True)
             if search.tried > MAX_CANDIDATES or search.full > MAX_FULL_CHECKS:
-                return BlindFound(None, search.tried, search.why("budget used up; "))
-    return BlindFound(None, search.tried, search.why(""))
+                return BlindFound(None, search.tried, search.why("budget used up; "), search.unsettled > 0)
+    return BlindFound(None, search.tried, search.why(""), search.unsettled > 0)
 
 
 class _BlindSearch:
@@ -130,6 +139,8 @@ class _BlindSearch:
                 if settled is not None:
                     return settled
                 self.unsettled += 1
+                if self.unsettled >= MAX_UNSETTLED:
+                    return None
                 continue
             if self.best is None or solved.false_match_probability < self.best.false_match_probability:
                 self.best = solved
@@ -150,7 +161,7 @@ class _BlindSearch:
         """Reason for a search that ended without an answer."""
         n, best = len(self.pixels), self.best
         if self.unsettled:
-            return f"{prefix}a place on the sky was found, but no lens under which its stars fit one by one"
+            return f"{prefix}{NO_LENS}"
         if best is None:
             return f"{prefix}none of the figures made of the brightest of {n} stars is in the sky at this field of view"
         return (

@@ -25,8 +25,11 @@ ROUNDS = 2
 LEAST_NAMED = 3
 GATE_SIGMA = 3.5
 LEAST_FOR_EXCESS = 8
+MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional normal deviate
+CHANCE_EXCESS = 1.3
 FLOOR_PX = 0.05  # lens calibration and proper motion that no error budget holds
 MAX_GATE_PX = 4.0
+MAX_EXCESS_PX = 1.0  # matches that scatter more beyond their own errors were made by wide gates, not by stars
 BRIGHTNESS_SIGMA = 3.5
 PROVED_WINDOW_MAG = 1.8  # for stars of the identification: saturation and colour may dim or brighten them
 CHANCE = 5e-4
@@ -84,7 +87,7 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
 
     ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits attitude, and camera where it is free,
     to all matches. Proved matches are judged like the others, but in a wider window of brightness. None where fewer than half of
-    them pass: then the place on the sky may be right, but the geometry is not.
+    them pass or all scatter: then the place on the sky may be right, but the geometry is not.
     """
     proved = np.full(len(spots.pixels), -1, np.intp)
     proved[rows] = stars
@@ -92,23 +95,24 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
     for _ in range(ROUNDS):
         line = flux_line(spots.magnitude[named.rows], sky.v_mag[named.stars], spots.magnitude_sigma[named.rows])
         expected = _expect(spots, sky, named.fit, line)
-        excess = _excess_px(named.fit)
+        excess = _excess_px(spots, named)
         found, which, chance = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
         if len(found) < max(LEAST_NAMED, len(rows) // 2):
             return None
         shift2 = (expected.shift_px[which] ** 2).sum(1)
         sigma = np.sqrt(spots.sigma_px[found] ** 2 + shift2 + excess**2)
         named = Named(found, expected.stars[which], refit(found, expected.stars[which], sigma), chance)
-    return named
+    return named if named.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
 
 
-def _excess_px(fit: Refined) -> float:
-    """Scatter of the matches so far beyond their own errors, per axis: what the calibration leaves."""
-    good = fit.weight > 0
+def _excess_px(spots: Spots, named: Named) -> float:
+    """Scatter of the matches so far beyond their own errors, per axis: what the calibration leaves. 0 within chance."""
+    good = named.fit.weight > 0
     if good.sum() < LEAST_FOR_EXCESS:
         return 0.0
-    squares = (fit.residual_px[good] ** 2).sum(1)
-    return float(np.sqrt(max(float(np.median(squares)) / 1.386 - float(np.median(1 / fit.weight[good])), 0.0)))
+    squares = (named.fit.residual_px[good] ** 2).sum(1)
+    own2 = float(np.median(spots.sigma_px[named.rows[good]] ** 2))
+    return float(np.sqrt(max(float(np.median(squares)) / MEDIAN_SQUARE - CHANCE_EXCESS * own2, 0.0)))
 
 
 def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
