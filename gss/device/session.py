@@ -125,6 +125,17 @@ class HostSession:
         for request_id, name, arguments in in_flight:
             self._events.append(self._lane.add_unknown(request_id, name, arguments))
 
+    def craft(
+        self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
+    ) -> tuple[int, bytes]:
+        """Request id and frame of a packet of the owner's own making, which this session does not follow: for tests of the
+        far end. The id is a fresh one unless given; the prefix is the dictionary's unless given."""
+        used, own = self._ids() if request_id is None else request_id, self._sender.prefix
+        self._sender.prefix = own if prefix is None else prefix
+        frame = self._sender.packet(kind, code, used, payload)
+        self._sender.prefix = own
+        return used, frame
+
     # --- transfers ----------------------------------------------------------------------------------------------
 
     def start_download(

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from gss.device.dictionary import INTEGER_RANGES, Dictionary, Group, Item, Layout, TelemetryField
-from gss.device.protocol.codec import MAX_LIST, STRUCT
+from gss.device.protocol.codec import MAX_LIST, STRUCT, fixed_bytes
 from gss.device.protocol.packet import APID_BASE, CRC_BYTES, SECONDARY, PacketType
 
 NAMESPACE = "http://www.omg.org/spec/XTCE/20180204"
@@ -153,7 +153,7 @@ class _Document:
                 entries.append(f"{name}_length")
             self._item(name, entry, fixed)
             entries.append(name)
-            fixed += STRUCT[entry.type].size if entry.type in STRUCT else entry.size
+            fixed += fixed_bytes([entry])
         return entries
 
     def _list(self, name: str, group: Group) -> list[str | ET.Element]:
@@ -166,14 +166,13 @@ class _Document:
             repeat = ET.SubElement(ET.SubElement(entry, "RepeatEntry"), "Count")
             ET.SubElement(ET.SubElement(repeat, "DynamicValue"), "ParameterInstanceRef", parameterRef=count)
             return [count, entry]
-        row_bits = 8 * sum(STRUCT[item.type].size if item.type in STRUCT else item.size for item in group.items)
         encoding = ET.SubElement(self._type("Binary", name), "BinaryDataEncoding")
-        _dynamic(ET.SubElement(encoding, "SizeInBits"), count, row_bits, 0)
+        _dynamic(ET.SubElement(encoding, "SizeInBits"), count, 8 * fixed_bytes(group.items), 0)
         self._parameter(name, f"Up to {MAX_LIST} rows, each as {row}")
         return [count, name]
 
-    def _item(self, name: str, item: Item, fixed_bytes: int) -> None:
-        """Type and parameter of one value; ``fixed_bytes``: all after the primary header but this and what is around it."""
+    def _item(self, name: str, item: Item, around: int) -> None:
+        """Type and parameter of one value; ``around``: bytes of all after the primary header but this and what is around it."""
         kind = item.type
         if kind in INTEGER_RANGES or kind in ("bool", "enum", "f32", "f64"):
             self._number(name, item)
@@ -181,7 +180,7 @@ class _Document:
             encoding = ET.SubElement(self._type("Binary", name), "BinaryDataEncoding")
             size = ET.SubElement(encoding, "SizeInBits")
             if kind == "rest":
-                _dynamic(size, "PKT_LEN", 8, 8 - 8 * fixed_bytes)
+                _dynamic(size, "PKT_LEN", 8, 8 - 8 * around)
             else:
                 ET.SubElement(size, "FixedValue").text = str(8 * item.size)
         else:

@@ -135,6 +135,11 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
     return value
 
 
+def fixed_bytes(layout: Layout | Sequence[Item]) -> int:
+    """Bytes of a layout, its lists and its items of variable length left out."""
+    return sum(STRUCT[e.type].size if e.type in STRUCT else e.size for e in layout if isinstance(e, Item))
+
+
 def encode_item(item: Item, value: Value) -> bytes:
     """Bytes of one value."""
     value = coerce(item, value)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 
 from gss.device.dictionary import Command, Dictionary, Value
-from gss.device.protocol.codec import check_arguments, decode, encode
+from gss.device.protocol.codec import check_arguments, decode, encode, fixed_bytes
 from gss.device.protocol.packet import Packet
 from gss.device.simulator.firmware import Refusal
 from gss.device.simulator.memory import Memory, StoredRequest
@@ -119,7 +119,8 @@ class CommandDesk:
         try:
             arguments = check_arguments(command, decode(command.arguments, packet.payload).values)
         except CorruptData as error:
-            raise Refusal("bad_length", str(error)) from error
+            right_length = len(packet.payload) == fixed_bytes(command.arguments)
+            raise Refusal("out_of_range" if right_length else "bad_length", str(error)) from error
         except BadInput as error:
             raise Refusal("out_of_range", error.message) from error
         state = self._state()
