@@ -6,6 +6,7 @@ import threading
 from dataclasses import dataclass, field
 
 from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.orbits import jyear_of
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
@@ -59,9 +60,14 @@ class Services:
         if self.settings.device:
             self.link.open_later(self.settings.device)
 
+    def announce_stop(self) -> None:
+        """Let the open streams end, so that the server need not cut them off."""
+        self.stopping.set()
+        self.bus.wake_all()
+
     def stop(self) -> None:
         """Close the line first, so that nothing new comes; then end what still works."""
-        self.stopping.set()
+        self.announce_stop()
         self.status.stop()
         self.link.stop()
         self.replay.stop()
@@ -83,7 +89,7 @@ def build(settings: Settings) -> Services:
     commands = CommandService(link, database, bus, utc_now)
     telemetry = TelemetryService(dictionary, database, bus, utc_now)
     transfers = TransferService(link, database, bus, utc_now)
-    solver = Solver(SolverCache(stars), stopwatch_s)
+    solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
     jobs = JobService(database, bus, utc_now)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -105,6 +106,8 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambd
         _write(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
     facts = facts_of(built) | {"elapsed_s": round(perf_counter() - begin, 3)}
     _print(facts if arguments.json else facts | facts.pop("funnel"), arguments.json)
+    if arguments.out is None and not arguments.json:
+        print("nothing was saved: give --out FILE to keep image and manifest", file=sys.stderr)
     return 0
 
 

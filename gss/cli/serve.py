@@ -8,6 +8,8 @@ import socket
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from gss.cli import Subparsers
     from gss.operations.simulated_sensor import SimulatedSensor
     from gss.settings import Settings
@@ -27,6 +29,7 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from gss.api.loopback import check_host
+    from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
 
     names = ("host", "port", "data", "device", "simulator")
@@ -34,6 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = Settings(**given)
     check_host(settings.host)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(folder_lock(settings.data))
         listener = stack.enter_context(_listen(settings.host, settings.port))
         sensor = None
         if settings.simulator:
@@ -56,10 +60,20 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     from gss.api.app import create_app
     from gss.wiring import build
 
-    app = create_app(build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()})))
+    services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
+    app = create_app(services)
+
+    class Server(uvicorn.Server):
+        """Ends the event streams as soon as a signal comes; uvicorn alone would wait for them and then cut them off."""
+
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            services.announce_stop()
+            super().handle_exit(sig, frame)
+
     print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)
-    uvicorn.Server(config).run(sockets=[listener])
+    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after a clean stop
+        Server(config).run(sockets=[listener])
 
 
 def _listen(host: str, port: int) -> socket.socket:

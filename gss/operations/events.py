@@ -42,6 +42,10 @@ class Subscription:
             self._messages.append(message)
         self._wake()
 
+    def wake(self) -> None:
+        """Make the listener look without a message."""
+        self._wake()
+
     def take(self) -> tuple[list[Message], int]:
         """All waiting messages, and how many were lost before them."""
         with self._lock:
@@ -72,6 +76,13 @@ class EventBus:
             subscriptions = list(self._subscriptions)
         for subscription in subscriptions:
             subscription.put(Message(topic, payload, seq))
+
+    def wake_all(self) -> None:
+        """Let every listener look up, for example because the server stops."""
+        with self._lock:
+            subscriptions = list(self._subscriptions)
+        for subscription in subscriptions:
+            subscription.wake()
 
     def subscribe(self, wake: Callable[[], None]) -> Subscription:
         """A new mailbox; ``wake`` is called after each message, from any thread."""

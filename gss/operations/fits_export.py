@@ -29,7 +29,7 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
     header = hdu.header
     header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
     header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
-    header["OBJECT"] = f"frame {frame.number or frame.id}"
+    header["OBJECT"] = f"frame {frame.id}"
     header["CREATOR"] = "gss"
     if frame.exposure_s is not None:
         header["EXPTIME"] = (frame.exposure_s, "s")

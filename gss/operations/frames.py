@@ -71,7 +71,9 @@ class FrameService:
         """Keep a frame that came down the line and solve it; ``values`` are the columns of its row."""
         frame = self._add(pixels, source="device", **values)
         missing = "" if frame.complete else ", rows are missing"
-        self._bus.record("frame", "ok", f"frame {frame.number} stored as {frame.id}{missing}", frame_id=frame.id)
+        self._bus.record(
+            "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
+        )
         if frame.complete:
             self._pool.submit(self._solve_on_arrival, frame.id)
         return frame

@@ -121,11 +121,17 @@ class LinkService:
             try:
                 stream = open_stream(url)
             except GssError as error:
-                self.reason = str(error)
+                self._could_not_open(str(error))
                 self._wake.wait(RETRY_S)
                 self._wake.clear()
                 continue
             self._contact(stream, url)
+
+    def _could_not_open(self, reason: str) -> None:
+        """Say it once, not at every try."""
+        if reason != self.reason:
+            self._bus.record("link", "warning", f"{reason}. Trying again every {RETRY_S:g} s")
+        self.reason = reason
 
     def _contact(self, stream: ByteStream, url: str) -> None:
         with self._database.unit_of_work() as session:

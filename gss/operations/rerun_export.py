@@ -62,7 +62,7 @@ def _blueprint() -> Any:
 
 
 def _set_times(stream: Any, frame: Frame) -> None:
-    stream.set_time("frame", sequence=frame.number or frame.id)
+    stream.set_time("frame", sequence=frame.id)
     moment: datetime = frame.taken
     stream.set_time("utc", timestamp=moment)
 

@@ -160,6 +160,14 @@ class StatusService:
             for value in self._telemetry.values():
                 if value.packet == "housekeeping" and value.state in ("watch", "warning", "critical"):
                     found[f"limit-{value.definition.name}"] = (value.state, f"{value.definition.title} out of limits")
+        confirm_left_s = (
+            float((self._link.session.housekeeping or {}).get("confirm_left_s", 0)) if self._link.connected else 0.0
+        )
+        if confirm_left_s > 0:
+            found["confirm"] = (
+                "warning",
+                f"The new bank is not confirmed: back to the old one in {confirm_left_s:.0f} s",
+            )
         for bank in banks:
             left = days_left(bank.catalogue.valid_to if bank.catalogue else None, self._now())
             if bank.active and left is not None and left < EXPIRY_WATCH_DAYS:

@@ -103,8 +103,10 @@ class TelemetryService:
             state = "stale"
         elif value is None:
             state = "never"  # sent as not-a-number: the device has not measured it yet
-        elif isinstance(value, int | float) and self._limits_hold(field):
+        elif isinstance(value, int | float):
             state = STATE_WORDS[field.limits.state(float(value))]
+            if state != "ok" and not self._limits_hold(field):
+                state = "stale"  # from an iteration that is over: neither an alarm nor a good value
         else:
             state = "ok"
         return FieldValue(field, packet, raw, value, state, at, age_s)

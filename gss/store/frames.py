@@ -20,7 +20,9 @@ def get(session: Session, frame_id: int) -> Frame:
     """The frame of that id."""
     row = session.get(Frame, frame_id)
     if row is None:
-        raise NotFound("no such frame", got=str(frame_id))
+        raise NotFound(
+            "no such frame", got=str(frame_id), hint="the number in the page's address, not the sensor's own"
+        )
     return row
 
 

@@ -93,7 +93,7 @@ def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
     telemetry.handle([housekeeping(supply_3v3_v=3.45, stars_matched=1)])
     assert (state("supply_3v3_v"), state("stars_matched"), state("mode")) == ("watch", "warning", "ok")
     telemetry.handle([housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False)])
-    assert (state("supply_3v3_v"), state("stars_matched")) == ("critical", "ok")
+    assert (state("supply_3v3_v"), state("stars_matched")) == ("critical", "stale")
     telemetry.handle([housekeeping(supply_3v3_v=math.nan)])
     assert state("supply_3v3_v") == "never"
     clock.forward(60)

@@ -94,3 +94,39 @@ def test_server_refuses_to_listen_beyond_this_machine():
     other = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert other.returncode == 2
     assert "loopback" in other.stderr
+
+
+def test_one_data_folder_has_one_server(serve, tmp_path):
+    """The second is refused with words and changes nothing of the first one's record."""
+    first = serve("--simulator", "cubestar")
+    online(first.console)
+    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(first.folder)]
+    other = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (other.returncode, "another GSS server" in other.stderr) == (2, True)
+    assert first.console.get("/contacts")[0]["ended"] is None
+
+
+def test_stopping_with_an_open_stream_is_quick_and_quiet(serve):
+    """Ctrl-C with a page open ends without a traceback."""
+    import threading
+    from pathlib import Path
+
+    import httpx2
+
+    server = serve("--simulator", "cubestar")
+    online(server.console)
+    opened = threading.Event()
+
+    def listen() -> None:
+        with httpx2.stream("GET", f"{server.console.address}/api/stream", timeout=30) as reply:
+            for line in reply.iter_lines():
+                if line.startswith("event: link"):
+                    opened.set()
+
+    reader = threading.Thread(target=listen, daemon=True)
+    reader.start()
+    assert opened.wait(20)
+    server.stop()
+    reader.join(10)
+    assert server.process.returncode == 0
+    assert "Traceback" not in Path(server.log.name).read_text()

@@ -105,6 +105,7 @@ def command(row: Command) -> CommandOut:
     duration_s = (row.finished - row.created).total_seconds() if row.finished else None
     return CommandOut(
         id=row.id,
+        contact_id=row.contact_id,
         request_id=row.request_id,
         name=row.name,
         arguments=row.arguments,

@@ -120,6 +120,7 @@ class CommandOut(Out):
     """A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown."""
 
     id: int
+    contact_id: int | None
     request_id: int
     name: str
     arguments: dict[str, Any]

@@ -1,0 +1,26 @@
+"""One server per data folder: two would both believe that they own the record of the line."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gss.domain.errors import Conflict
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder; Conflict when another process holds it. The operating system lets go even after kill -9."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "server.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise Conflict(
+                "another GSS server uses this data folder",
+                got=str(folder.resolve()),
+                hint="stop it, or give another folder with --data",
+            ) from None
+        yield
