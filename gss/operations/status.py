@@ -18,6 +18,7 @@ UP_WITHIN_S = 3.0
 NOISY_ABOVE = 0.005
 ERROR_WINDOW_S = 60
 EXPIRY_WATCH_DAYS = 5.0
+Found = dict[str, tuple[str, str]]
 ORDER = {"ok": 0, "unknown": 1, "watch": 2, "warning": 3, "critical": 4}
 
 
@@ -80,6 +81,7 @@ class StatusService:
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
+        self._lock = threading.Lock()  # requests and the ticker both look
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
 
@@ -103,8 +105,10 @@ class StatusService:
         hello, housekeeping = self._link.hello, self._link.session.housekeeping or {}
         device_hash = self._link.session.device_dictionary_hash
         match = None if device_hash is None else device_hash == self._link.dictionary.hash_hex
-        tx, rx = self._directions()
         banks = self._banks.views()
+        with self._lock:
+            tx, rx = self._directions()
+            alarms = self._alarms(rx, match, banks)
         connected = self._link.connected
         return Header(
             device=(hello.serial or hello.device_model) if hello else "no device",
@@ -123,7 +127,7 @@ class StatusService:
             device_dictionary_hash=device_hash,
             dictionary_match=match,
             dictionary_acknowledged=self._link.dictionary_acknowledged,
-            alarms=self._alarms(rx, match, banks),
+            alarms=alarms,
             contact_id=self._link.contact_id,
             user=self._user,
             utc=self._now(),
@@ -147,36 +151,41 @@ class StatusService:
         return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
 
     def _alarms(self, rx: DirectionState, match: bool | None, banks: list[BankView]) -> list[Alarm]:
-        found: dict[str, tuple[str, str]] = {}
-        if not self._link.connected:
-            found["line"] = ("warning", f"Line down: {self._link.reason}")
-        elif rx.state == "down":
-            found["silent"] = ("warning", "Nothing received for 3 s")
-        elif rx.state == "noisy":
-            found["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
-        if match is False:
-            found["dictionary"] = ("warning", "Dictionary differs from the device's")
+        found = self._line_alarms(rx, match)
         if self._link.connected:
-            for value in self._telemetry.values():
-                if value.packet == "housekeeping" and value.state in ("watch", "warning", "critical"):
-                    found[f"limit-{value.definition.name}"] = (value.state, f"{value.definition.title} out of limits")
-        confirm_left_s = (
-            float((self._link.session.housekeeping or {}).get("confirm_left_s", 0)) if self._link.connected else 0.0
-        )
-        if confirm_left_s > 0:
-            found["confirm"] = (
-                "warning",
-                f"The new bank is not confirmed: back to the old one in {confirm_left_s:.0f} s",
-            )
-        for bank in banks:
-            left = days_left(bank.catalogue.valid_to if bank.catalogue else None, self._now())
-            if bank.active and left is not None and left < EXPIRY_WATCH_DAYS:
-                words = f"expires in {left:.1f} d" if left > 0 else "has expired"
-                found["catalogue"] = (
-                    "watch" if left > 0 else "warning",
-                    f"Catalogue {bank.catalogue.name if bank.catalogue else ''} {words}",
-                )
+            found |= self._limit_alarms() | self._bank_alarms(banks)
         now = self._now()
         self._since = {key: self._since.get(key, now) for key in found}
         alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in found.items()]
         return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
+
+    def _line_alarms(self, rx: DirectionState, match: bool | None) -> Found:
+        found: Found = {}
+        if not self._link.connected:
+            found["line"] = ("warning", f"Line down: {self._link.reason}")
+        elif rx.state == "down":
+            found["silent"] = ("warning", f"Nothing received for {UP_WITHIN_S:g} s")
+        elif rx.state == "noisy":
+            found["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
+        if match is False:
+            found["dictionary"] = ("warning", "Dictionary differs from the device's")
+        return found
+
+    def _limit_alarms(self) -> Found:
+        return {
+            f"limit-{value.definition.name}": (value.state, f"{value.definition.title} out of limits")
+            for value in self._telemetry.values()
+            if value.packet == "housekeeping" and value.state in ("watch", "warning", "critical")
+        }
+
+    def _bank_alarms(self, banks: list[BankView]) -> Found:
+        found: Found = {}
+        left_s = (self._link.session.housekeeping or {}).get("confirm_left_s", 0)
+        if isinstance(left_s, int | float) and left_s > 0:
+            found["confirm"] = ("warning", f"The new bank is not confirmed: back to the old one in {left_s:.0f} s")
+        for bank in banks:
+            left = days_left(bank.catalogue.valid_to if bank.catalogue else None, self._now())
+            if bank.active and bank.catalogue and left is not None and left < EXPIRY_WATCH_DAYS:
+                words = f"expires in {left:.1f} d" if left > 0 else "has expired"
+                found["catalogue"] = ("watch" if left > 0 else "warning", f"Catalogue {bank.catalogue.name} {words}")
+        return found
