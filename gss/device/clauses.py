@@ -86,7 +86,7 @@ CLAUSES: tuple[Clause, ...] = (
         "6.2",
         "The sender keeps at most a window of chunks on their way. The receiver sends STATUS after a quarter of a window, "
         "when complete, and when asked.",
-        "holds where 6.5 and 6.7 do; the window of the device is not counted",
+        "what is on the way cannot be seen from one end",
     ),
     Clause(
         "6.3",

@@ -1,0 +1,92 @@
+"""What a conformance check found, clause by clause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from gss.device.clauses import CLAUSES, Clause, clause
+from gss.device.dictionary import Value
+from gss.device.session_events import HelloReceived
+from gss.domain.errors import BadInput, Conflict, CorruptData
+
+PASS, FAIL, NOT_CHECKED = "pass", "fail", "not checked"
+
+
+def shown(value: Value) -> str:
+    """A value for a line of text."""
+    return value.hex() if isinstance(value, bytes) else str(value)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One trial of a clause. ``passed`` None: left out, ``detail`` says why."""
+
+    subject: str
+    passed: bool | None
+    detail: str = ""
+
+
+@dataclass
+class Findings:
+    """Cases by clause. ``left``: what the device has not got back as it was."""
+
+    cases: dict[str, list[Case]] = field(default_factory=dict)
+    left: list[str] = field(default_factory=list)
+
+    def check(self, number: str, subject: str, passed: bool, detail: str = "") -> bool:
+        """Note a trial; the clause must exist."""
+        self.cases.setdefault(clause(number).number, []).append(Case(subject, passed, detail))
+        return passed
+
+    def skip(self, number: str, subject: str, why: str) -> None:
+        """Note a trial that was left out."""
+        self.cases.setdefault(clause(number).number, []).append(Case(subject, None, why))
+
+    @contextmanager
+    def trying(self, number: str, subject: str) -> Iterator[None]:
+        """A device that answers with nonsense or not at all fails the clause; a line that is gone ends the check."""
+        try:
+            yield
+        except (Conflict, CorruptData, BadInput) as error:
+            self.check(number, subject, False, str(error))
+
+    def result(self, one: Clause) -> str:
+        """Pass, fail or not checked."""
+        tried = [c.passed for c in self.cases.get(one.number, []) if c.passed is not None]
+        if not tried:
+            return NOT_CHECKED
+        return PASS if all(tried) else FAIL
+
+    @property
+    def failed(self) -> list[Clause]:
+        """Clauses that do not hold."""
+        return [c for c in CLAUSES if self.result(c) == FAIL]
+
+    def plain(self, hello: HelloReceived, dictionary_hash: str) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        results = [self.result(c) for c in CLAUSES]
+        names = ("device_model", "profile", "firmware", "serial", "simulated", "dictionary_hash")
+        return {
+            "device": {name: getattr(hello, name) for name in names},
+            "dictionary_hash": dictionary_hash,
+            "passed": results.count(PASS),
+            "failed": results.count(FAIL),
+            "not_checked": results.count(NOT_CHECKED),
+            "left": self.left,
+            "clauses": [
+                {
+                    "number": one.number,
+                    "text": one.text,
+                    "result": result,
+                    "cases": [vars(c) for c in self.cases.get(one.number, [])] or self._why_not(one),
+                }
+                for one, result in zip(CLAUSES, results, strict=True)
+            ],
+        }
+
+    @staticmethod
+    def _why_not(one: Clause) -> list[dict[str, Any]]:
+        return [{"subject": "", "passed": None, "detail": one.unchecked or "the check ended before"}]

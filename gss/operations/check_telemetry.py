@@ -1,0 +1,50 @@
+"""Is a telemetered value possible at all? By its kind, not by its limits: a warm sensor is no broken interface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from gss.device.dictionary import Packet, TelemetryField, Value
+from gss.device.protocol.codec import Decoded
+
+BY_NAME: tuple[tuple[str, tuple[float, float]], ...] = (
+    ("quaternion_", (-1.000001, 1.000001)),
+    ("dec_deg", (-90.0, 90.0)),
+    ("ra_deg", (0.0, 360.0)),
+    ("roll_deg", (0.0, 360.0)),
+)
+BY_UNIT = {"%": (0.0, 100.0), "s": (0.0, math.inf), "arcsec": (0.0, math.inf), "DN": (0.0, 65535.0)}
+UNIT_NORM_WITHIN = 1e-4
+
+
+def possible_range(field: TelemetryField) -> tuple[float, float]:
+    """Lowest and highest value that a field of its name, unit or converter can have."""
+    for start, bounds in BY_NAME:
+        if field.name.startswith(start):
+            return bounds
+    if field.name.endswith(("temperature_c", "_v", "_ma")):
+        low, high = field.limits.critical
+        return -math.inf if low is None else low, math.inf if high is None else high
+    return BY_UNIT.get(field.unit, (-math.inf, math.inf))
+
+
+def problems(row: Packet, message: Decoded) -> Iterator[str]:
+    """What cannot be in a packet. An unknown value may be not-a-number."""
+    for field in row.values:
+        value = message.values[field.name]
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+            continue
+        low, high = possible_range(field)
+        if not low <= value <= high:
+            yield f"{field.name}: {low:g} – {high:g}, got {value:g}"
+    quaternion = [message.values[n] for n in (f"quaternion_{c}" for c in "xyzw") if n in message.values]
+    if len(quaternion) == 4 and not _unit_or_unknown(quaternion):
+        yield f"quaternion is no rotation: {quaternion}"
+
+
+def _unit_or_unknown(parts: list[Value]) -> bool:
+    numbers = [float(p) for p in parts if not isinstance(p, str | bytes)]
+    if any(map(math.isnan, numbers)):
+        return True
+    return abs(math.hypot(*numbers) - 1.0) <= UNIT_NORM_WITHIN

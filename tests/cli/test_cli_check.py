@@ -1,0 +1,27 @@
+"""What ``gss check device`` prints and how it exits, for findings of every kind."""
+
+from __future__ import annotations
+
+import pytest
+
+from gss.cli.check import _print
+from gss.operations.check_findings import Findings
+
+DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "cubestar", "firmware": "f"}
+
+
+def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pytest.CaptureFixture[str]) -> None:
+    """Passed clauses take one line; what failed or was left out is listed below its clause."""
+    findings = Findings(left=["mode is tracking, was standby"])
+    findings.check("4.5", "code 255", True)
+    findings.check("4.6", "SET_EXPOSURE with 1 B", False, "accepted, completed")
+    findings.skip("4.3", "RESET", "has a hazard")
+    _print(findings, DEVICE)
+    lines = capsys.readouterr().out.splitlines()
+    assert "X-1: m, cubestar, firmware f" in lines
+    assert "pass        4.5   A code that no command has is rejected (`unknown_command`)." in lines
+    at = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
+    assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
+    assert "left out: RESET: has a hazard" in [line.strip() for line in lines]
+    assert "NOT GIVEN BACK: mode is tracking, was standby" in lines
+    assert lines[-1] == "2 trials, 1 failed; clauses that do not hold: 1"

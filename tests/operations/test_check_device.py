@@ -1,0 +1,274 @@
+"""The conformance check against the simulator's machine in memory: whole, and with one promise broken at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gss.device.clauses import CLAUSES, clause
+from gss.device.dictionary_file import load_dictionary
+from gss.device.golden import Golden, build_golden
+from gss.device.simulator import command_desk, machine
+from gss.device.simulator.factory import burn_golden
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.memory import BANKS, Memory
+from gss.device.simulator.orbit import Inertial
+from gss.device.simulator.sky import Sky
+from gss.domain.errors import Conflict, NotFound
+from gss.domain.profiles import profile
+from gss.operations import check_commands, check_device, check_transfers
+from gss.operations.check_findings import FAIL, NOT_CHECKED, PASS, Findings
+from gss.operations.probe import Probe
+
+pytestmark = pytest.mark.timeout(240)
+STEP_S = 0.01
+CAMERA = "cubestar"
+
+
+@lru_cache(maxsize=1)
+def factory_catalogue() -> Golden:
+    return build_golden(profile(CAMERA), Memory.in_ram().bank_bytes)
+
+
+class MemoryLine:
+    """A line into a device in this process; time passes only while somebody waits for bytes."""
+
+    def __init__(self) -> None:
+        self.url, self.now_s = "memory", 100.0
+        self.memory = Memory.in_ram()
+        burn_golden(self.memory, profile(CAMERA), factory_catalogue())
+        motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
+        tracker = StarTracker(profile(CAMERA), Sky(profile(CAMERA), motion, 2026.0, 1), self.memory)
+        self.device = Device(load_dictionary(), Identity(), self.memory, tracker, self.now_s)
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        del max_bytes, timeout_s
+        self.now_s += STEP_S
+        self.device.advance(self.now_s)
+        frames = []
+        while (frame := self.device.next_frame(self.now_s)) is not None:
+            frames.append(frame)
+        return b"".join(frames)
+
+    def write(self, data: bytes) -> None:
+        self.device.feed(data, self.now_s)
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+@pytest.fixture
+def line() -> MemoryLine:
+    """A line with a device that keeps its word."""
+    return MemoryLine()
+
+
+def probe_on(line: MemoryLine) -> Probe:
+    return Probe(line, load_dictionary(), lambda: line.now_s)
+
+
+def put(line: MemoryLine, bank: str, image: bytes) -> None:
+    """A committed catalogue in a bank, as the factory would."""
+    line.memory.burn(bank, image, line.memory.record.banks["golden"])
+
+
+def test_a_device_that_keeps_its_word_passes_and_is_left_as_it_was(line: MemoryLine) -> None:
+    """Every clause that can be tried holds; settings, mode, cycle and all banks are as before."""
+    line.device._tracker.exposure_ms, line.device._tracker.threshold_dn = 123, 17
+    probe = probe_on(line)
+    probe.order("START_CYCLE")
+    banks = {b: (line.memory.content(b), line.memory.record.banks[b]) for b in BANKS}
+    findings = check_device.check_device(probe, write=True)
+    assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
+    assert findings.left == []
+    results = {c.number: findings.result(c) for c in CLAUSES}
+    assert {n for n, r in results.items() if r == NOT_CHECKED} == {
+        c.number for c in CLAUSES if c.unchecked and c.number != "6.7"
+    }
+    after = probe.status()
+    assert (after["exposure_ms"], after["threshold_dn"]) == (123, 17)
+    assert (after["mode"], after["cycle_running"], after["active_bank"]) == ("lost_in_space", True, "golden")
+    assert {b: (line.memory.content(b), line.memory.record.banks[b]) for b in BANKS} == banks
+
+
+@pytest.mark.parametrize("same_as_active", [True, False])
+def test_a_full_bank_gets_its_catalogue_back(line: MemoryLine, same_as_active: bool) -> None:
+    """Where no bank is empty, the one that is tried holds afterwards what it held, and was written in between."""
+    image = line.memory.content("golden")
+    for bank in ("A", "B", "C"):
+        put(line, bank, image if same_as_active else _other_catalogue())
+    before = {b: line.memory.hash_of(b) for b in BANKS}
+    programmed: list[int] = []
+    program = line.memory.flash.program
+    line.memory.flash.program = lambda at, data: (programmed.append(len(data)), program(at, data))[1]  # type: ignore[method-assign, func-returns-value]
+    findings = Findings()
+    check_transfers.check_writing(probe_on(line), findings)
+    assert findings.result(clause("6.7")) == PASS, findings.cases
+    assert sum(programmed) >= len(image)
+    assert {b: line.memory.hash_of(b) for b in BANKS} == before
+
+
+@lru_cache(maxsize=1)
+def _other_catalogue() -> bytes:
+    from gss.catalogue_tools.distances import distance_table
+    from gss.catalogue_tools.hipparcos import load_stars
+    from gss.catalogue_tools.onboard import encode
+
+    stars = load_stars(3.4)
+    return encode(stars, distance_table(stars, 0.01, np.radians(40)), CAMERA, CAMERA)
+
+
+def test_nothing_is_written_where_no_bank_may_be(line: MemoryLine) -> None:
+    """Banks that a transfer holds are left alone, and the report says so."""
+    for bank in ("A", "B", "C"):
+        line.memory.set_state(bank, "loading")
+    findings = Findings()
+    check_transfers.check_writing(probe_on(line), findings)
+    assert findings.result(clause("6.7")) == NOT_CHECKED
+    assert findings.cases["6.7"][0].detail == check_transfers.NOWHERE
+
+
+def test_a_bank_on_trial_is_not_disturbed(line: MemoryLine) -> None:
+    """The check refuses to start: it might confirm or lose the trial."""
+    put(line, "A", line.memory.content("golden"))
+    probe = probe_on(line)
+    assert probe.order("ACTIVATE_BANK", {"bank": "A"}).is_("completed")
+    with pytest.raises(Conflict, match="bank A is on trial"):
+        check_device.check_device(probe, write=False)
+    assert line.memory.record.unconfirmed
+
+
+def test_another_dictionary_fails_and_ends_the_check(line: MemoryLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What both ends understand differently is not tried."""
+    hello = line.device._desk.handlers["HELLO"]
+    monkeypatch.setitem(line.device._desk.handlers, "HELLO", lambda a, i: {**hello(a, i), "dictionary_hash": bytes(32)})
+    findings = check_device.check_device(probe_on(line), write=True)
+    assert [c.number for c in findings.failed] == ["3.2"]
+    assert set(findings.cases) == {"3.1", "3.2", "3.3"}
+
+
+# --- one promise broken at a time -----------------------------------------------------------------------------------
+
+Patch = pytest.MonkeyPatch
+Breakage = Callable[[MemoryLine, Patch], None]
+Part = Callable[[Probe, Findings], None]
+
+
+def takes_any_argument(line: MemoryLine, patch: Patch) -> None:
+    def lenient(command: Any, arguments: Any) -> dict[str, Any]:
+        values = {a.name: arguments[a.name] for a in command.arguments}
+        return {n: v if isinstance(v, str) or math.isfinite(v) else 0 for n, v in values.items()}
+
+    patch.setattr(command_desk, "check_arguments", lenient)
+
+
+def forgets_ids(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(line.memory, "request", lambda _: None)
+
+
+def never_compares(line: MemoryLine, patch: Patch) -> None:
+    repeat = line.device._desk._repeat
+    patch.setattr(line.device._desk, "_repeat", lambda known, packet, _: repeat(known, packet, known.digest))
+
+
+def counts_no_damage(line: MemoryLine, patch: Patch) -> None:
+    true_values = line.device.housekeeping
+    patch.setattr(line.device, "housekeeping", lambda: {**true_values(), "frames_bad": 0})
+
+
+def ignores_conditions(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(line.device._desk, "_state", dict)
+
+
+def sends_another_catalogue(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(line.memory, "content", lambda _: b"something else")
+
+
+def takes_uploads_anywhere(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(line.device._loader._writer, "check", lambda *_: None)
+
+
+def is_slow(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(machine, "HOUSEKEEPING_S", 2.0)
+
+
+def does_not_abort(line: MemoryLine, patch: Patch) -> None:
+    patch.setitem(line.device._desk.handlers, "ABORT", lambda *_: {})
+
+
+def takes_any_dictionary(line: MemoryLine, patch: Patch) -> None:
+    admit = line.device._desk._admit
+    own = load_dictionary().prefix
+
+    def lenient(command: Any, packet: Any) -> Any:
+        return admit(command, type(packet)(**{**vars(packet), "prefix": own}))
+
+    patch.setattr(line.device._desk, "_admit", lenient)
+
+
+def writes_nothing(line: MemoryLine, patch: Patch) -> None:
+    patch.setattr(line.device._loader._writer, "program", lambda *_: None)
+
+
+def tells_nonsense(line: MemoryLine, patch: Patch) -> None:
+    true_values = line.device.housekeeping
+    patch.setattr(line.device, "housekeeping", lambda: {**true_values(), "match_confidence": 140.0})
+
+
+def loses_numbers(line: MemoryLine, patch: Patch) -> None:
+    sender = line.device._outbox._sender
+    packet = sender.packet
+
+    def skipping(kind: Any, *rest: Any, **named: Any) -> bytes:
+        sender._sequence[kind] += 1
+        return packet(kind, *rest, **named)
+
+    patch.setattr(sender, "packet", skipping)
+
+
+def record_of_a_contact(probe: Probe, findings: Findings) -> None:
+    probe.status()
+    check_device.check_record(probe, findings)
+
+
+BROKEN: list[tuple[Breakage, Part, set[str]]] = [
+    (takes_any_argument, partial(check_commands.check_boundaries, write=False), {"4.4"}),
+    (forgets_ids, check_commands.check_repeats, {"4.9", "4.10"}),
+    (never_compares, check_commands.check_repeats, {"4.10"}),
+    (counts_no_damage, check_device.check_damage, {"1.3", "1.5"}),
+    (ignores_conditions, check_commands.check_conditions, {"4.8"}),
+    (sends_another_catalogue, check_transfers.check_downloads, {"6.5"}),
+    (takes_uploads_anywhere, check_transfers.check_upload_refusals, {"6.6"}),
+    (is_slow, check_device.check_housekeeping, {"5.1"}),
+    (does_not_abort, check_transfers.check_aborts, {"4.13"}),
+    (takes_any_dictionary, check_commands.check_refusals, {"4.7"}),
+    (writes_nothing, check_transfers.check_writing, {"6.7"}),
+    (tells_nonsense, record_of_a_contact, {"5.3"}),
+    (loses_numbers, record_of_a_contact, {"2.2"}),
+]
+
+
+@pytest.mark.parametrize(("breakage", "part", "numbers"), BROKEN, ids=[b.__name__ for b, _, _ in BROKEN])
+def test_a_broken_promise_is_found_by_its_number(
+    line: MemoryLine, monkeypatch: pytest.MonkeyPatch, breakage: Breakage, part: Part, numbers: set[str]
+) -> None:
+    """The clause fails, says on which trial, and the clauses beside it hold."""
+    breakage(line, monkeypatch)
+    findings = Findings()
+    part(probe_on(line), findings)
+    assert {c.number for c in findings.failed} == numbers
+    assert all(findings.result(clause(n)) == FAIL for n in numbers)
+
+
+def test_clauses_have_numbers_that_are_theirs_alone() -> None:
+    """A number names one sentence, and nothing is noted under a number that does not exist."""
+    numbers = [c.number for c in CLAUSES]
+    assert len(set(numbers)) == len(numbers)
+    with pytest.raises(NotFound):
+        Findings().check("9.9", "nothing", True)

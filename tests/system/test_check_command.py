@@ -1,0 +1,42 @@
+"""``gss check device`` against the simulator as a process on a real port."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from gss.device.dictionary_file import load_dictionary
+
+pytestmark = pytest.mark.timeout(240)
+
+
+def check(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gss", "check", "device", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_simulator_keeps_the_interface_document(simulator: str) -> None:
+    """All that can be tried holds, flash included, and the bank that was written is empty again."""
+    done = check("--device", simulator, "--write", "--json")
+    assert done.stderr == ""
+    facts = json.loads(done.stdout)
+    wrong = [(c["number"], c["cases"]) for c in facts["clauses"] if c["result"] == "fail"]
+    assert (wrong, facts["left"], done.returncode) == ([], [], 0)
+    assert facts["device"]["serial"] == "SIM-0007"
+    assert facts["device"]["dictionary_hash"] == facts["dictionary_hash"] == load_dictionary().hash_hex
+    by_number = {c["number"]: c for c in facts["clauses"]}
+    tried = [case for c in by_number.values() for case in c["cases"] if case["passed"]]
+    assert len(tried) > 200
+    assert by_number["6.7"]["result"] == "pass"
+    assert {c["result"] for c in by_number.values()} == {"pass", "not checked"}
+
+
+def test_a_port_that_is_not_there_is_said_in_one_line() -> None:
+    """No device, no check: exit 1 or 2 with a hint, and nothing on standard output."""
+    done = check("--device", "/dev/no-such-port")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "there is no port /dev/no-such-port" in done.stderr
