@@ -75,4 +75,6 @@ def _print(findings: Findings, device: dict[str, object]) -> None:
     for text in findings.left:
         print(f"NOT GIVEN BACK: {text}")
     tried = [c for cases in findings.cases.values() for c in cases if c.passed is not None]
-    print(f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; clauses that do not hold: {len(findings.failed)}")
+    print(
+        f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; clauses that do not hold: {len(findings.failed)}"
+    )
