@@ -74,6 +74,8 @@ def _print(findings: Findings, device: dict[str, object]) -> None:
                 print(f"{'':17} {word}: {case.subject}: {case.detail}")
     for text in findings.left:
         print(f"NOT GIVEN BACK: {text}")
+    if findings.damaged:
+        print(f"{findings.damaged} packets came damaged: what failed may be the line's fault; try again on a clean one")
     tried = [c for cases in findings.cases.values() for c in cases if c.passed is not None]
     print(
         f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; clauses that do not hold: {len(findings.failed)}"

@@ -177,6 +177,7 @@ def check_damage(probe: Probe, findings: Findings) -> None:
 def check_record(probe: Probe, findings: Findings) -> None:
     """Clauses 2.1 to 2.4 and 5.3, over everything that came."""
     receiver, packets, d = probe.tap.receiver, probe.tap.packets, probe.dictionary
+    findings.damaged = receiver.bad_total
     findings.check("2.1", "packets read", bool(packets) and not receiver.unknown, f"{receiver.unknown} unreadable")
     if receiver.bad_total:
         findings.skip("2.2", "sequence", f"{receiver.bad_total} packets came damaged")

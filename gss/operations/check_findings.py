@@ -31,10 +31,12 @@ class Case:
 
 @dataclass
 class Findings:
-    """Cases by clause. ``left``: what the device has not got back as it was."""
+    """Cases by clause. ``left``: what the device has not got back as it was. ``damaged``: packets that came damaged: the
+    check needs a clean line, for what is lost looks as if the device had not said it."""
 
     cases: dict[str, list[Case]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
+    damaged: int = 0
 
     def check(self, number: str, subject: str, passed: bool, detail: str = "") -> bool:
         """Note a trial; the clause must exist."""
@@ -76,6 +78,7 @@ class Findings:
             "failed": results.count(FAIL),
             "not_checked": results.count(NOT_CHECKED),
             "left": self.left,
+            "damaged": self.damaged,
             "clauses": [
                 {
                     "number": one.number,

@@ -12,7 +12,7 @@ DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "c
 
 def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pytest.CaptureFixture[str]) -> None:
     """Passed clauses take one line; what failed or was left out is listed below its clause."""
-    findings = Findings(left=["mode is tracking, was standby"])
+    findings = Findings(left=["mode is tracking, was standby"], damaged=3)
     findings.check("4.5", "code 255", True)
     findings.check("4.6", "SET_EXPOSURE with 1 B", False, "accepted, completed")
     findings.skip("4.3", "RESET", "has a hazard")
@@ -24,4 +24,5 @@ def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pyt
     assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
     assert "left out: RESET: has a hazard" in [line.strip() for line in lines]
     assert "NOT GIVEN BACK: mode is tracking, was standby" in lines
+    assert lines[-2].startswith("3 packets came damaged")
     assert lines[-1] == "2 trials, 1 failed; clauses that do not hold: 1"
