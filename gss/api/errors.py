@@ -12,7 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 
 from gss.api.schemas.base import ProblemOut
-from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, LinkDown, NotFound
+from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, LinkDown, NotFound, StoreDown
 
 log = logging.getLogger("gss.api")
 
@@ -22,6 +22,7 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (Conflict, 409),
     (CorruptData, 409),
     (LinkDown, 503),
+    (StoreDown, 503),
 )
 PROBLEMS: dict[int | str, dict[str, Any]] = {code: {"model": ProblemOut} for code in (400, 403, 404, 409, 422, 503)}
 
@@ -47,9 +48,15 @@ def problem(
     status: int, message: str, expected: str = "", got: str = "", hint: str = "", cause: Exception | None = None
 ) -> JSONResponse:
     """The answer, and its line in the log."""
-    body = ProblemOut(id=uuid.uuid4().hex[:8], message=message, expected=expected, got=got, hint=hint)
+    texts = {"message": message, "expected": expected, "got": got, "hint": hint}
+    body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
     return JSONResponse(body.model_dump(), status)
+
+
+def _printable(text: str) -> str:
+    """What came may hold half characters that no answer can carry."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def _sentence(errors: Sequence[Any]) -> str:

@@ -36,12 +36,20 @@ def install(app: FastAPI) -> None:
         return response
 
 
+def _host_name(address: str) -> str:
+    """Host of an address; empty where it is none."""
+    try:
+        return urlsplit(address).hostname or ""
+    except ValueError:
+        return ""
+
+
 def _refusal(request: Request) -> Response | None:
-    host = urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
+    host = _host_name(f"//{request.headers.get('host', '')}")
     if host not in LOCAL_NAMES:  # a foreign name that resolves to this machine (DNS rebinding)
         return problem(403, "unknown host name", "localhost or 127.0.0.1", host)
     origin = request.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != request.headers.get("host"):
+    if origin is not None and (not _host_name(origin) or urlsplit(origin).netloc != request.headers.get("host")):
         return problem(403, "a page of another origin may not use this server", request.headers.get("host", ""), origin)
     if request.method not in SAFE_METHODS:
         if MARK not in request.headers:

@@ -16,6 +16,7 @@ import serial
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 
 WRITE_TIMEOUT_S = 10.0
+SCHEMES = ("", "socket", "rfc2217")
 CONNECT_HINT = "start the device or the simulator, or check the address"
 
 
@@ -77,6 +78,7 @@ def open_stream(url: str, baud: int = 115_200) -> ByteStream:
     """Open a line for this process alone. NotFound, Conflict or LinkDown say what is in the way."""
     if not url:
         raise BadInput("no line given", expected="a device path or socket://host:port")
+    _check_address(url)
     is_socket = "://" in url
     if not is_socket:
         _check_device(url)
@@ -95,6 +97,17 @@ def open_stream(url: str, baud: int = 115_200) -> ByteStream:
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
     return SerialStream(url, port)
+
+
+def _check_address(url: str) -> None:
+    """Only lines: pyserial's other schemes (spy, alt, loop) write files or load code on behalf of the address."""
+    scheme = url.partition("://")[0] if "://" in url else ""
+    if scheme not in SCHEMES or not url.isprintable():
+        raise BadInput(
+            "not the address of a line",
+            expected="a device path, socket:// or rfc2217://host:port",
+            got=ascii(url)[:80],
+        )
 
 
 def _check_device(path: str) -> None:

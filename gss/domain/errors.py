@@ -36,5 +36,9 @@ class LinkDown(GssError):
     """The device cannot be reached."""
 
 
+class StoreDown(GssError):
+    """The store cannot be read or written now: disk full, locked, gone."""
+
+
 class CorruptData(GssError):
     """Stored or received bytes fail their own check."""

@@ -94,8 +94,15 @@ class CommandService:
             state = unmet[0]
             raise Conflict(f"{name} is not allowed now", expected=state.text.lower(), got=state.value)
         with self._link.lock:
-            request_id = self._link.session.submit(name, arguments, self._link.monotonic_s())
-            row = self._add(request_id, name, arguments, user, source)
+            self._link.session.preview(name, arguments)
+            # The row first: what cannot be recorded is not sent.
+            row = self._add(self._link.session.next_request_id, name, arguments, user, source)
+            try:
+                self._link.session.submit(name, arguments, self._link.monotonic_s())
+            except GssError as error:
+                stage = StageRow(stage="rejected", at=self._now(), detail=str(error))
+                self._change(row.id, stage, result="rejected", detail=str(error), finished=self._now())
+                raise
         self._bus.publish("command", row)
         return row
 
@@ -103,7 +110,9 @@ class CommandService:
         """ABORT, ahead of everything, no questions."""
         self._check_line()
         with self._link.lock:
-            request_id = self._link.session.abort(self._link.monotonic_s())
+            request_id = self._link.session.abort(
+                self._link.monotonic_s()
+            )  # nothing may stand in its way, not even the store
             row = self._add(request_id, "ABORT", {}, user, source)
         self._bus.record("command", "watch", f"ABORT by {user}", command_id=row.id)
         self._bus.publish("command", row)
@@ -160,8 +169,8 @@ class CommandService:
         values: dict[str, Any] = {"result": str(event.stage), "attempts": max(found.attempts, event.attempt)}
         if found.result == "resolved":
             values.pop("result")
-        if detail:
-            values["detail"] = detail
+        if detail or event.stage in FINAL_STAGES:
+            values["detail"] = detail  # an end without words takes back what was said while the fate was unknown
         if event.late:
             values["late"] = True
         if event.stage in FINAL_STAGES:

@@ -15,6 +15,8 @@ from gss.domain.errors import BadInput
 
 MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
+LONGEST_EXPOSURE_S = 86_400.0
+FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
 HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
@@ -115,11 +117,13 @@ def _picture_meta(image: Any) -> Meta:
         exif = image.getexif()
         inner = exif.get_ifd(0x8769)
         seconds = inner.get(0x829A)
-        if seconds:
+        if seconds and _believable_s(float(seconds)):
             meta["exposure_s"] = float(seconds)
         taken = inner.get(0x9003) or exif.get(0x0132)
         if isinstance(taken, str):
-            meta["taken_at"] = datetime.strptime(taken.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+            meta["taken_at"] = _believable(
+                datetime.strptime(taken.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+            )
         if exif.get(0x0110):
             meta["camera"] = str(exif.get(0x0110)).strip("\0 ")
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
@@ -183,20 +187,31 @@ def _fits_meta(header: Any) -> Meta:
     meta: Meta = {"format": "FITS", "bitpix": str(header.get("BITPIX"))}
     for key in ("EXPTIME", "EXPOSURE"):
         value = header.get(key)
-        if isinstance(value, int | float) and value > 0:
+        if isinstance(value, int | float) and _believable_s(value):
             meta["exposure_s"] = float(value)
             break
     taken = header.get("DATE-OBS")
     if isinstance(taken, str) and taken:
         try:
             when = datetime.fromisoformat(taken.strip())
-            meta["taken_at"] = when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC)
-        except ValueError:
+            meta["taken_at"] = _believable(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
+        except (ValueError, OverflowError):
             meta["date-obs"] = taken
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
         if isinstance(header.get(key), str):
             meta[key.lower()] = header[key]
     return meta
+
+
+def _believable_s(exposure_s: float) -> bool:
+    return 0 < exposure_s <= LONGEST_EXPOSURE_S
+
+
+def _believable(moment: datetime) -> datetime:
+    """The moment, if a photograph can be from then; ValueError otherwise, as for a date that cannot be read."""
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise ValueError(f"no photograph is from {moment.year}")
+    return moment
 
 
 def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFrame:

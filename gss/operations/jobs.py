@@ -111,8 +111,8 @@ class JobService:
             self._cancel.pop(job_id, None)
 
     def _fail(self, job_id: int, text: str) -> None:
-        job = self._update(job_id, state="failed", text=text, finished=self._now())
-        self._bus.record("job", "warning", f"{job.title}: {text}", job_id=job_id)
+        self._bus.record("job", "warning", f"{self.get(job_id).title}: {text}", job_id=job_id)
+        self._update(job_id, state="failed", text=text, finished=self._now())
 
     def _update(self, job_id: int, **values: Any) -> Job:
         with self._database.unit_of_work() as session:

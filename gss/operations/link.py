@@ -125,7 +125,14 @@ class LinkService:
                 self._wake.wait(RETRY_S)
                 self._wake.clear()
                 continue
-            self._contact(stream, url)
+            try:
+                self._contact(stream, url)
+            except Exception as error:  # the owner of the port must outlive a full disk or a locked database
+                log.exception("the contact failed")
+                stream.close()
+                self.connected, self.reason = False, f"{type(error).__name__}: {error}"
+                self._complain(f"the contact was given up: {self.reason}")
+                self._wake.wait(RETRY_S)
 
     def _could_not_open(self, reason: str) -> None:
         """Say it once, not at every try."""
@@ -182,8 +189,14 @@ class LinkService:
                 Exception
             ) as error:  # one operation's defect must not silence the line; it is told, and its cause is logged
                 log.exception("handler %r failed", handler)
-                text = f"defect in the server while it handled what came: {type(error).__name__}: {error}"
-                self._bus.record("link", "critical", text, contact_id=self.contact_id)
+                self._complain(f"what came could not be handled: {type(error).__name__}: {error}")
+
+    def _complain(self, text: str) -> None:
+        """Tell a failure of our own; if even the record cannot be written, the log has it."""
+        try:
+            self._bus.record("link", "critical", text, contact_id=self.contact_id)
+        except GssError:
+            log.exception("not recorded: %s", text)
 
     def _met(self, hello: HelloReceived) -> None:
         self.hello, self.dictionary_acknowledged = hello, False

@@ -31,7 +31,8 @@ def auto_stretch(pixels: Pixels) -> Stretch:
         return Stretch(0.0, 1.0)
     sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
     low = sky - 0.5 * max(spread, 0.5)
-    high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + 10 * max(spread, 1.0))
+    least = 10 * max(spread, 1.0, abs(sky) * 1e-6)  # of huge values a step of one is nothing
+    high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + least)
     return Stretch(low, high)
 
 
@@ -67,5 +68,7 @@ def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:
     values = np.asarray(pixels).ravel()
     values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(low, max(high, low + 1)))
+    counts, edges = np.histogram(
+        values.astype(float), bins=HISTOGRAM_BINS, range=(low, max(high, low + 1, low + abs(low) * 1e-6))
+    )
     return [float(e) for e in edges], [int(c) for c in counts]

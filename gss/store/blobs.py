@@ -4,10 +4,11 @@ that a person chose ever reaches the disk."""
 from __future__ import annotations
 
 import hashlib
+import uuid
 
 import fsspec
 
-from gss.domain.errors import CorruptData, NotFound
+from gss.domain.errors import CorruptData, NotFound, StoreDown
 
 
 class BlobStore:
@@ -21,13 +22,22 @@ class BlobStore:
         """Keep ``data``; its SHA-256 in hex is the key."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
-        if not self._fs.exists(path):
-            self._fs.makedirs(path.rsplit("/", 1)[0], exist_ok=True)
-            temporary = f"{path}.part"
-            with self._fs.open(temporary, "wb") as file:
-                file.write(data)
-            self._fs.mv(temporary, path)
+        try:
+            if not self._fs.exists(path):
+                self._write(path, data)
+        except OSError as error:
+            raise StoreDown(
+                "the bytes cannot be stored now", got=str(error), hint="look at disk space and permissions"
+            ) from error
         return key
+
+    def _write(self, path: str, data: bytes) -> None:
+        """Under a name of its own first: two requests may bring the same bytes at once, and a crash leaves no half file."""
+        self._fs.makedirs(path.rsplit("/", 1)[0], exist_ok=True)
+        temporary = f"{path}.{uuid.uuid4().hex[:8]}.part"
+        with self._fs.open(temporary, "wb") as file:
+            file.write(data)
+        self._fs.mv(temporary, path)
 
     def get(self, key: str) -> bytes:
         """The bytes of a key, checked against it."""

@@ -10,7 +10,10 @@ from typing import Any
 from alembic import command
 from alembic.config import Config
 from sqlalchemy import Engine, create_engine, event
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
+
+from gss.domain.errors import StoreDown
 
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
@@ -50,8 +53,14 @@ class Database:
     @contextmanager
     def unit_of_work(self) -> Iterator[Session]:
         """A session that commits at the end, or rolls back when something is raised."""
-        with self._sessions.begin() as session:
-            yield session
+        try:
+            with self._sessions.begin() as session:
+                yield session
+        except (OperationalError, OverflowError) as error:
+            cause = str(getattr(error, "orig", error))
+            raise StoreDown(
+                "the database cannot be used now", got=cause, hint="look at disk space and locks"
+            ) from error
 
     def close(self) -> None:
         """Give back all connections."""

@@ -227,3 +227,64 @@ def test_interface_document_for_the_pages_is_up_to_date(client, root):
     """web/openapi.json is what the server says of itself: the pages' types are made from it."""
     kept = json.loads(Path(root / "web" / "openapi.json").read_text())
     assert kept == client.app.openapi(), "run: gss export openapi --out web/openapi.json, then npm run types in web/"
+
+
+@pytest.mark.parametrize("row", ["0", "-1", "2147483648", "9223372036854775808", "1180591620717411303424", "x"])
+def test_ids_beyond_the_store_are_refused(client, row):
+    """No id reaches the database that it cannot hold."""
+    for path in (
+        f"/api/frames/{row}",
+        f"/api/commands/{row}",
+        f"/api/jobs/{row}",
+        f"/api/events?after={row if row != '0' else 'x'}",
+    ):
+        assert client.get(path).status_code == 422 or (row == "-1" and "events" not in path), path
+
+
+@pytest.mark.parametrize("text", ["\\ud800", "\\u0000", "a\\udfffb"])
+def test_half_characters_are_refused_with_words(client, text):
+    """Lone surrogates and NUL can be neither stored nor shown."""
+    for path, field in (
+        ("/api/commands/check", "name"),
+        ("/api/link/open", "url"),
+        ("/api/catalogues/preview", "profile"),
+    ):
+        reply = client.post(path, content=f'{{"{field}": "{text}"}}', headers={"Content-Type": "application/json"})
+        assert reply.status_code == 422, reply.text
+        assert "half a character" in reply.json()["message"]
+
+
+@pytest.mark.parametrize("url", ["spy:///dev/null?file=/tmp/x", "alt://x", "loop://", "socket://127.0.0.1:1\\r\\n"])
+def test_only_lines_are_opened(client, url):
+    """No scheme that writes files or loads code on behalf of the address."""
+    reply = client.post("/api/link/open", json={"url": url.encode().decode("unicode_escape")})
+    assert (reply.status_code, reply.json()["message"]) == (400, "not the address of a line")
+
+
+@pytest.mark.parametrize(
+    ("cards", "key"),
+    [({"EXPTIME": 1e308}, "exposure_s"), ({"DATE-OBS": "9999-12-31T23:59:59"}, "taken"), ({}, "exposure_s")],
+)
+def test_unbelievable_headers_do_not_spoil_a_frame(client, cards, key):
+    """Wild exposures, dates and values: the frame is kept, and every view of it answers."""
+    hdu = fits.PrimaryHDU(np.full((40, 40), 1e29, np.float32))
+    hdu.header.update(cards)
+    buffer = io.BytesIO()
+    hdu.writeto(buffer)
+    reply = imported(client, buffer.getvalue(), "wild.fits")
+    assert reply.status_code == 201, reply.text
+    frame = solved(client, reply.json()["id"])
+    assert frame[key] is None or frame[key] < "2200"
+    for view in ("image.png", "thumbnail.png", "histogram", "raw", "file.fits", "recording.rrd"):
+        assert client.get(f"/api/frames/{frame['id']}/{view}").status_code == 200, view
+
+
+def test_the_same_file_many_times_at_once_is_stored_once(client, tmp_path):
+    """Parallel imports of equal pixels do not race for their name on disk."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    data = png_of(np.random.default_rng(9).integers(0, 50, (64, 64), dtype=np.uint8))
+    with ThreadPoolExecutor(8) as pool:
+        replies = list(pool.map(lambda k: imported(client, data, f"{k}.png"), range(16)))
+    assert {r.status_code for r in replies} == {201}
+    assert len({r.json()["sha256"] for r in replies}) == 1

@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, RowId
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueIn, CatalogueOut, PreviewOut, UploadIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
@@ -51,20 +51,20 @@ def build_catalogue(app: App, body: CatalogueIn) -> JobOut:
 
 
 @router.get("/{catalogue_id}")
-def read_catalogue(app: App, catalogue_id: int) -> CatalogueDetailOut:
+def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
     """A catalogue with its map and quality."""
     return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
 
 
 @router.get("/{catalogue_id}/image.bin", response_class=Response)
-def image(app: App, catalogue_id: int) -> Response:
+def image(app: App, catalogue_id: RowId) -> Response:
     """The bytes for the bank."""
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.bin"}
     return Response(app.catalogues.image(catalogue_id), media_type="application/octet-stream", headers=headers)
 
 
 @router.get("/{catalogue_id}/manifest.json", response_class=Response)
-def manifest(app: App, catalogue_id: int) -> Response:
+def manifest(app: App, catalogue_id: RowId) -> Response:
     """What the image holds and where it comes from."""
     text = json.dumps(app.catalogues.get(catalogue_id).manifest, indent=1)
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.json"}
@@ -72,7 +72,7 @@ def manifest(app: App, catalogue_id: int) -> Response:
 
 
 @router.post("/{catalogue_id}/upload", status_code=201)
-def upload(app: App, catalogue_id: int, body: UploadIn) -> TransferOut:
+def upload(app: App, catalogue_id: RowId, body: UploadIn) -> TransferOut:
     """Send it to an inactive bank."""
     return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, ContactId, RowId
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, ResolveIn
 
 router = APIRouter(tags=["commands"])
@@ -24,7 +24,7 @@ def read_dictionary(app: App) -> DictionaryOut:
 
 
 @router.get("/commands")
-def list_commands(app: App, limit: Limit = 100, contact: int | None = None) -> list[CommandOut]:
+def list_commands(app: App, limit: Limit = 100, contact: ContactId = None) -> list[CommandOut]:
     """Newest first."""
     return [present.commands.command(row) for row in app.commands.newest(limit, contact)]
 
@@ -69,18 +69,18 @@ def send_command(app: App, body: CommandIn) -> CommandOut:
 
 
 @router.get("/commands/{command_id}")
-def read_command(app: App, command_id: int) -> CommandOut:
+def read_command(app: App, command_id: RowId) -> CommandOut:
     """One command."""
     return present.commands.command(app.commands.get(command_id))
 
 
 @router.post("/commands/{command_id}/retry")
-def retry_command(app: App, command_id: int) -> CommandOut:
+def retry_command(app: App, command_id: RowId) -> CommandOut:
     """The same bytes with the same id, only while unknown."""
     return present.commands.command(app.commands.retry(command_id, user=app.settings.user))
 
 
 @router.post("/commands/{command_id}/resolve")
-def resolve_command(app: App, command_id: int, body: ResolveIn) -> CommandOut:
+def resolve_command(app: App, command_id: RowId, body: ResolveIn) -> CommandOut:
     """Settle an unknown command with a note."""
     return present.commands.command(app.commands.resolve(command_id, body.note, user=app.settings.user))

@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present, security
-from gss.api.deps import App
+from gss.api.deps import LARGEST_ID, App, ContactId, RowId
 from gss.api.schemas.frames import (
     DownloadIn,
     FrameDetailOut,
@@ -39,7 +39,7 @@ def list_frames(
     source: Literal["", "device", "import"] = "",
     outcome: Literal["", "solved", "none"] = "",
     mode: str = "",
-    contact: int | None = None,
+    contact: ContactId = None,
 ) -> FramePage:
     """Newest first."""
     total, rows = app.frames.page(limit, offset, source=source, outcome=outcome, mode=mode, contact_id=contact)
@@ -67,7 +67,7 @@ def download_frame(app: App, body: DownloadIn) -> TransferOut:
 
 
 @router.get("/{frame_id}")
-def read_frame(app: App, frame_id: int) -> FrameDetailOut:
+def read_frame(app: App, frame_id: RowId) -> FrameDetailOut:
     """A frame with everything that was made of it."""
     return present.frames.frame_detail(app.frames.detail(frame_id))
 
@@ -75,7 +75,7 @@ def read_frame(app: App, frame_id: int) -> FrameDetailOut:
 @router.get("/{frame_id}/image.png", response_class=Response)
 def picture(
     app: App,
-    frame_id: int,
+    frame_id: RowId,
     low: float | None = None,
     high: float | None = None,
     stretch: Literal["asinh", "linear"] = "asinh",
@@ -93,7 +93,7 @@ def picture(
 
 
 @router.get("/{frame_id}/thumbnail.png", response_class=Response)
-def thumbnail(app: App, frame_id: int) -> Response:
+def thumbnail(app: App, frame_id: RowId) -> Response:
     """Small picture in which stars survive."""
     return Response(
         pictures.thumbnail(app.frames.pixels(app.frames.get(frame_id))), media_type="image/png", headers=FOREVER
@@ -101,7 +101,7 @@ def thumbnail(app: App, frame_id: int) -> Response:
 
 
 @router.get("/{frame_id}/raw", response_class=Response)
-def raw(app: App, frame_id: int) -> Response:
+def raw(app: App, frame_id: RowId) -> Response:
     """The pixels as they are stored: little endian, row by row; X-Dtype says the type."""
     frame = app.frames.get(frame_id)
     headers = {
@@ -118,9 +118,9 @@ def raw(app: App, frame_id: int) -> Response:
 @router.get("/{frame_id}/pixels")
 def pixel_values(
     app: App,
-    frame_id: int,
-    col: int,
-    row: int,
+    frame_id: RowId,
+    col: Annotated[int, Query(ge=-LARGEST_ID, le=LARGEST_ID)],
+    row: Annotated[int, Query(ge=-LARGEST_ID, le=LARGEST_ID)],
     columns: Annotated[int, Query(ge=1, le=64)] = 15,
     rows: Annotated[int, Query(ge=1, le=64)] = 9,
 ) -> PixelsOut:
@@ -137,7 +137,7 @@ def _value(pixels: pictures.Pixels, frame: Frame, row: int, col: int) -> float |
 
 
 @router.get("/{frame_id}/histogram")
-def histogram(app: App, frame_id: int) -> HistogramOut:
+def histogram(app: App, frame_id: RowId) -> HistogramOut:
     """Counts of values and a stretch that shows stars."""
     pixels = app.frames.pixels(app.frames.get(frame_id))
     edges, counts = pictures.histogram(pixels)
@@ -146,7 +146,7 @@ def histogram(app: App, frame_id: int) -> HistogramOut:
 
 
 @router.get("/{frame_id}/file.fits", response_class=Response)
-def fits_file(app: App, frame_id: int) -> Response:
+def fits_file(app: App, frame_id: RowId) -> Response:
     """FITS with the WCS of the best ground solution."""
     detail = app.frames.detail(frame_id)
     data = fits_bytes(app.frames.pixels(detail.frame), detail.frame, detail.ground)
@@ -155,13 +155,13 @@ def fits_file(app: App, frame_id: int) -> Response:
 
 
 @router.get("/{frame_id}/recording.rrd", response_class=Response)
-def rerun_recording(app: App, frame_id: int) -> Response:
+def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
     return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
 
 
 @router.post("/{frame_id}/solve", status_code=201)
-def solve_frame(app: App, frame_id: int, body: SolveIn) -> SolutionDetailOut:
+def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
     """Run a chain. Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
     frame = app.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, RowId
 from gss.api.schemas.jobs import JobOut
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
@@ -20,12 +20,12 @@ def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list
 
 
 @router.get("/{job_id}")
-def read_job(app: App, job_id: int) -> JobOut:
+def read_job(app: App, job_id: RowId) -> JobOut:
     """One job."""
     return present.records.job(app.jobs.get(job_id))
 
 
 @router.post("/{job_id}/cancel")
-def cancel_job(app: App, job_id: int) -> JobOut:
+def cancel_job(app: App, job_id: RowId) -> JobOut:
     """Ask it to end."""
     return present.records.job(app.jobs.cancel(job_id))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, RowId
 from gss.api.schemas.frames import SolutionDetailOut
 
 router = APIRouter(tags=["solutions"])
 
 
 @router.get("/solutions/{solution_id}")
-def read_solution(app: App, solution_id: int) -> SolutionDetailOut:
+def read_solution(app: App, solution_id: RowId) -> SolutionDetailOut:
     """One result with its overlays."""
     return present.frames.solution_detail(app.frames.solution(solution_id))

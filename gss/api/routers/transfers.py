@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, RowId
 from gss.api.schemas.transfers import TransferOut
 
 router = APIRouter(prefix="/transfers", tags=["transfers"])
@@ -20,24 +20,24 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
 
 
 @router.get("/{transfer_id}")
-def read_transfer(app: App, transfer_id: int) -> TransferOut:
+def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
     """One transfer."""
     return present.records.transfer(app.transfers.get(transfer_id))
 
 
 @router.post("/{transfer_id}/pause")
-def pause(app: App, transfer_id: int) -> TransferOut:
+def pause(app: App, transfer_id: RowId) -> TransferOut:
     """Stop sending; what is stored stays stored."""
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume")
-def resume(app: App, transfer_id: int) -> TransferOut:
+def resume(app: App, transfer_id: RowId) -> TransferOut:
     """Go on with what is missing."""
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 
 @router.post("/{transfer_id}/abort")
-def abort(app: App, transfer_id: int) -> TransferOut:
+def abort(app: App, transfer_id: RowId) -> TransferOut:
     """Give it up on both sides."""
     return present.records.transfer(app.transfers.abort(transfer_id))
