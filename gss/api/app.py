@@ -29,7 +29,8 @@ from gss.wiring import Services
 
 PAGES = Path(__file__).parent.parent / "web"
 WITHOUT_PAGES = (
-    "<h1>GSS</h1><p>The pages have not been built. Try: make web. The API is at <a href='/api/docs'>/api/docs</a>.</p>"
+    "<h1>GSS</h1><p>The pages have not been built. Try: make web. "
+    "What the server offers is in <a href='/api/openapi.json'>/api/openapi.json</a>.</p>"
 )
 
 
@@ -47,7 +48,7 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         version=__version__,
         description="Ground-support system for star trackers.",
         lifespan=lifespan,
-        docs_url="/api/docs",
+        docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
         responses=errors.PROBLEMS,

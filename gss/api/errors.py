@@ -10,10 +10,13 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
 
+from gss.api.headers import HEADERS
 from gss.api.schemas.base import ProblemOut
 from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, LinkDown, NotFound, StoreDown
 
+SEE = "see /api/openapi.json for what there is and what each field takes"
 log = logging.getLogger("gss.api")
 
 STATUS: tuple[tuple[type[GssError], int], ...] = (
@@ -37,7 +40,11 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
-        return problem(422, _sentence(error.errors()), hint="see /api/docs for what each field takes")
+        return problem(422, _sentence(error.errors()), hint=SEE)
+
+    @app.exception_handler(HTTPException)
+    def framework(request: Request, error: HTTPException) -> JSONResponse:
+        return problem(error.status_code, str(error.detail), got=f"{request.method} {request.url.path}", hint=SEE)
 
     @app.exception_handler(Exception)
     def unknown(_request: Request, error: Exception) -> JSONResponse:
@@ -51,7 +58,7 @@ def problem(
     texts = {"message": message, "expected": expected, "got": got, "hint": hint}
     body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
-    return JSONResponse(body.model_dump(), status)
+    return JSONResponse(body.model_dump(), status, headers=HEADERS)
 
 
 def _printable(text: str) -> str:

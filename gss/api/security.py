@@ -8,21 +8,12 @@ from urllib.parse import urlsplit
 from fastapi import FastAPI, Request, Response
 
 from gss.api.errors import problem
+from gss.api.headers import HEADERS
 
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 MARK = "X-GSS"
 MAX_BODY_BYTES = 80 << 20
-LOCAL_NAMES = ("localhost", "127.0.0.1", "::1", "testserver")
-POLICY = (
-    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'self'"
-)
-HEADERS = {
-    "Content-Security-Policy": POLICY,
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
 def install(app: FastAPI) -> None:
@@ -54,6 +45,8 @@ def _refusal(request: Request) -> Response | None:
     if request.method not in SAFE_METHODS:
         if MARK not in request.headers:
             return problem(403, "a change needs the header X-GSS", "X-GSS: 1", hint="send the header X-GSS: 1")
+        if "transfer-encoding" in request.headers:
+            return problem(411, "the request does not say how long it is", "a Content-Length")
         length = request.headers.get("content-length", "0")
         if not length.isdigit() or int(length) > MAX_BODY_BYTES:
             return problem(413, "the request is too large", f"at most {MAX_BODY_BYTES >> 20} MiB", f"{length} bytes")

@@ -37,7 +37,7 @@ async def stream(
     loop, ready = asyncio.get_running_loop(), asyncio.Event()
     subscription = app.bus.subscribe(lambda: _wake(loop, ready))
     try:
-        seq = int(last_event_id) if last_event_id and last_event_id.isdigit() else None
+        seq = int(last_event_id) if last_event_id and last_event_id.isascii() and last_event_id.isdigit() else None
         if seq is not None:
             for row in await asyncio.to_thread(app.bus.after, seq, BACKFILL):
                 seq = row.seq

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
+import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -26,10 +26,6 @@ def register(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the simulator until it ends; its exit code is ours. It gets the signals of the terminal itself."""
-    command = [sys.executable, "-m", MODULE, *arguments.options]
-    with subprocess.Popen(command) as child:  # noqa: S603 - our own program
-        try:
-            return child.wait()
-        except KeyboardInterrupt:
-            return child.wait()
+    """Replace this process by the simulator: its signals, output and exit code are ours, and no orphan can stay."""
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", MODULE, *arguments.options])  # noqa: S606 - our own program

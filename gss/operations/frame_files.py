@@ -15,6 +15,7 @@ from gss.domain.errors import BadInput
 
 MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
+MAX_SIDE_PX = 20_000
 LONGEST_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
@@ -71,6 +72,10 @@ def _check_size(columns: int, rows: int, name: str) -> None:
             expected=f"at most {MAX_PIXELS // 1_000_000} megapixels",
             got=f"{columns} x {rows} = {columns * rows / 1e6:.0f} megapixels",
             hint="cut or bin the image first",
+        )
+    if max(columns, rows) > MAX_SIDE_PX:
+        raise BadInput(
+            f"{name} is no star frame", expected=f"sides up to {MAX_SIDE_PX} pixels", got=f"{columns} x {rows}"
         )
     if min(columns, rows) < MIN_SIDE_PX:
         raise BadInput(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from gss.store.engine import Database
 from gss.store.models import Frame, Solution
 
 Pixels = NDArray[np.generic]
+SOLVES_AT_ONCE = 2
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,9 @@ class FrameService:
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain = solver, stars, chain
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
+        # Decoded pictures and the solver's tables take memory; many at once would take all of it.
+        self._one_import = threading.Lock()
+        self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
 
     def stop(self) -> None:
         """Let the running solution end; drop what waits (it can be run again from the page)."""
@@ -82,7 +87,9 @@ class FrameService:
         """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
         if profile_name:
             profile(profile_name)
-        imported: ImportedFrame = read_frame(data, name)
+        name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+        with self._one_import:
+            imported: ImportedFrame = read_frame(data, name)
         frame = self._add(
             imported.pixels,
             source="import",
@@ -165,7 +172,8 @@ class FrameService:
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
         """Run a chain on a stored frame and keep the result."""
         frame = self.get(frame_id)
-        result = self._solver.solve(self.pixels(frame), request)
+        with self._few_solves:
+            result = self._solver.solve(self.pixels(frame), request)
         return self._keep(frame, result, "ground")
 
     def _solve_on_arrival(self, frame_id: int) -> None:

@@ -23,13 +23,20 @@ class BlobStore:
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
         try:
-            if not self._fs.exists(path):
+            if not self._holds(path, data):
                 self._write(path, data)
         except OSError as error:
             raise StoreDown(
                 "the bytes cannot be stored now", got=str(error), hint="look at disk space and permissions"
             ) from error
         return key
+
+    def _holds(self, path: str, data: bytes) -> bool:
+        """Is it there, and undamaged? A file that rotted is healed by the next copy of its content."""
+        if not self._fs.exists(path):
+            return False
+        with self._fs.open(path, "rb") as file:
+            return bool(file.read() == data)
 
     def _write(self, path: str, data: bytes) -> None:
         """Under a name of its own first: two requests may bring the same bytes at once, and a crash leaves no half file."""

@@ -12,12 +12,12 @@ from gss.api.app import create_app
 from gss.settings import Settings
 from gss.wiring import build
 
+OPTIONS = {"base_url": "http://localhost", "headers": {"X-GSS": "1"}, "raise_server_exceptions": False}
+
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     """A client that may make changes."""
     folder: Path = tmp_path_factory.mktemp("data")
-    with TestClient(
-        create_app(build(Settings(data=folder))), headers={"X-GSS": "1"}, raise_server_exceptions=False
-    ) as client:
+    with TestClient(create_app(build(Settings(data=folder))), **OPTIONS) as client:
         yield client

@@ -23,7 +23,7 @@ def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, t
     other = dataclasses.replace(ours, hash=bytes(32))
     monkeypatch.setattr(gss.wiring, "load_dictionary", lambda: other)
     settings = Settings(data=tmp_path / "data", device=simulator)
-    with TestClient(create_app(build(settings)), headers={"X-GSS": "1"}) as client:
+    with TestClient(create_app(build(settings)), base_url="http://localhost", headers={"X-GSS": "1"}) as client:
 
         def link():
             return client.get("/api/link").json()

@@ -21,6 +21,7 @@ from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 
 router = APIRouter(prefix="/catalogues", tags=["catalogues"])
+FIRST_YEAR, LAST_YEAR = 1950, 2150
 
 
 @router.get("")
@@ -124,4 +125,8 @@ def _moment(text: str) -> datetime | None:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise BadInput("the start is not a date", expected="ISO 8601, for example 2026-12-01", got=text[:40]) from None
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise BadInput(
+            "the start is far from any mission", expected=f"a year from {FIRST_YEAR} to {LAST_YEAR}", got=text[:40]
+        )
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

@@ -21,6 +21,7 @@ ACCEPT = 1e-6
 MAX_STARS = 120
 LEAST_MATCHED = 4  # three stars never prove themselves against a whole sky, whatever the figure says
 MAX_JOINED_ROWS = 3_000_000
+ROWS_AT_ONCE = 4_000_000
 ROWS_PER_PAIR = 600  # what one join costs however small it is
 COLLINEAR = 4.0
 
@@ -136,7 +137,10 @@ class _Search:
             return []
         offsets, anchor_k, anchor_c = self._anchor(i)
         count = offsets[a + 1] - offsets[a]
-        self.joined_rows += int(count.sum()) + ROWS_PER_PAIR
+        rows = int(count.sum())
+        self.joined_rows += rows + ROWS_PER_PAIR
+        if rows > ROWS_AT_ONCE:
+            return []  # so unspecific that it proves nothing, and its join would take gigabytes
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + np.repeat(offsets[a] - (np.cumsum(count) - count), count)
         k, c = anchor_k[pos], anchor_c[pos]
