@@ -29,12 +29,16 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from gss.api.loopback import check_host
+    from gss.domain.errors import BadInput
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
 
     names = ("host", "port", "data", "device", "simulator")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
-    settings = Settings(**given)
+    try:
+        settings = Settings(**given)
+    except ValueError as error:
+        raise BadInput("a setting cannot be used", got=" ".join(str(error).split()), hint="gss serve --help") from None
     check_host(settings.host)
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))

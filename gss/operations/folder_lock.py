@@ -7,14 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gss.domain.errors import Conflict
+from gss.domain.errors import Conflict, StoreDown
 
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the folder; Conflict when another process holds it. The operating system lets go even after kill -9."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "server.lock").open("w") as file:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / "server.lock").open("w")
+    except OSError as error:
+        raise StoreDown(
+            "the data folder cannot be written", got=str(error), hint="another folder with --data"
+        ) from error
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

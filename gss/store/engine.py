@@ -10,10 +10,10 @@ from typing import Any
 from alembic import command
 from alembic.config import Config
 from sqlalchemy import Engine, create_engine, event
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from gss.domain.errors import StoreDown
+from gss.domain.errors import CorruptData, StoreDown
 
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
@@ -40,7 +40,11 @@ def migrate(url: str) -> None:
     config = Config()
     config.set_main_option("script_location", str(SHIPPED if SHIPPED.is_dir() else CHECKOUT))
     config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
-    command.upgrade(config, "head")
+    try:
+        command.upgrade(config, "head")
+    except DatabaseError as error:
+        hint = "restore it from a backup, or give another folder with --data"
+        raise CorruptData("the database cannot be opened", got=str(error.orig), hint=hint) from error
 
 
 class Database:

@@ -130,3 +130,33 @@ def test_stopping_with_an_open_stream_is_quick_and_quiet(serve):
     reader.join(10)
     assert server.process.returncode == 0
     assert "Traceback" not in Path(server.log.name).read_text()
+
+
+def test_a_locked_database_stops_nothing_for_good_and_nothing_unrecorded_is_sent(serve, simulator):
+    """While the store cannot be written a command is refused and not sent; afterwards the line works again by itself."""
+    import sqlite3
+    import time
+
+    console = (server := serve("--device", simulator)).console
+    online(console)
+    console.command("SET_EXPOSURE", exposure_ms=111)
+    other = sqlite3.connect(server.folder / "gss.db", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    refused = console.http.post("/commands", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 222}})
+    assert refused.status_code == 503
+    assert "database" in refused.json()["message"]
+    time.sleep(4)  # long enough for the link's own writing to fail as well
+    other.execute("ROLLBACK")
+    other.close()
+
+    def again():
+        reply = console.http.post("/commands", json={"name": "GET_STATUS"})
+        return reply.json() if reply.status_code == 201 else None
+
+    row = console.wait("the line to work again", again)
+    console.wait("its report", lambda: console.get(f"/commands/{row['id']}")["result"] == "completed")
+    sent = [c["arguments"] for c in console.get("/commands", limit=50) if c["name"] == "SET_EXPOSURE"]
+    assert sent == [{"exposure_ms": 111}]
+    latest = console.get("/telemetry/latest")["values"]
+    values = {v["name"]: v["value"] for v in latest if v["packet"] == "housekeeping"}
+    assert values["exposure_ms"] == 111
