@@ -98,6 +98,7 @@ def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
     page.get_by_test_id("hazard-name").fill("ACTIVATE_BANK")
     page.get_by_test_id("hazard-queue").click()
     page.get_by_test_id("confirm-bank").click()
+    expect(page.get_by_test_id("upload")).to_contain_text("active and confirmed")
     expect(page.get_by_test_id("bank")).to_contain_text("Bank A active")
     expect(page.get_by_test_id("bank")).to_contain_text("zen-e2e")
     expect(page.get_by_test_id("bank")).to_contain_text("left")
@@ -124,6 +125,9 @@ def test_engineer_looks_into_a_frame_and_opens_it_in_rerun(page, picture):
     expect(page.get_by_test_id("rerun-viewer")).to_have_attribute("data-opened", re.compile("true|1"), timeout=90_000)
     page.wait_for_timeout(12_000)
     picture("rerun")
+    page.get_by_test_id("rerun-viewer").locator("canvas").first.click(position={"x": 60, "y": 60})
+    page.keyboard.press("Shift+Escape")
+    expect(page.get_by_test_id("toasts")).to_contain_text("ABORT")
 
 
 def test_engineer_imports_a_photograph_and_is_told_what_is_wrong_with_a_bad_one(page, tmp_path):

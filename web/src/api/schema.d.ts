@@ -1465,6 +1465,8 @@ export interface components {
         CommandOut: {
             /** Id */
             id: number;
+            /** Contact Id */
+            contact_id: number | null;
             /** Request Id */
             request_id: number;
             /** Name */

@@ -20,7 +20,7 @@ export async function abort(): Promise<void> {
   const sent = await attempt(() => api.abort());
   if (!sent) return;
   live.putCommand(sent);
-  toast('warning', `ABORT ${sent.result}`, sent.request_id.toString(16));
+  toast('warning', `ABORT ${sent.result}`, `#${sent.request_id}`);
 }
 
 let pendingGo = false;
@@ -29,6 +29,7 @@ function typing(target: EventTarget | null): boolean {
   return target instanceof HTMLElement && (target.isContentEditable || ['INPUT', 'SELECT', 'TEXTAREA'].includes(target.tagName));
 }
 
+/** Listens while the event is on its way down: the Rerun canvas keeps every key it sees, and ABORT must win over it. */
 export function onKey(e: KeyboardEvent): void {
   if (e.key === 'Escape' && e.shiftKey) {
     e.preventDefault();
