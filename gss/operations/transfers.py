@@ -8,7 +8,7 @@ from typing import Any
 
 from gss.device.session import Compatibility
 from gss.device.session_events import Direction, SessionEvent, TransferDone, TransferState, TransferUpdate
-from gss.domain.errors import Conflict
+from gss.domain.errors import Conflict, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
@@ -199,8 +199,13 @@ class TransferService:
             log=[],
             **links,
         )
-        with self._database.unit_of_work() as session:
-            store.add(session, row)
+        try:
+            with self._database.unit_of_work() as session:
+                store.add(session, row)
+        except StoreDown:
+            # What cannot be recorded is not sent.
+            self._link.session.abort_transfer(session_id, self._link.monotonic_s())
+            raise
         self._row_of[session_id], self._session_of[row.id] = row.id, session_id
         view = TransferView(row, None)
         self._bus.publish("transfer", view)
