@@ -130,8 +130,9 @@ def test_lines_that_cannot_be_opened_say_why(simulator: Start, tmp_path: Path) -
     unit.stop()
     with pytest.raises(LinkDown):
         open_stream(unit.url)
-    with pytest.raises(LinkDown):
-        open_stream("nonsense://x")
+    for other_scheme in ("nonsense://x", "spy:///dev/null?file=x", "loop://"):
+        with pytest.raises(BadInput):
+            open_stream(other_scheme)
 
 
 @pytest.mark.parametrize("options", [["--attitude", "1,2"], ["--attitude", "1,95,0"], ["--speed", "0"]])
