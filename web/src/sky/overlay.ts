@@ -2,7 +2,7 @@
 import type { Frame, SolutionDetail } from '../api/types';
 import { fixed } from '../lib/format';
 import type { Overlay } from '../state/view.svelte';
-import { placeLabels, type Box, type Want } from './labels';
+import { overlaps, placeLabels, type Box, type Want } from './labels';
 
 export interface Screen { scale: number; x: number; y: number; width: number; height: number }
 export interface Scene { frame: Frame; solution: SolutionDetail | null; show: Record<Overlay, boolean>; selected: number | null; residualFactor: number }
@@ -19,13 +19,14 @@ export function drawOverlays(ctx: Ctx, s: Screen, scene: Scene, colour: (name: s
   const sol = scene.solution;
   if (!sol) return;
   ctx.lineWidth = 1.2;
-  if (scene.show.grid) grid(ctx, s, sol, colour);
+  const photo = picture(s, scene.frame);
+  const gridLabels = scene.show.grid ? grid(ctx, s, sol, photo, colour) : [];
   const main = prominent(sol, s);
   if (scene.show.regions) regions(ctx, s, sol, main, colour('ov-region'));
   if (scene.show.rejected) rejected(ctx, s, sol, colour('ov-rej'));
   if (scene.show.predicted) predicted(ctx, s, sol, colour('ov-pred'));
   stars(ctx, s, scene, main, colour);
-  labels(ctx, s, scene, main, colour);
+  labels(ctx, s, scene, main, photo, gridLabels, colour);
   if (sol.north) compass(ctx, s, scene, colour);
   scaleBar(ctx, s, scene, colour);
 }
@@ -56,7 +57,20 @@ export function hatch(ctx: Ctx, x: number, y: number, w: number, h: number, colo
   ctx.restore();
 }
 
-function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, colour: (n: string) => string): void {
+/** The part of the canvas that the image covers. */
+function picture(s: Screen, frame: Frame): Box {
+  const [x, y] = [Math.max(0, s.x), Math.max(0, s.y)];
+  return { x, y, w: Math.min(s.width, s.x + frame.columns * s.scale) - x, h: Math.min(s.height, s.y + frame.rows * s.scale) - y };
+}
+
+/** Corners kept free: compass with the roll at the left, scale bar at the right. */
+function corners(s: Screen): Box[] {
+  return [{ x: 0, y: s.height - 96, w: 112, h: 96, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
+}
+
+/** Draws the grid and answers where its labels are; a label that would touch another is left out. */
+function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, photo: Box, colour: (n: string) => string): Box[] {
+  const taken: Box[] = [];
   ctx.save();
   ctx.strokeStyle = colour('ov-grid');
   ctx.lineWidth = 1;
@@ -67,13 +81,19 @@ function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, colour: (n: string) => s
     ctx.beginPath();
     pts.forEach(([x, y], i) => (i ? ctx.lineTo(x, y) : ctx.moveTo(x, y)));
     ctx.stroke();
-    const inside = pts.filter(([x, y]) => x > 14 && x < s.width - 26 && y > 12 && y < s.height - 6);
-    const end = [inside[0], inside[inside.length - 1]].filter((p): p is [number, number] => p !== undefined).sort((a, b) => Math.min(a[1], s.height - a[1]) - Math.min(b[1], s.height - b[1]))[0];
-    if (!end || Math.min(end[1], s.height - end[1]) > 26) continue;
+    const [left, top, right, bottom] = [photo.x, photo.y, photo.x + photo.w, photo.y + photo.h];
+    const inside = pts.filter(([x, y]) => x > left + 14 && x < right - 30 && y > top + 12 && y < bottom - 6);
+    const end = [inside[0], inside[inside.length - 1]].filter((p): p is [number, number] => p !== undefined).sort((a, b) => Math.min(a[1] - top, bottom - a[1]) - Math.min(b[1] - top, bottom - b[1]))[0];
+    if (!end || Math.min(end[1] - top, bottom - end[1]) > 26) continue;
+    const y = end[1] < (top + bottom) / 2 ? top + 13 : bottom - 5;
+    const place: Box = { x: end[0] + 1, y: y - 12, w: ctx.measureText(line.label).width + 6, h: 15, strict: true };
+    if ([...taken, ...corners(s)].some((b) => overlaps(b, place))) continue;
+    taken.push(place);
     ctx.globalAlpha = 0.95;
-    halo(ctx, line.label, end[0] + 3, end[1] < s.height / 2 ? 13 : s.height - 5, colour('tx3'), colour('ov-halo'));
+    halo(ctx, line.label, end[0] + 3, y, colour('tx3'), colour('ov-halo'));
   }
   ctx.restore();
+  return taken;
 }
 
 function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, ground: string): void {
@@ -84,6 +104,15 @@ function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, ground:
   ctx.strokeText(text, x, y);
   ctx.fillStyle = ink;
   ctx.fillText(text, x, y);
+  ctx.restore();
+}
+
+/** A ground behind a line of text, so that marks under it do not run into its letters. */
+function plate(ctx: Ctx, text: string, x: number, y: number, ground: string): void {
+  ctx.save();
+  ctx.globalAlpha = 0.82;
+  ctx.fillStyle = ground;
+  ctx.fillRect(x - 4, y - 12, ctx.measureText(text).width + 8, 16);
   ctx.restore();
 }
 
@@ -230,13 +259,13 @@ function box(ctx: Ctx, x: number, y: number, ink: string): void {
 
 interface Text { parts: { text: string; ink: string }[][] }
 
-function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, colour: (n: string) => string): void {
+function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, photo: Box, gridLabels: readonly Box[], colour: (n: string) => string): void {
   const { solution: sol, show } = scene;
   if (!sol) return;
   ctx.font = "11.5px 'IBM Plex Sans'";
   const texts = new Map<string, Text>();
   const wants: Want[] = [];
-  const marks: Box[] = [{ x: 0, y: s.height - 96, w: 100, h: 96, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
+  const marks: Box[] = [...corners(s), ...gridLabels];
   const plain = faintestMatched(sol);
   const add = (key: string, col: number, row: number, rank: number, parts: Text['parts'], gap = 14): void => {
     const [x, y] = at(s, col, row);
@@ -263,7 +292,7 @@ function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, co
     if (said && region) lines.push([{ text: `rejected: ${region.rejected}`, ink: colour('ov-rej') }]);
     if (show.predicted || said) add(`p${p.hip}`, p.col_px, p.row_px, said ? -3 : p.v_mag + 2, lines, 15);
   }
-  const area = { x: 2, y: 18, w: s.width - 4, h: s.height - 22 };
+  const area = { x: photo.x + 2, y: photo.y + 2, w: photo.w - 4, h: photo.h - 4 };
   for (const placed of placeLabels(wants, marks, area)) {
     texts.get(placed.key)?.parts.forEach((line, i) => {
       let x = placed.x;
@@ -303,6 +332,7 @@ function compass(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => strin
   ctx.arc(ox, oy, 22, Math.min(-Math.PI / 2, angle), Math.max(-Math.PI / 2, angle));
   ctx.stroke();
   const roll = scene.solution?.attitude?.roll_deg;
+  if (roll !== undefined) plate(ctx, `roll ${fixed(roll, 4)}°`, 14, s.height - 8, colour('ov-halo'));
   if (roll !== undefined) halo(ctx, `roll ${fixed(roll, 4)}°`, 14, s.height - 8, colour('ov-mag'), colour('ov-halo'));
   ctx.restore();
 }

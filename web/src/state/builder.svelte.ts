@@ -20,6 +20,8 @@ const START: Texts = {
 };
 
 export class Builder {
+  /** What a new catalogue starts with. */
+  readonly first = START;
   texts = $state<Texts>({ ...START });
   name = $state('');
   profile = $state('cubestar');

@@ -23,6 +23,24 @@ export async function abort(): Promise<void> {
   toast('warning', `ABORT ${sent.result}`, `#${sent.request_id}`);
 }
 
+/** Keeps a key from whoever has the focus. */
+function claim(e: KeyboardEvent): void {
+  e.preventDefault();
+  e.stopPropagation();
+}
+
+/** The Rerun viewer has the focus: it keeps its keys, except r (shows and closes it) and Esc (gives the keyboard back). */
+function guest(e: KeyboardEvent): void {
+  if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
+  if (e.key === 'Escape') {
+    claim(e);
+    (e.target as HTMLElement).blur();
+  } else if (e.key === 'r') {
+    claim(e);
+    view.keys.find((k) => k.key === 'r')?.run();
+  }
+}
+
 let pendingGo = false;
 
 function typing(target: EventTarget | null): boolean {
@@ -32,10 +50,11 @@ function typing(target: EventTarget | null): boolean {
 /** Listens while the event is on its way down: the Rerun canvas keeps every key it sees, and ABORT must win over it. */
 export function onKey(e: KeyboardEvent): void {
   if (e.key === 'Escape' && e.shiftKey) {
-    e.preventDefault();
+    claim(e);
     void abort();
     return;
   }
+  if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return guest(e);
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (pendingGo) {
     pendingGo = false;

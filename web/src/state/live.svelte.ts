@@ -84,7 +84,7 @@ class Live {
     if (before && ends(before) && !ends(command)) return;
     this.commands = upsert(this.commands, command).slice(0, HISTORY);
     if (before?.result !== command.result && ['rejected', 'failed', 'unknown'].includes(command.result))
-      toast(command.result === 'unknown' ? 'unknown' : 'critical', `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`, command.request_id.toString(16));
+      toast(command.result === 'unknown' ? 'unknown' : 'critical', `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`, `#${command.request_id}`);
   }
 
   private putFrame(id: number, isNew: boolean): void {
