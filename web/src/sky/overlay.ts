@@ -65,13 +65,16 @@ function picture(s: Screen, frame: Frame): Box {
 
 /** Corners kept free: compass with the roll at the left, scale bar at the right. */
 function corners(s: Screen): Box[] {
-  return [{ x: 0, y: s.height - 96, w: 112, h: 96, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
+  return [{ x: 0, y: s.height - 114, w: 112, h: 114, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
 }
 
 /** Draws the grid and answers where its labels are; a label that would touch another is left out. */
 function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, photo: Box, colour: (n: string) => string): Box[] {
   const taken: Box[] = [];
   ctx.save();
+  ctx.beginPath();
+  ctx.rect(photo.x, photo.y, photo.w, photo.h);
+  ctx.clip();
   ctx.strokeStyle = colour('ov-grid');
   ctx.lineWidth = 1;
   ctx.font = "11px 'IBM Plex Sans'";
@@ -308,7 +311,7 @@ function compass(ctx: Ctx, s: Screen, scene: Scene, colour: (n: string) => strin
   const [dc, dr] = scene.solution?.north ?? [0, -1];
   const length = Math.hypot(dc, dr) || 1;
   const [nx, ny] = [dc / length, dr / length];
-  const [ox, oy, arm] = [52, s.height - 48, 34];
+  const [ox, oy, arm] = [52, s.height - 66, 34];
   ctx.save();
   ctx.strokeStyle = colour('ov-txt');
   ctx.lineWidth = 1.2;
