@@ -20,7 +20,10 @@ def value(v: FieldValue) -> ValueOut:
     """One field."""
     shown = v.value.hex() if isinstance(v.value, bytes) else v.value
     raw = v.raw if isinstance(v.raw, int | float) else None
-    text = v.state if v.state != "stale" or v.age_s is None else f"stale {v.age_s:.0f} s"
+    text = v.state
+    if v.state == "stale" and v.age_s is not None:
+        fresh = v.age_s <= v.definition.stale_after_s  # it is told again and again, from an iteration that is over
+        text = "cycle stopped" if fresh else f"stale {v.age_s:.0f} s"
     return ValueOut(
         name=v.definition.name,
         packet=v.packet,
