@@ -33,8 +33,8 @@ from gss.pipeline.chains.cubestar import (
     solve_centroids,
 )
 from gss.pipeline.chains.cubestar_match import document_distortion, match_stars
-from gss.pipeline.chains.cubestar_modes import Hint, Mode
 from gss.pipeline.chains.cubestar_parameters import default_parameters
+from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.render import FalseStar, HotPixel, render, stars_near, truth_of
 from gss.pipeline.score import assess
 from gss.pipeline.trace import Trace

@@ -8,8 +8,8 @@ import pytest
 
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
-from gss.pipeline.chains.cubestar_modes import Mode, next_mode
 from gss.pipeline.chains.cubestar_parameters import SOURCES, CubestarParameters, default_parameters
+from gss.pipeline.chains.modes import Mode, next_mode
 
 PARAMETERS = default_parameters(profile("cubestar"))
 

@@ -26,7 +26,7 @@ from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import cubestar
 from gss.pipeline.chains.cubestar import Detection, Solution
 from gss.pipeline.chains.cubestar_match import Matching
-from gss.pipeline.chains.cubestar_modes import Hint, Mode
+from gss.pipeline.chains.modes import Hint, Mode
 
 STANDBY = "standby"
 SENSOR_START_MS = 70.0

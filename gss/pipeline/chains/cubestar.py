@@ -10,7 +10,7 @@ What the document leaves open, and what we add against false attitudes, is said 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,19 +18,20 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.results import Attitude, Centroids, Matches, Outcome, Region, SolveResult
+from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.attitude import quest, weighted_covariance_rad2
 from gss.pipeline.centroid import brightest_first, window_centroids
 from gss.pipeline.chains.cubestar_match import Matching, match_stars
-from gss.pipeline.chains.cubestar_modes import Hint, Mode, next_mode
 from gss.pipeline.chains.cubestar_parameters import (
     HINT_ERROR_RAD,
     NAME,
     CubestarParameters,
     default_parameters,
 )
+from gss.pipeline.chains.modes import Hint, Mode, next_mode
+from gss.pipeline.chains.onboard import Detection, Solution
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.trace import Trace
@@ -54,18 +55,6 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Detection:
-    """FIND_CENTROIDS. ``regions`` in order of discovery, ``centroids`` brightest first and at most ``max_centroids``;
-    ``invalid``: too large regions; ``black_dn``: the level the threshold was counted from."""
-
-    regions: tuple[Region, ...]
-    centroids: Centroids
-    invalid: int
-    black_dn: float
-    notes: tuple[str, ...] = ()
-
-
 def find_centroids(pixels: Pixels, parameters: CubestarParameters) -> Detection:
     """Stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
 
@@ -85,17 +74,6 @@ def find_centroids(pixels: Pixels, parameters: CubestarParameters) -> Detection:
         black_dn,
         (found.stopped,) if found.stopped else (),
     )
-
-
-@dataclass(frozen=True)
-class Solution:
-    """CALCULATE_ATTITUDE. ``attitude`` and ``matches`` are None with a ``reason``. ``false_match_probability``: bound on
-    the chance that an accidental identification of this quality turns up; NaN where nothing was identified."""
-
-    attitude: Attitude | None
-    matches: Matches | None
-    false_match_probability: float
-    reason: str
 
 
 def calculate_attitude(

@@ -13,8 +13,8 @@ from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import OnboardCatalogue
-from gss.pipeline.chains.cubestar_modes import Hint, Mode
 from gss.pipeline.chains.cubestar_parameters import CubestarParameters
+from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.identify.geometric_voting import (
     Mask,
     Rows,
@@ -60,6 +60,16 @@ class Matching:
     searched: int
     hits: int
     reason: str
+
+    @property
+    def weight(self) -> Array:
+        """(n,) verification votes."""
+        return self.verification_votes.astype(float)
+
+    @property
+    def operations(self) -> int:
+        """Table entries met."""
+        return self.hits
 
     @property
     def confidence(self) -> float:

@@ -10,7 +10,7 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 from gss.pipeline.centroid import PixelNoise
-from gss.pipeline.chains.cubestar_modes import Mode
+from gss.pipeline.chains.modes import Mode
 
 NAME = "cubestar"
 

@@ -46,13 +46,15 @@ def next_mode(mode: Mode, solved: bool) -> Mode:
 
 @dataclass(frozen=True)
 class Hint:
-    """What is known about the attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if all of it."""
+    """What is known about the attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if all of it.
+    ``earlier``: quaternions of the iterations before that one, newest first, for predictors."""
 
     boresight_icrs: Array
     quaternion: Array | None = None
+    earlier: tuple[Array, ...] = ()
 
     @classmethod
-    def from_quaternion(cls, quaternion: Array) -> Hint:
+    def from_quaternion(cls, quaternion: Array, earlier: tuple[Array, ...] = ()) -> Hint:
         """Full attitude."""
         q = np.asarray(quaternion, float)
-        return cls(matrix_from_quaternion(q)[2], q)
+        return cls(matrix_from_quaternion(q)[2], q, earlier)

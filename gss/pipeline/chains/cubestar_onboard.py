@@ -1,0 +1,69 @@
+"""CubeStar's chain as a device runs it: what was commanded goes into its parameters, durations are the document's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Centroids
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.chains import cubestar
+from gss.pipeline.chains.cubestar_match import Matching
+from gss.pipeline.chains.cubestar_parameters import CubestarParameters, default_parameters
+from gss.pipeline.chains.modes import Mode, next_mode
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.regions import Pixels
+
+# Erlank 2013 §5.3.3–5.3.6: 320 ms for twenty centroids, under 10 ms for QUEST.
+SAMPLE_MS, REGION_MS = 0.001, 1.0
+PAIR_MS, HIT_MS, ATTITUDE_MS, VECTOR_MS = 0.05, 0.02, 7.0, 0.1
+
+
+class CubestarChain:
+    """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
+
+    name = cubestar.NAME
+
+    def parameters(
+        self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
+    ) -> CubestarParameters:
+        base = default_parameters(profile, exposure_s)
+        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
+        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
+        radius_rad = base.assisted_radius_rad
+        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
+            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
+        return replace(
+            base,
+            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
+            min_area_px=smallest,
+            max_area_px=max(largest, smallest),
+            assisted_radius_rad=radius_rad,
+        )
+
+    def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> OnboardCatalogue:
+        return catalogue
+
+    def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
+        return cubestar.find_centroids(pixels, work.parameters)
+
+    def match_stars(self, centroids: Centroids, work: Work) -> Matching:
+        return cubestar.match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
+
+    def calculate_attitude(self, matching: Matching, centroids: Centroids, work: Work) -> Solution:
+        return cubestar.calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
+
+    def next_mode(self, mode: Mode, solved: bool) -> Mode:
+        return next_mode(mode, solved)
+
+    def detect_ms(self, pixels: int, detection: Detection) -> float:
+        return SAMPLE_MS * pixels / 9 + REGION_MS * (len(detection.centroids) + detection.invalid)
+
+    def match_ms(self, matching: Matching) -> float:
+        n = len(matching.row)
+        return PAIR_MS * n * (n - 1) + HIT_MS * matching.hits
+
+    def attitude_ms(self, matching: Matching) -> float:
+        return ATTITUDE_MS + VECTOR_MS * len(matching.selected)

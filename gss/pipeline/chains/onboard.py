@@ -1,0 +1,163 @@
+"""What every chain of a sensor offers: three stages as commands of the device, their parameters, and how long they take.
+
+The simulator's firmware, the replay on the ground and ``gss solve`` run chains through this and nothing else, so that the
+same frame, bank, settings and prior give the same bits in all three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Attitude, Centroids, Matches, Outcome, Region, SolveResult
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.regions import Pixels
+from gss.pipeline.trace import Trace
+
+
+@dataclass(frozen=True)
+class Detection:
+    """FIND_CENTROIDS. ``regions`` in order of discovery, ``centroids`` brightest first and at most as many as the system
+    keeps; ``invalid``: too large regions; ``black_dn``: the level the threshold was counted from."""
+
+    regions: tuple[Region, ...]
+    centroids: Centroids
+    invalid: int
+    black_dn: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Solution:
+    """CALCULATE_ATTITUDE. ``attitude`` and ``matches`` are None with a ``reason``. ``false_match_probability``: bound on
+    the chance that an accidental identification of this quality turns up; NaN where nothing was identified."""
+
+    attitude: Attitude | None
+    matches: Matches | None
+    false_match_probability: float
+    reason: str
+
+
+class Matched(Protocol):
+    """MATCH_STARS. ``row``: (n,) catalogue row per centroid looked at, −1 without. ``selected``: indices of the centroids
+    that go into the attitude, empty with a ``reason``. ``weight``: (n,) as the attitude would use it. ``operations``:
+    counted table look-ups or comparisons. ``confidence``: 0–1."""
+
+    @property
+    def mode(self) -> Mode: ...
+    @property
+    def row(self) -> NDArray[np.integer]: ...
+    @property
+    def selected(self) -> NDArray[np.integer]: ...
+    @property
+    def weight(self) -> Array: ...
+    @property
+    def operations(self) -> int: ...
+    @property
+    def confidence(self) -> float: ...
+    @property
+    def reason(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """What the operator can set on board. None leaves the chain's own value. ``threshold_dn`` is above black."""
+
+    threshold_dn: float | None = None
+    min_area_px: int | None = None
+    max_area_px: int | None = None
+    hint_radius_rad: float | None = None
+
+
+@dataclass(frozen=True)
+class Work:
+    """One frame's task: ``catalogue`` as ``prepare`` made it, ``parameters`` as ``parameters`` made them, the ``mode`` and,
+    unless lost in space, the ``hint``."""
+
+    camera: Camera
+    catalogue: Any
+    parameters: Any
+    mode: Mode = Mode.LOST_IN_SPACE
+    hint: Hint | None = None
+
+
+class OnboardChain(Protocol):
+    """One system's whole path. All methods are pure."""
+
+    @property
+    def name(self) -> str: ...
+
+    def parameters(self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode) -> Any:
+        """The chain's constants for a camera with what was commanded put in."""
+
+    def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> Any:
+        """What the processor makes of a bank when it reads it: the bank itself, or tables derived from it."""
+
+    def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
+        """Stars in a (rows, columns) frame."""
+
+    def match_stars(self, centroids: Centroids, work: Work) -> Any:
+        """Names for centroids: a ``Matched``."""
+
+    def calculate_attitude(self, matching: Any, centroids: Centroids, work: Work) -> Solution:
+        """Attitude from a ``Matched``, or why not."""
+
+    def next_mode(self, mode: Mode, solved: bool) -> Mode:
+        """The mode of the next iteration."""
+
+    def detect_ms(self, pixels: int, detection: Detection) -> float:
+        """How long the system's processor takes, by its document's figures and counted work."""
+
+    def match_ms(self, matching: Any) -> float:
+        """As ``detect_ms``."""
+
+    def attitude_ms(self, matching: Any) -> float:
+        """As ``detect_ms``."""
+
+
+def solve(
+    chain: OnboardChain,
+    pixels: Pixels,
+    work: Work,
+    clock: Callable[[], float] | None = None,
+    trace: Trace | None = None,
+) -> SolveResult:
+    """One frame from pixels to attitude: exactly the steps that the device offers as commands."""
+    camera = work.camera
+    if pixels.shape != (camera.rows, camera.columns):
+        raise BadInput(
+            "frame does not fit the camera",
+            expected=f"{camera.rows} rows x {camera.columns} columns",
+            got=" x ".join(map(str, pixels.shape)),
+        )
+    kept = trace if trace is not None else Trace(clock)
+    with kept.stage("detect"):
+        detection = chain.find_centroids(pixels, work)
+    kept.keep("detection", detection)
+    with kept.stage("match"):
+        matching = chain.match_stars(detection.centroids, work)
+    kept.keep("matching", matching)
+    with kept.stage("attitude"):
+        solution = chain.calculate_attitude(matching, detection.centroids, work)
+    return SolveResult(
+        chain.name,
+        Outcome.SOLVED if solution.attitude is not None else Outcome.NONE,
+        solution.reason,
+        camera,
+        detection.regions,
+        detection.centroids,
+        solution.matches,
+        solution.attitude,
+        solution.false_match_probability,
+        dict(kept.timing_s),
+        detection.notes,
+    )

@@ -1,0 +1,17 @@
+"""The chains of the systems by name. A new one is one line here."""
+
+from __future__ import annotations
+
+from gss.domain.errors import NotFound
+from gss.pipeline.chains.cubestar_onboard import CubestarChain
+from gss.pipeline.chains.onboard import OnboardChain
+
+SYSTEMS: dict[str, OnboardChain] = {c.name: c for c in (CubestarChain(),)}
+
+
+def system(name: str) -> OnboardChain:
+    """The chain of that name."""
+    try:
+        return SYSTEMS[name]
+    except KeyError:
+        raise NotFound("unknown chain of a sensor", expected=" | ".join(SYSTEMS), got=name) from None
