@@ -1,0 +1,43 @@
+"""Data of an earlier schema survives the way to the newest one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import text
+
+from gss.store.engine import CHECKOUT, Database, migrate, open_engine
+from gss.store.models import Contact, Transfer
+
+STARTED = "2026-01-02 03:04:05.000000"
+
+
+def test_rows_of_the_first_schema_are_read_by_the_newest(tmp_path: Path) -> None:
+    """A contact and a transfer written under 0001 come through with the new columns at their rest values."""
+    url = f"sqlite:///{tmp_path / 'old.db'}"
+    config = Config()
+    config.set_main_option("script_location", str(CHECKOUT))
+    config.set_main_option("sqlalchemy.url", url)
+    command.upgrade(config, "0001")
+    database = Database(open_engine(url))
+    with database.unit_of_work() as session:
+        session.execute(
+            text("INSERT INTO contacts (id, url, started, rx_bytes, tx_bytes, capture) VALUES (1, 'x', :at, 1, 2, 'c')"),
+            {"at": STARTED},
+        )
+        session.execute(
+            text(
+                "INSERT INTO transfers (id, contact_id, direction, kind, target, subject, state, reason, size, chunk_size, "
+                "stored, resent, sha256, created, log) VALUES (1, 1, 'down', 'frame', '0', 's', 'verified', '', 9, 9, "
+                "'[]', 0, '', :at, '[]')"
+            ),
+            {"at": STARTED},
+        )
+    migrate(url)
+    with database.unit_of_work() as session:
+        contact, transfer = session.get_one(Contact, 1), session.get_one(Transfer, 1)
+        assert (contact.captures, contact.note, contact.rx_bytes) == ([], "", 1)
+        assert (transfer.options, transfer.table_id, transfer.state) == ({}, None, "verified")
+    database.close()
