@@ -26,6 +26,7 @@ from gss.operations.frame_files import ImportedFrame, read_frame
 from gss.operations.onboard_results import OnboardRecord, onboard_result
 from gss.operations.scoring import judge
 from gss.operations.solve import Solver, SolveRequest
+from gss.pipeline.chains.systems import on_board
 from gss.store import frames as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
@@ -188,7 +189,7 @@ class FrameService:
     def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
         """Keep what the sensor said of a frame; a later, fuller report of the same frame replaces it."""
         known = profile(frame.profile or "cubestar")
-        result = onboard_result(record, known.camera)
+        result = onboard_result(record, known.camera, on_board(known.name).name)
         with self._database.unit_of_work() as session:
             old = store.newest_solution(session, frame.id, "on board")
             if old is not None:

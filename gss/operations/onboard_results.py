@@ -15,16 +15,25 @@ from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResul
 from gss.domain.stars import StarTable
 
 Rows = Sequence[Mapping[str, Any]]
-ON_BOARD_CHAIN = "cubestar"
+REMEMBERED_ATTITUDES = 2
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What the sensor knew before: the attitude it found last, and a commanded hint with its radius, where there are any."""
+    """What the sensor knew before: the attitude it found last with the ones in a row before it, newest first, and a commanded
+    hint with its radius, where there are any."""
 
     quaternion: Array | None = None
+    earlier: tuple[Array, ...] = ()
     hint: Array | None = None
     hint_radius_rad: float = math.radians(5.0)
+
+    def after(self, quaternion: Array | None) -> Prior:
+        """The prior of the next iteration: a found attitude takes the commanded hint away, none breaks the row."""
+        if quaternion is None:
+            return replace(self, earlier=())
+        before = () if self.quaternion is None else (self.quaternion, *self.earlier)
+        return Prior(quaternion, before[:REMEMBERED_ATTITUDES])
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class OnboardRecord:
         return replace(self, attitude=values)
 
 
-def onboard_result(record: OnboardRecord, camera: Camera) -> SolveResult:
+def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveResult:
     """A result like that of a chain on the ground; what the packets do not carry is empty or NaN."""
     centroids = _centroids(record.centroids)
     attitude = _attitude(record.attitude)
@@ -59,7 +68,7 @@ def onboard_result(record: OnboardRecord, camera: Camera) -> SolveResult:
         reason = str((record.attitude or {}).get("reason") or "the sensor has not calculated an attitude of this frame")
     notes = () if record.hip_of_row is not None or not record.matches else ("the ground does not know the active bank",)
     return SolveResult(
-        chain=ON_BOARD_CHAIN,
+        chain=chain,
         outcome=Outcome.NONE if attitude is None else Outcome.SOLVED,
         reason=reason,
         camera=camera,

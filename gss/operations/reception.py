@@ -145,8 +145,9 @@ class Reception:
         record = replace(record, hip_of_row=hips, icrs_of_hip=self._stars)
         if kind == "attitude":
             record = replace(record, prior=self._prior)
-            if values.get("outcome") == "solved":
-                self._prior = Prior(np.array([float(values[f"quaternion_{a}"]) for a in "xyzw"]))
+            solved = values.get("outcome") == "solved"
+            found = np.array([float(values[f"quaternion_{a}"]) for a in "xyzw"]) if solved else None
+            self._prior = self._prior.after(found)
         self._remember(self._records, number, record)
         if number in self._stored:
             self._lay_beside(self._stored[number], record)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
 from gss.domain.errors import GssError
-from gss.domain.profiles import profile
+from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import Outcome, SolveResult
+from gss.domain.stars import OnboardCatalogue
 from gss.operations.banks import BankService
 from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
 from gss.operations.onboard_results import OnboardRecord
-from gss.pipeline.chains import cubestar
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.chains.systems import on_board
 from gss.store.models import Frame, Solution
 
 # Centroids and weights travel as 32-bit floats; the quaternion as 64-bit.
@@ -25,11 +27,12 @@ WIRE_QUATERNION = 1e-12
 
 
 class ReplayService:
-    """Reruns `cubestar` on frames of the device, one after the other, on a thread of its own."""
+    """Reruns the sensor's chain on frames of the device, one after the other, on a thread of its own."""
 
     def __init__(self, frames: FrameService, banks: BankService, bus: EventBus, stopwatch_s: Monotonic) -> None:
         self._frames, self._banks, self._bus, self._stopwatch_s = frames, banks, bus, stopwatch_s
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
+        self._kept: tuple[tuple[str, str, str], Any] | None = None
 
     def stop(self) -> None:
         """End after the running replay."""
@@ -53,41 +56,52 @@ class ReplayService:
         self._frames.keep_replay(frame, result, text)
 
     def rerun(self, frame: Frame, record: OnboardRecord) -> SolveResult:
-        """The `cubestar` chain with the bank and the parameters that were active."""
+        """The sensor's chain with the bank and the parameters that were active."""
         bank = self._banks.onboard(frame.bank_sha256 or "")
         if bank is None:
             raise GssError(
                 "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
             )
         known = profile(frame.profile or "cubestar")
-        parameters, mode, hint = onboard_parameters(frame, record), _mode(record), _hint(record)
+        chain, mode = on_board(known.name), _mode(record)
+        prepared = self._prepared(chain, known, frame.bank_sha256 or "", bank)
+        parameters = chain.parameters(known, frame.exposure_s, commanded(frame, record), mode)
         pixels: Any = self._frames.pixels(frame)
-        return cubestar.solve(pixels, known.camera, bank, parameters, mode=mode, hint=hint, clock=self._stopwatch_s)
+        work = Work(known.camera, prepared, parameters, mode, _hint(record))
+        return solve(chain, pixels, work, self._stopwatch_s)
+
+    def _prepared(self, chain: OnboardChain, known: CameraProfile, sha256: str, bank: OnboardCatalogue) -> Any:
+        """What the processor made of the bank when it read it; kept for the newest bank only."""
+        if self._kept is None or self._kept[0] != (chain.name, known.name, sha256):
+            self._kept = (chain.name, known.name, sha256), chain.prepare(bank, known)
+        return self._kept[1]
 
 
-def onboard_parameters(frame: Frame, record: OnboardRecord) -> cubestar.CubestarParameters:
-    """The chain's parameters as housekeeping told them when the frame was taken, with the reach of a commanded hint."""
-    names = (("threshold_dn", "threshold_dn"), ("min_pixels", "min_area_px"), ("max_pixels", "max_area_px"))
-    changes: dict[str, Any] = {ours: frame.parameters[told] for told, ours in names if told in frame.parameters}
-    known = profile(frame.profile or "cubestar")
-    if _mode(record) is cubestar.Mode.ASSISTED:
-        changes["assisted_radius_rad"] = min(np.pi, known.camera.half_diagonal_rad + record.prior.hint_radius_rad)
-    return dataclasses.replace(cubestar.default_parameters(known, frame.exposure_s), **changes)
+def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
+    """What the operator had set, as housekeeping told it when the frame was taken, with the reach of a commanded hint."""
+    told = frame.parameters
+    return Commanded(
+        threshold_dn=told.get("threshold_dn"),
+        min_area_px=told.get("min_pixels"),
+        max_area_px=told.get("max_pixels"),
+        hint_radius_rad=record.prior.hint_radius_rad,
+    )
 
 
-def _mode(record: OnboardRecord) -> cubestar.Mode:
-    return cubestar.Mode(str((record.attitude or {}).get("mode", "lost_in_space")))
+def _mode(record: OnboardRecord) -> Mode:
+    return Mode(str((record.attitude or {}).get("mode", "lost_in_space")))
 
 
-def _hint(record: OnboardRecord) -> cubestar.Hint | None:
+def _hint(record: OnboardRecord) -> Hint | None:
     """What the sensor started from: nothing when lost, the last attitude in tracking, a commanded hint first when assisted."""
     mode, prior = _mode(record), record.prior
-    if mode is cubestar.Mode.LOST_IN_SPACE:
+    if mode is Mode.LOST_IN_SPACE:
         return None
-    start = prior.quaternion if mode is cubestar.Mode.TRACKING or prior.hint is None else prior.hint
-    if start is None:
+    if mode is Mode.ASSISTED and prior.hint is not None:
+        return Hint.from_quaternion(prior.hint)
+    if prior.quaternion is None:
         raise GssError("the attitude that the sensor started from was not received")
-    return cubestar.Hint.from_quaternion(start)
+    return Hint.from_quaternion(prior.quaternion, prior.earlier)
 
 
 def compare(record: OnboardRecord, result: SolveResult) -> str:

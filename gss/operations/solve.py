@@ -19,12 +19,16 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.operations.clock import Monotonic
-from gss.pipeline.chains import cubestar, reference
-from gss.pipeline.identify.near import Hint
+from gss.pipeline.chains import reference
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.chains.systems import SYSTEMS, system
+from gss.pipeline.identify import near
 from gss.pipeline.identify.patterns import Level, build_level
 from gss.pipeline.identify.verify import Sky
 
-CHAINS = (reference.NAME, cubestar.NAME)
+CHAINS = (reference.NAME, *SYSTEMS)
+TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this good is an attitude
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
 FOV_SLACK = 1.08  # a field of view "known to 5 %", and whether it was meant across the sky or as pixels times scale
 DEFAULT_EPOCH_JYEAR = 2026.5
@@ -44,7 +48,7 @@ class SolveRequest:
     camera: Camera | None = None
     fov_rad: float | None = None
     blind: bool = False
-    hint: Hint | None = None
+    hint: near.Hint | None = None
     epoch_jyear: float | None = None
 
 
@@ -104,6 +108,11 @@ class SolverCache:
 
         return self._once(("bank", known.name, epoch_jyear), make)
 
+    def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
+        """What a system's processor makes of such a bank."""
+        key = ("prepared", chain.name, known.name, epoch_jyear)
+        return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))
+
 
 class Solver:
     """Runs requests. ``stopwatch_s`` times the stages; results depend on it in nothing else."""
@@ -123,8 +132,8 @@ class Solver:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         known, camera = _camera_of(request)
         epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
-        if request.chain == cubestar.NAME:
-            return self._cubestar(pixels, known, request, epoch)
+        if request.chain != reference.NAME:
+            return self._system(pixels, known, request, epoch)
         if camera is None:
             result = self._foreign(pixels, request, epoch)
         else:
@@ -150,24 +159,28 @@ class Solver:
         sky = self.cache.sky(epoch_jyear)
         return reference.solve_foreign(pixels, limits, sky, self.cache.level(epoch_jyear), clock=self._stopwatch_s)
 
-    def _cubestar(
+    def _system(
         self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
     ) -> SolveResult:
+        """A chain of one of the sensors, with a bank as its flash would hold it."""
         if known is None:
             raise BadInput(
-                "the cubestar chain needs a calibrated camera",
+                f"the {request.chain} chain needs a calibrated camera",
                 expected="a camera profile",
                 got="a field of view or nothing",
                 hint="name a profile, or use the reference chain",
             )
-        bank = self.cache.bank(known, epoch_jyear)
-        parameters = cubestar.default_parameters(known)
-        hint, mode = None, cubestar.Mode.LOST_IN_SPACE
+        chain = system(request.chain)
+        hint, mode, radius_rad = None, Mode.LOST_IN_SPACE, None
         if request.hint is not None:
-            hint = cubestar.Hint.from_quaternion(quaternion_from_matrix(request.hint.cam_from_icrs))
-            tracking = request.hint.radius_rad <= parameters.tracking_radius_rad
-            mode = cubestar.Mode.TRACKING if tracking else cubestar.Mode.ASSISTED
-        return cubestar.solve(pixels, known.camera, bank, parameters, mode=mode, hint=hint, clock=self._stopwatch_s)
+            hint = Hint.from_quaternion(quaternion_from_matrix(request.hint.cam_from_icrs))
+            radius_rad = request.hint.radius_rad
+            mode = Mode.TRACKING if radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
+        prepared = self.cache.prepared(chain, known, epoch_jyear)
+        parameters = chain.parameters(known, None, Commanded(hint_radius_rad=radius_rad), mode)
+        work = Work(known.camera, prepared, parameters, mode, hint)
+        result = solve(chain, pixels, work, self._stopwatch_s)
+        return replace(result, notes=(*result.notes, f"star positions of {epoch_jyear:.2f}"))
 
 
 def _camera_of(request: SolveRequest) -> tuple[CameraProfile | None, Camera | None]:

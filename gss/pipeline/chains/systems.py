@@ -15,3 +15,8 @@ def system(name: str) -> OnboardChain:
         return SYSTEMS[name]
     except KeyError:
         raise NotFound("unknown chain of a sensor", expected=" | ".join(SYSTEMS), got=name) from None
+
+
+def on_board(profile_name: str) -> OnboardChain:
+    """The chain that a unit with that camera runs: its own system's, CubeStar's where it has none."""
+    return SYSTEMS.get(profile_name, SYSTEMS["cubestar"])
