@@ -1,0 +1,53 @@
+"""A document's figures beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import sqrt
+
+Cell = str | float | int | None
+Progress = Callable[[float], None]
+"""Gets the share done; may raise to cancel."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A curve worth drawing: ``x`` and ``y`` of equal length with their labels (unit included)."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One table of a document rerun. ``columns`` name the cells of each row; by custom the first says what, then come the
+    paper's figure, ours, and what explains a difference. ``conditions``: plain sentences. ``seed``: of every random number."""
+
+    name: str
+    title: str
+    source: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    conditions: tuple[str, ...]
+    seed: int
+    notes: tuple[str, ...] = ()
+    series: tuple[Series, ...] = ()
+
+
+def share_interval(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's interval of a share, 95 % by default; (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    p, n = hits / trials, trials
+    centre, half = p + z * z / (2 * n), z * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return max(0.0, (centre - half) / (1 + z * z / n)), min(1.0, (centre + half) / (1 + z * z / n))
+
+
+def share_text(hits: int, trials: int) -> str:
+    """ "97.0 % (95.1–98.2, n 300)"."""
+    low, high = share_interval(hits, trials)
+    return f"{100 * hits / max(1, trials):.1f} % ({100 * low:.1f}–{100 * high:.1f}, n {trials})"
