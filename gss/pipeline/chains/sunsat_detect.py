@@ -1,0 +1,202 @@
+"""Stars in a frame as Sunsat finds them (Jacobs 1995 §2.2): dark average per row, scan, region growing, shape, centroid,
+magnitude. Works on a whole frame and, for tracking, on a window of one; nothing in the frame is ever erased, which is what
+the document's restoring of the search area is for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.results import Centroids, Region
+from gss.pipeline.chains.sunsat_parameters import MAGNITUDE_RATIO, ZERO_LUX, SunsatParameters
+from gss.pipeline.regions import Blobs, Pixels, SearchLimits, SearchResult, region_records, search
+
+NO_LIMIT = 1 << 40
+# What the cut at the threshold adds to the error of a star whose peak is the threshold; measured on rendered frames.
+CUT_PX = 0.15
+
+
+@dataclass(frozen=True)
+class Streak:
+    """The elongation and direction expected of a star (Jacobs 1995 §2.2.3). ``direction_rad``: from u towards v, ±90°."""
+
+    length_px: float
+    direction_rad: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of m regions: long and short axis in pixels (between pixel centres), and direction from u towards v in (−π/2, π/2]."""
+
+    long_px: Array
+    short_px: Array
+    direction_rad: Array
+
+
+@dataclass(frozen=True)
+class Found:
+    """Stars of a search area in order of discovery, and the regions met."""
+
+    centroids: Centroids
+    regions: tuple[Region, ...]
+    invalid: int
+    stopped: str
+
+
+def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
+    """(rows,) dark average of each row.
+
+    The document averages 43 covered columns of the same row, because the video amplifier's offset drifts while a frame
+    is read (§2.2.1.2). Our frames hold no covered columns; the sky between the stars stands in: the mean of every third
+    pixel of the row that is within ``clip_dn`` of their median. Sky light is in it, so Δth is above sky, not above dark.
+    """
+    sample = pixels[:, ::step_px]
+    middle = np.partition(sample, sample.shape[1] // 2, axis=1)[:, sample.shape[1] // 2].astype(float)
+    near = np.abs(sample - middle[:, None]) <= clip_dn
+    return np.asarray((sample * near).sum(axis=1) / near.sum(axis=1))
+
+
+def find_stars(level_dn: Array, parameters: SunsatParameters, streak: Streak | None = None) -> Found:
+    """Stars of a (rows, columns) search area whose ``level_dn`` is above each row's dark average."""
+    p = parameters
+    limits = SearchLimits(p.min_area_px, p.max_area_px, NO_LIMIT, NO_LIMIT, p.edge_rule)
+    found = search(level_dn, p.threshold_dn, limits, p.search_step_px)
+    found = _without_bad_shapes(found, p, streak)
+    found = _first_stars(found, p)
+    stars = found.blobs.take(found.accepted)
+    centroids = gravity_centroids(level_dn, stars, p)
+    regions = region_records(level_dn, found, 0.0, p.max_small_regions)
+    return Found(centroids, regions, found.invalid, found.stopped)
+
+
+def moved(found: Found, first_col: int, first_row: int) -> Found:
+    """The result of a window in the pixels of its frame."""
+    c = found.centroids
+    shifted = replace(c, col_px=c.col_px + first_col, row_px=c.row_px + first_row)
+    regions = tuple(
+        replace(
+            r,
+            col_min=r.col_min + first_col,
+            col_max=r.col_max + first_col,
+            row_min=r.row_min + first_row,
+            row_max=r.row_max + first_row,
+        )
+        for r in found.regions
+    )
+    return replace(found, centroids=shifted, regions=regions)
+
+
+def shapes(blobs: Blobs) -> Shape:
+    """Second moments about the middle of the region's base, and the lengths through it (eq. 2.4–2.8).
+
+    The pixels are taken as square: they are to 4 %. "Located along the axis" is within half a pixel of it.
+    """
+    owner, n = blobs.owner, len(blobs)
+    row, col = np.divmod(blobs.index, blobs.columns)
+    u, v = -col.astype(float), row.astype(float)
+    area = blobs.area_px
+    du = u - (np.bincount(owner, u, n) / area)[owner]
+    dv = v - (np.bincount(owner, v, n) / area)[owner]
+    m20, m02, m11 = (np.bincount(owner, w, n) for w in (du * du, dv * dv, du * dv))
+    # Half the two-argument arctangent is eq. 2.8 with its three cases.
+    direction = 0.5 * np.arctan2(2 * m11, m20 - m02)
+    c, s = np.cos(direction)[owner], np.sin(direction)[owner]
+    along, across = c * du + s * dv, c * dv - s * du
+    return Shape(_extent(along, across, blobs), _extent(across, along, blobs), direction)
+
+
+def _extent(along: Array, across: Array, blobs: Blobs) -> Array:
+    """Distance between the outermost pixels on an axis."""
+    on = np.abs(across) <= 0.5
+    high = np.maximum.reduceat(np.where(on, along, -np.inf), blobs.start[:-1])
+    low = np.minimum.reduceat(np.where(on, along, np.inf), blobs.start[:-1])
+    return np.asarray(np.maximum(0.0, high - low))
+
+
+def _without_bad_shapes(found: SearchResult, p: SunsatParameters, streak: Streak | None) -> SearchResult:
+    if not len(found.accepted):
+        return found
+    shape = shapes(found.blobs.take(found.accepted))
+    reasons = list(found.rejected)
+    for k, number in enumerate(found.accepted):
+        reasons[number] = _shape_reason(
+            float(shape.long_px[k] - shape.short_px[k]), float(shape.direction_rad[k]), p, streak
+        )
+    accepted = np.array([k for k in found.accepted if not reasons[k]], np.intp)
+    return replace(found, rejected=tuple(reasons), accepted=accepted)
+
+
+def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameters, streak: Streak | None) -> str:
+    """Why a region of that elongation is no star, or "" (eq. 2.9–2.10; without history the largest elongation)."""
+    if streak is None:
+        if elongation_px < p.max_elongation_px:
+            return ""
+        return f"elongation {elongation_px:.1f} px, at most {p.max_elongation_px:g}"
+    if abs(elongation_px - streak.length_px) >= p.elongation_slack_px:
+        return f"elongation {elongation_px:.1f} px, expected {streak.length_px:.1f} ± {p.elongation_slack_px:g}"
+    turn = (direction_rad - streak.direction_rad + np.pi / 2) % np.pi - np.pi / 2
+    if elongation_px > p.direction_from_px and abs(turn) >= p.direction_rad:
+        return f"lies {np.degrees(abs(turn)):.0f}° across the expected streak"
+    return ""
+
+
+def _first_stars(found: SearchResult, p: SunsatParameters) -> SearchResult:
+    """The first stars of the scan (§2.3), and what was met until then."""
+    if len(found.accepted) < p.max_found:
+        return found
+    end = int(found.accepted[p.max_found - 1]) + 1
+    stopped = f"search stopped at {p.max_found} stars" if end < len(found.blobs) else ""
+    rejected = found.rejected[:end]
+    return SearchResult(
+        found.blobs.take(np.arange(end)),
+        rejected,
+        found.accepted[: p.max_found],
+        sum(" > max " in r for r in rejected),
+        stopped,
+    )
+
+
+def gravity_centroids(level_dn: Array, blobs: Blobs, parameters: SunsatParameters) -> Centroids:
+    """Centre of gravity of the brightness above threshold (eq. 2.1–2.2), one star per blob, in the blobs' order.
+
+    ``flux_dn`` is brightness_star of eq. C.1: above threshold, with k_area times the light below it.
+    """
+    p = parameters
+    if not len(blobs):
+        return Centroids.from_pixels(np.empty((0, 2)))
+    owner, n = blobs.owner, len(blobs)
+    row, col = np.divmod(blobs.index, blobs.columns)
+    level = np.asarray(level_dn, float).ravel()[blobs.index]
+    weight = level - p.threshold_dn
+    total = np.bincount(owner, weight, n)
+    col_px, row_px = np.bincount(owner, weight * col, n) / total, np.bincount(owner, weight * row, n) / total
+    area = blobs.area_px
+    peak = np.maximum.reduceat(level, blobs.start[:-1])
+    offset2 = (col - col_px[owner]) ** 2 + (row - row_px[owner]) ** 2
+    spread = np.bincount(owner, offset2 * (p.noise.dark_sigma_dn**2 + level / p.noise.gain_e_per_dn), n)
+    model_px2 = (CUT_PX * p.threshold_dn / peak) ** 2 + p.noise.floor_px**2
+    sigma = np.sqrt(spread / (2 * total**2) + model_px2)
+    return Centroids(col_px, row_px, total + p.k_area * area * p.threshold_dn, peak, area.astype(np.int32), sigma)
+
+
+def magnitudes(flux_dn: Array, parameters: SunsatParameters) -> Array:
+    """(n,) Mv of star brightnesses (eq. 2.12–2.13); NaN for none."""
+    flux = np.asarray(flux_dn, float)
+    lux = parameters.k_illum_lux * np.where(flux > 0, flux, np.nan)
+    return np.asarray(np.log(ZERO_LUX / lux) / np.log(MAGNITUDE_RATIO))
+
+
+def brightness_dn(v_mag: Array | float, parameters: SunsatParameters) -> Array:
+    """Brightness of stars of that magnitude: the inverse of :func:`magnitudes`."""
+    return np.asarray(ZERO_LUX * MAGNITUDE_RATIO ** -np.asarray(v_mag, float) / parameters.k_illum_lux)
+
+
+Index = NDArray[np.intp]
+
+
+def brightest(centroids: Centroids) -> Index:
+    """Order by falling brightness; equal ones keep their order."""
+    return np.argsort(-centroids.flux_dn, kind="stable")

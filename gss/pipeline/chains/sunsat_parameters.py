@@ -1,0 +1,161 @@
+"""The constants of Sunsat's chain, where each comes from, and their values for a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import Sensor
+from gss.pipeline.centroid import PixelNoise
+
+NAME = "sunsat"
+
+SOURCES: dict[str, str] = {
+    "threshold_dn": "Jacobs 1995 app. C.1: two to four of its levels above the dark average; ours is 2.5 sigma of the dark "
+    "sky, raised until a star 0.25 mag below the catalogue's limit covers min_area_px no longer",
+    "min_area_px": "Jacobs 1995 §2.2.1.2: ten",
+    "max_area_px": "Jacobs 1995 §2.2.1.2: three hundred",
+    "max_found": "Jacobs 1995 §2.3: the first twenty stars of the scan",
+    "search_step_px": "Jacobs 1995 §2.2.1.3: every third pixel of every third row",
+    "edge_rule": "Jacobs 1995 §2.2.1.3: regions at the border of the search area are no stars",
+    "max_elongation_px": "Jacobs 1995 §2.2.3: ten by rotation and two for inaccuracy, without attitude history",
+    "elongation_slack_px": "Jacobs 1995 eq. 2.9: two",
+    "direction_from_px": "Jacobs 1995 §2.2.3: direction is looked at from an elongation of five",
+    "direction_rad": "Jacobs 1995 eq. 2.10: 30°",
+    "dark_clip_dn": "ours: the frame has no dark columns; a row's dark average is the mean of its pixels this near their median",
+    "k_area": "Jacobs 1995 app. C.1: two",
+    "k_illum_lux": "Jacobs 1995 app. C.1: the mean over stars of the range, with k_area set before; ours over model stars of the "
+    "profile and exposure, since eq. 6.24's 16e-9 is for its own exposure and levels",
+    "distance_tolerance_rad": "Jacobs 1995 Table 3-6 row 4: 150 µrad; other cameras: the same 0.59 pixels",
+    "magnitude_tolerance_mag": "Jacobs 1995 Table 3-6 row 4: 0.6",
+    "max_observed": "Jacobs 1995 §3.1: eight",
+    "min_group": "Jacobs 1995 §3.3.5: ICLim ends at one, which is three stars",
+    "matcher": "match_groups is Jacobs 1995 §3.3, star_vectors §3.2.2 (Baldini)",
+    "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound: ours as well, an accidental group must be "
+    "improbable",
+    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
+    "residual_tolerance_rad": "ours: largest misfit of a matched star in the TRIAD attitude; three distance tolerances",
+    "clique_budget": "ours: most steps when a group is split, so that no list takes for ever",
+    "hint_error_rad": "Jacobs 1995 §3.5: an initial estimate may be 2° off",
+    "uncertain_adcs_px": "Jacobs 1995 eq. 4.20: 53 pixels for 0.5° per axis",
+    "uncertain_least_px": "Jacobs 1995 eq. 4.20: two",
+    "uncertain_mm2": "Jacobs 1995 eq. E.26: 12 mm times an error of half a pixel",
+    "rotation_px": "Jacobs 1995 §4.1.6.3: half of ten pixels of elongation",
+    "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
+    "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four go",
+    "rate_interval_s": "Jacobs 1995 §4: one attitude a second",
+    "noise": "from the profile's sensor; the floor of 0.03 px is the error of a centre of gravity without noise, as measured",
+}
+
+ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
+MAGNITUDE_RATIO = 2.512
+K_AREA = 2.0
+NOISE_SIGMAS = 2.5
+FAINTER_MAG = 0.25
+DOCUMENT_PIXEL_RAD = 25.0**-1 * float(np.sqrt(0.0065 * 0.00625))
+DOCUMENT_DISTANCE_RAD = 150e-6
+CENTROID_ERROR_PX = 0.5
+
+
+@dataclass(frozen=True)
+class SunsatParameters:
+    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above a row's dark average."""
+
+    threshold_dn: float
+    noise: PixelNoise
+    focal_mm: float
+    k_illum_lux: float
+    distance_tolerance_rad: float
+    exposure_s: float
+    star_sigma_px: float
+    min_area_px: int = 10
+    max_area_px: int = 300
+    max_found: int = 20
+    search_step_px: int = 3
+    edge_rule: bool = True
+    max_elongation_px: float = 12.0
+    elongation_slack_px: float = 2.0
+    direction_from_px: float = 5.0
+    direction_rad: float = float(np.radians(30.0))
+    dark_clip_dn: float = 4.0
+    k_area: float = K_AREA
+    magnitude_tolerance_mag: float = 0.6
+    max_observed: int = 8
+    min_group: int = 3
+    matcher: str = "match_groups"
+    acceptance: str = "bound"
+    max_false_probability: float = 1e-3
+    residual_tolerances: float = 3.0
+    clique_budget: int = 200_000
+    hint_error_rad: float = float(np.radians(2.0))
+    uncertain_adcs_px: float = 53.0
+    uncertain_least_px: float = 2.0
+    uncertain_reach_mm: float = 12.0
+    rotation_px: float = 5.0
+    rate_interval_s: float = 1.0
+    max_small_regions: int = 100
+
+    def __post_init__(self) -> None:
+        _one_of("matcher", self.matcher, ("match_groups", "star_vectors"))
+        _one_of("acceptance", self.acceptance, ("bound", "document"))
+        if not (self.threshold_dn > 0 and 1 <= self.min_area_px <= self.max_area_px and self.exposure_s > 0):
+            raise BadInput(
+                "detection parameters are impossible",
+                expected="threshold and exposure above zero, 1 ≤ smallest ≤ largest area",
+                got=f"{self.threshold_dn}, {self.exposure_s}, {self.min_area_px}, {self.max_area_px}",
+            )
+        if not (self.distance_tolerance_rad > 0 and self.magnitude_tolerance_mag > 0 and self.min_group >= 3):
+            raise BadInput(
+                "matching parameters are impossible",
+                expected="tolerances above zero, groups of at least three",
+                got=f"{self.distance_tolerance_rad}, {self.magnitude_tolerance_mag}, {self.min_group}",
+            )
+
+    @property
+    def residual_tolerance_rad(self) -> float:
+        """Largest misfit of a matched star."""
+        return self.residual_tolerances * self.distance_tolerance_rad
+
+
+def _one_of(what: str, got: str, known: tuple[str, ...]) -> None:
+    if got not in known:
+        raise BadInput(f"unknown {what}", expected=" | ".join(known), got=got)
+
+
+def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:
+    """Parameters for a camera: the document's numbers where they are pixels and counts, scaled where they are angles."""
+    sensor = profile.sensor
+    exposure = sensor.exposure_s if exposure_s is None else exposure_s
+    noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
+    threshold_dn = max(NOISE_SIGMAS * noise_dn, _level_where_faintest_vanishes_dn(sensor, exposure))
+    return SunsatParameters(
+        threshold_dn=round(threshold_dn, 1),
+        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.03),
+        focal_mm=profile.focal_mm,
+        k_illum_lux=_illuminance_per_level_lux(sensor, exposure, round(threshold_dn, 1)),
+        distance_tolerance_rad=DOCUMENT_DISTANCE_RAD * profile.camera.pixel_rad / DOCUMENT_PIXEL_RAD,
+        exposure_s=exposure,
+        star_sigma_px=float(np.sqrt(sensor.psf_sigma_px**2 + 1 / 12)),
+        dark_clip_dn=max(1.0, 3.0 * noise_dn),
+    )
+
+
+def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> float:
+    """Level above which a Gaussian star just below the limiting magnitude covers ten pixels: 2πσ² ln(peak / level) = 10."""
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    star_dn = float(sensor.star_e(sensor.faint_limit_mag + FAINTER_MAG, exposure_s)) / sensor.gain_e_per_dn
+    return float(star_dn / spread_px2 * np.exp(-10 / spread_px2))
+
+
+def _illuminance_per_level_lux(sensor: Sensor, exposure_s: float, threshold_dn: float) -> float:
+    """k_illum: illuminance over brightness (eq. C.1) of Gaussian stars, mean of its logarithm over magnitudes in range."""
+    v_mag = np.linspace(max(sensor.bright_limit_mag, sensor.faint_limit_mag - 3), sensor.faint_limit_mag, 31)
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    level = np.asarray(sensor.star_e(v_mag, exposure_s)) / sensor.gain_e_per_dn / spread_px2 / threshold_dn
+    level = np.maximum(level, 1.001)
+    # In units of threshold times spread: light above it is level − 1 − ln level, the area ln level.
+    brightness = (level - 1 - np.log(level) + K_AREA * np.log(level)) * spread_px2 * threshold_dn
+    return float(np.exp(np.mean(np.log(ZERO_LUX * MAGNITUDE_RATIO**-v_mag / brightness))))

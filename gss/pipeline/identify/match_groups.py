@@ -1,0 +1,213 @@
+"""Van Bezooijen's match groups as Sunsat uses them (Jacobs 1995 §3.3, app. D.2).
+
+Every pair of observed stars asks the distance table for guide pairs of its length whose magnitudes fit. A *match* is an
+observed star with a guide star; two matches are joined if their pair was found. Each match is the kernel of a group, and
+its confidence is how many observed stars are joined to it. Small groups fall (ICLim), the rest are split until every pair
+inside is joined: what is left of a group are its complete parts, found here as the cliques of the graph of matches. The
+largest that is no mirror image wins; each failure lowers ICLim by one, down to three stars.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.stars import DistanceTable
+
+Rows = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class GroupLimits:
+    """Tolerances of eqs. 3.1 and 3.2, the smallest group, and the most steps of splitting."""
+
+    distance_rad: float
+    magnitude_mag: float
+    min_group: int = 3
+    budget: int = 200_000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Observed stars and their guide stars, (k,) each. ``misfit_rad``: summed differences of all distances, the document's
+    quality of a group."""
+
+    observed: Rows
+    guide: Rows
+    misfit_rad: float
+
+    def __len__(self) -> int:
+        return len(self.observed)
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """``group`` the winner or None with a ``reason``. ``rivals``: groups of the same size, ``pairs``: matching star pairs
+    (both ways round), ``operations``: table entries and splitting steps."""
+
+    group: Group | None
+    rivals: int
+    pairs: int
+    operations: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Guides:
+    """The guide stars: (n, 3) unit vectors, (n,) magnitudes, and their distance table in float64."""
+
+    unit: Array
+    v_mag: Array
+    table: DistanceTable
+
+
+@dataclass(frozen=True)
+class _Graph:
+    """Matches (observed, guide) and the joins between them, both ways."""
+
+    observed: Rows
+    guide: Rows
+    a: Rows
+    b: Rows
+
+    def confidence(self) -> Rows:
+        """Distinct observed stars joined to each match."""
+        bits = np.zeros(len(self.observed), np.int64)
+        np.bitwise_or.at(bits, self.a, np.int64(1) << self.observed[self.b].astype(np.int64))
+        return np.bitwise_count(bits).astype(np.intp)
+
+    def keep(self, nodes: Flags) -> _Graph:
+        """Without some matches, in all groups where they were (§3.3.2)."""
+        number = np.cumsum(nodes) - 1
+        joins = nodes[self.a] & nodes[self.b]
+        return _Graph(self.observed[nodes], self.guide[nodes], number[self.a[joins]], number[self.b[joins]])
+
+
+def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> Grouping:
+    """Best group for (n, 3) observed unit vectors with (n,) magnitudes; NaN directions or magnitudes take no part.
+
+    Two largest groups without two matches in common are two answers, which is none (§3.3.5); with two in common, the
+    better quality counts. The mirror test uses vectors, since eq. 3.3's right ascensions fail at the poles.
+    """
+    graph, entries = _joined_matches(unit, v_mag, guides, limits)
+    pairs = len(graph.a) // 2
+    if not pairs:
+        return Grouping(None, 0, 0, entries, "no pair of stars fits a pair of the catalogue")
+    spent = _Budget(limits.budget)
+    size = largest_possible(graph.confidence())
+    while size >= limits.min_group:
+        rest = _pruned(graph, size - 1)
+        cliques = _cliques(rest, size, spent)
+        groups = [g for g in (_group(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
+        if spent.left < 0:
+            return Grouping(None, len(groups), pairs, entries + limits.budget, "groups are too many to be split")
+        if groups:
+            best, reason = _winner(groups)
+            return Grouping(best, len(groups), pairs, entries + limits.budget - spent.left, reason)
+        size -= 1
+    reason = f"no group of {limits.min_group} stars fits the catalogue"
+    return Grouping(None, 0, pairs, entries + limits.budget - spent.left, reason)
+
+
+def largest_possible(confidence: Rows) -> int:
+    """Largest n for which n groups have a confidence of n − 1 or more (§3.3.2)."""
+    falling = np.sort(confidence)[::-1] + 1
+    return int(np.max(np.minimum(falling, np.arange(1, len(falling) + 1)), initial=0))
+
+
+def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> tuple[_Graph, int]:
+    n, stars, table = len(unit), len(guides.v_mag), guides.table
+    bright = np.abs(v_mag[:, None] - guides.v_mag[None, :]) <= limits.magnitude_mag
+    i, j = np.triu_indices(n, 1)
+    apart = _angle_rad(unit[i], unit[j])
+    ok = np.isfinite(apart)
+    i, j, apart = i[ok], j[ok], apart[ok]
+    low = np.searchsorted(table.distance_rad, apart - limits.distance_rad, side="left")
+    count = np.searchsorted(table.distance_rad, apart + limits.distance_rad, side="right") - low
+    pair = np.repeat(np.arange(len(count)), count)
+    entry = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
+    i, j, first, second = i[pair], j[pair], table.first[entry].astype(np.intp), table.second[entry].astype(np.intp)
+    straight, crossed = bright[i, first] & bright[j, second], bright[i, second] & bright[j, first]
+    one = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
+    other = np.concatenate([j[straight] * stars + second[straight], j[crossed] * stars + first[crossed]])
+    names, at = np.unique(np.concatenate([one, other]), return_inverse=True)
+    a, b = at[: len(one)], at[len(one) :]
+    graph = _Graph(names // max(stars, 1), names % max(stars, 1), np.concatenate([a, b]), np.concatenate([b, a]))
+    return graph, len(entry)
+
+
+def _angle_rad(a: Array, b: Array) -> Array:
+    """By the chord: eq. C.7's arccosine loses 1e-8 rad where stars are close."""
+    return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=-1), 1.0)))
+
+
+def _pruned(graph: _Graph, least: int) -> _Graph:
+    """Only groups of at least that confidence, again and again until none falls."""
+    while len(graph.observed):
+        strong = graph.confidence() >= least
+        if strong.all():
+            break
+        graph = graph.keep(strong)
+    return graph
+
+
+@dataclass
+class _Budget:
+    left: int
+
+
+def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]]:
+    """Maximal complete sets of at least ``size`` matches (Bron and Kerbosch with pivot), in a fixed order."""
+    joined: list[set[int]] = [set() for _ in graph.observed]
+    for a, b in zip(graph.a.tolist(), graph.b.tolist(), strict=True):
+        joined[a].add(b)
+    found: list[list[int]] = []
+
+    def grow(chosen: list[int], open_: set[int], done: set[int]) -> None:
+        spent.left -= 1
+        if spent.left < 0 or len(chosen) + len(open_) < size:
+            return
+        if not open_:
+            if not done:
+                found.append(sorted(chosen))
+            return
+        pivot = max(sorted(open_ | done), key=lambda k: len(joined[k] & open_))
+        for k in sorted(open_ - joined[pivot]):
+            grow([*chosen, k], open_ & joined[k], done & joined[k])
+            open_, done = open_ - {k}, done | {k}
+
+    grow([], set(range(len(joined))), set())
+    return [(graph.observed[c], graph.guide[c]) for c in sorted(found)]
+
+
+def _group(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
+    observed, guide = match
+    i, j = np.triu_indices(len(observed), 1)
+    seen = _angle_rad(unit[observed[i]], unit[observed[j]])
+    known = _angle_rad(guides.unit[guide[i]], guides.unit[guide[j]])
+    return Group(observed, guide, float(np.sum(np.abs(seen - known))))
+
+
+def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
+    """Are the observed stars the mirror image of the guide stars (§3.3.3)? Judged by the largest triangle round the kernel."""
+    o, g = unit[group.observed], guide_unit[group.guide]
+    i, j = np.triu_indices(len(o) - 1, 1)
+    seen = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
+    known = np.einsum("ij,ij->i", np.cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
+    widest = int(np.argmax(np.abs(known)))
+    return bool(seen[widest] * known[widest] < 0)
+
+
+def _winner(groups: list[Group]) -> tuple[Group | None, str]:
+    most = max(len(g) for g in groups)
+    largest = sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad)
+    best = largest[0]
+    own = set(zip(best.observed.tolist(), best.guide.tolist(), strict=True))
+    for other in largest[1:]:
+        if len(own & set(zip(other.observed.tolist(), other.guide.tolist(), strict=True))) < 2:
+            return None, f"{len(largest)} different groups of {most} stars fit the catalogue"
+    return best, ""
