@@ -1,0 +1,56 @@
+"""What FAR-MST's processor makes of a bank when it reads it: the sin²θ directory of the brightest stars of every field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.stars import DistanceTable, OnboardCatalogue
+from gss.pipeline.identify.sin2_directory import Sin2Directory, sin2_directory
+from gss.pipeline.identify.uniform_density import brightest_per_field
+
+# Huffman 2006 §5.5.4.
+BRIGHTEST = 8
+
+
+@dataclass(frozen=True)
+class FarMstCatalogue:
+    """``icrs``: (n, 3) unit vectors in full width, ``reduced``: (n,) which stars the directory is about; all of them serve
+    to confirm."""
+
+    bank: OnboardCatalogue
+    icrs: Array
+    reduced: NDArray[np.bool_]
+    directory: Sin2Directory
+
+    def __len__(self) -> int:
+        return len(self.bank)
+
+
+def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
+    """Directory of the ``brightest`` per field (0: of all stars). The bank's own distances are used, none is made up."""
+    icrs = bank.icrs.astype(float)
+    icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
+    reduced = np.ones(len(bank), bool)
+    if brightest:
+        fov_h, fov_v = camera.fov_rad
+        reduced = brightest_per_field(icrs, brightness_order(bank), min(fov_h, fov_v) / 2, brightest)
+    table = bank.distances
+    right_angle = float(np.nextafter(np.float32(np.pi / 2), np.float32(0)))
+    # Pairs beyond 90° are in no frame of this camera; sin² could not tell them.
+    keep = np.flatnonzero(reduced[table.first] & reduced[table.second] & (table.distance_rad <= right_angle))
+    kept = DistanceTable(
+        table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, min(table.max_rad, right_angle)
+    )
+    return FarMstCatalogue(bank, icrs, reduced, sin2_directory(kept, len(bank)))
+
+
+def brightness_order(bank: OnboardCatalogue) -> NDArray[np.intp]:
+    """(n,) rows, brightest first; a bank without magnitudes is written in that order."""
+    if not np.isfinite(bank.v_mag).all():
+        return np.arange(len(bank))
+    return np.argsort(bank.v_mag, kind="stable")

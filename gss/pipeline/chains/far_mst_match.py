@@ -1,0 +1,262 @@
+"""Names for centroids as FAR-MST finds them: n-vertex or pyramid when lost, rate match while tracking (Huffman 2006 ch. 5).
+
+The selector follows Fig. 8.2 as far as it is known: by the number of stars and by what is known before; when one matcher
+fails the next is tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
+from gss.pipeline.chains.far_mst_parameters import HINT_ERROR_RAD, FarMstParameters
+from gss.pipeline.chains.far_mst_verify import Identified, complete, pair_tolerance_rad, stars_in_view
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.identify.accidental import tracking_hypotheses
+from gss.pipeline.identify.baselines import Baselines, baselines
+from gss.pipeline.identify.frame_figures import angle_matrix_rad
+from gss.pipeline.identify.geometric_voting import mutually_consistent
+from gss.pipeline.identify.n_vertex import figures, match_figure
+from gss.pipeline.identify.sin2_directory import Rows, Sin2Directory
+from gss.pipeline.identify.triad_pyramid import pyramids
+from gss.pipeline.track.rate_match import constant_rate, mutual_nearest
+
+MOST_NAMES_PER_FIGURE = 4
+NONE = np.empty(0, np.intp)
+
+
+@dataclass(frozen=True)
+class FarMstMatching:
+    """MATCH_STARS. Per centroid used, (n,): ``row`` catalogue row or −1, ``weight`` 1/σ² in 1/px². ``selected``: centroids that
+    go into the attitude, empty with a ``reason``. ``method``: matcher that found it. ``operations``: directory entries met;
+    ``figures``: figures looked at. ``false_match_probability``: bound for what is in ``row``, NaN without any."""
+
+    mode: Mode
+    method: str
+    unit_cam: Array
+    row: Rows
+    selected: Rows
+    weight: Array
+    operations: int
+    figures: int
+    false_match_probability: float
+    reason: str
+
+    @property
+    def confidence(self) -> float:
+        """Share of the centroids used that have a name, 0 without an answer."""
+        return len(self.selected) / len(self.row) if len(self.row) else 0.0
+
+
+@dataclass
+class _Search:
+    """One frame's task and what it cost so far."""
+
+    unit: Array
+    sigma_rad: Array
+    camera: Camera
+    catalogue: FarMstCatalogue
+    p: FarMstParameters
+    mode: Mode
+    hint: Hint | None
+    table: Baselines | None = None
+    figures: int = 0
+    best: Identified | None = None
+    best_bound: float = float("nan")
+    method: str = ""
+
+    @property
+    def hits(self) -> int:
+        return self.table.hits if self.table is not None else 0
+
+
+def match_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: FarMstCatalogue,
+    parameters: FarMstParameters,
+    mode: Mode = Mode.LOST_IN_SPACE,
+    hint: Hint | None = None,
+) -> FarMstMatching:
+    """Names for centroids. Only the first ``max_centroids`` are looked at."""
+    _check_hint(mode, hint)
+    used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
+    unit = camera.unproject(used.pixels) if len(used) else np.empty((0, 3))
+    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    good = np.flatnonzero(np.isfinite(unit).all(axis=1))
+    sigma_rad = np.maximum(used.sigma_px[good], 1e-3) * camera.pixel_rad
+    search = _Search(unit[good], sigma_rad, camera, catalogue, parameters, mode, hint)
+    accepted = mode is Mode.TRACKING and _track(search)
+    if not accepted and len(good) >= 3:
+        accepted = _find_figures(search)
+    return _matching(search, used, unit, good, accepted)
+
+
+def _check_hint(mode: Mode, hint: Hint | None) -> None:
+    if mode is Mode.LOST_IN_SPACE:
+        return
+    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
+        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
+        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
+
+
+def _find_figures(s: _Search) -> bool:
+    """n-vertex or pyramid over the directory, whole or of the stars near the hint."""
+    n = min(len(s.unit), s.p.max_vertex_stars)
+    tolerance = pair_tolerance_rad(s.sigma_rad[:n], s.camera.pixel_rad, s.p)
+    s.table = baselines(s.unit[:n], tolerance, _directory(s))
+    for method, figure, names in _hypotheses(s, n):
+        if s.p.acceptance == "document":
+            s.best, s.method = _as_found(s, figure, names), method
+            return s.best is not None
+        found = complete(s.unit, s.sigma_rad, figure, names, s.catalogue, s.camera, s.p)
+        if found is not None and _accept(s, found, method, _lost_hypotheses(s)):
+            return True
+    return False
+
+
+def _hypotheses(s: _Search, n: int) -> Iterator[tuple[str, Rows, Rows]]:
+    """Figures with names, by the matchers in their order."""
+    if s.table is None:
+        return
+    icrs, document = s.catalogue.icrs, s.p.acceptance == "document"
+    if s.p.matcher == "pyramid":
+        for pyramid in pyramids(s.unit[:n], icrs, s.table, s.p.most_figures[0]):
+            yield "pyramid", np.array(pyramid.figure), pyramid.names
+        return
+    for vertices in _vertices(s.p.matcher, n):
+        for figure in figures(n, vertices)[: s.p.most_figures[vertices - 3]]:
+            s.figures += 1
+            names = match_figure(figure, s.table, s.unit, icrs)
+            if document and len(names) != 1:
+                continue
+            for one in names[:MOST_NAMES_PER_FIGURE]:
+                yield f"{vertices}-vertex", np.array(figure), one
+
+
+def _vertices(matcher: str, n: int) -> tuple[int, ...]:
+    wanted = {"auto": (5, 4, 3), "n5": (5,), "n4": (4,), "n3": (3,)}[matcher]
+    return tuple(v for v in wanted if v <= n)
+
+
+def _directory(s: _Search) -> Sin2Directory:
+    """The directory, or the part of it near the hint."""
+    if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
+        return s.catalogue.directory
+    boresight = np.asarray(s.hint.boresight_icrs, float)
+    cosine = s.catalogue.icrs @ (boresight / np.linalg.norm(boresight))
+    return s.catalogue.directory.restricted(cosine >= np.cos(s.p.assisted_radius_rad))
+
+
+def _lost_hypotheses(s: _Search) -> float:
+    """Every directory entry met is two ways to place a pair of centroids; a hint leaves the share of boresights it allows."""
+    ways = 2.0 * max(1, s.hits)
+    if s.mode is Mode.ASSISTED:
+        ways *= (1 - np.cos(hint_error_rad(s.camera, s.p))) / (1 - np.cos(s.p.assisted_radius_rad))
+    return float(ways)
+
+
+def hint_error_rad(camera: Camera, p: FarMstParameters) -> float:
+    """How far the boresight may be from the hint: what the radius leaves beyond the field's half diagonal."""
+    return max(p.assisted_radius_rad - camera.half_diagonal_rad, HINT_ERROR_RAD)
+
+
+def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bool:
+    """Enough names, near the hint, and unlikely by accident. The best so far is kept for the reason."""
+    bound = found.bound(hypotheses)
+    if s.best is None or found.count > s.best.count:
+        s.best, s.best_bound, s.method = found, bound, method
+    if found.count < _least(s) or bound > s.p.max_false_probability or _off_hint(s, found):
+        return False
+    s.best, s.best_bound, s.method = found, bound, method
+    return True
+
+
+def _least(s: _Search) -> int:
+    return s.p.min_identified[{Mode.LOST_IN_SPACE: 0, Mode.ASSISTED: 1, Mode.TRACKING: 2}[s.mode]]
+
+
+def _off_hint(s: _Search, found: Identified) -> bool:
+    if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
+        return False
+    boresight = np.asarray(s.hint.boresight_icrs, float)
+    chord = np.linalg.norm(boresight / np.linalg.norm(boresight) - found.cam_from_icrs[2])
+    return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > hint_error_rad(s.camera, s.p))
+
+
+def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified | None:
+    """The document's answer: the figure's own names and nothing else."""
+    row = np.full(len(s.unit), -1, np.intp)
+    row[figure] = names
+    return Identified(row, len(figure), np.eye(3), float("nan"), float("nan"))
+
+
+def _track(s: _Search) -> bool:
+    """Rate match with the catalogue: stars turned forward at a constant rate, and, in case it stopped, not turned."""
+    if s.hint is None or s.hint.quaternion is None:
+        return False
+    predictions = [matrix_from_quaternion(s.hint.quaternion)]
+    if s.hint.earlier:
+        predictions.insert(0, constant_rate(s.hint.quaternion, s.hint.earlier[0]))
+    for rotation in predictions:
+        in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)
+        pairs = mutual_nearest(s.catalogue.icrs[in_view] @ rotation.T, s.unit, s.p.tracking_radius_rad)
+        names, met = in_view[pairs[:, 0]], pairs[:, 1]
+        chosen = _agreeing(s, met, names)
+        if len(chosen) < 2:
+            continue
+        found = complete(s.unit, s.sigma_rad, met[chosen], names[chosen], s.catalogue, s.camera, s.p)
+        if found is None:
+            continue
+        tolerance = float(pair_tolerance_rad(s.sigma_rad, s.camera.pixel_rad, s.p).max())
+        ways = tracking_hypotheses(len(s.unit), found.per_sr, tolerance, s.p.tracking_radius_rad)
+        if _accept(s, found, "rate match", len(predictions) * ways):
+            return True
+    return False
+
+
+def _agreeing(s: _Search, met: Rows, names: Rows) -> Rows:
+    """The pairs, by number, of which all angles agree with the catalogue's."""
+    off = np.abs(angle_matrix_rad(s.unit[met]) - angle_matrix_rad(s.catalogue.icrs[names]))
+    agree = (off <= pair_tolerance_rad(s.sigma_rad[met], s.camera.pixel_rad, s.p)).astype(np.int64)
+    np.fill_diagonal(agree, 0)
+    friends = agree.sum(axis=1)
+    return mutually_consistent(agree, np.flatnonzero(friends >= 1))
+
+
+def _matching(s: _Search, used: Centroids, unit: Array, good: Rows, accepted: bool) -> FarMstMatching:
+    row = np.full(len(unit), -1, np.intp)
+    weight: NDArray[np.float64] = 1.0 / np.maximum(used.sigma_px, 1e-3) ** 2
+    if s.best is not None:
+        row[good] = s.best.row
+    selected = np.flatnonzero(row >= 0) if accepted else NONE
+    return FarMstMatching(
+        s.mode, s.method, unit, row, selected, weight, s.hits, s.figures, s.best_bound, "" if accepted else _reason(s)
+    )
+
+
+def _reason(s: _Search) -> str:
+    n, least, mode = len(s.unit), _least(s), s.mode.value.replace("_", " ")
+    if n == 0:
+        return "no star found in the frame"
+    if n < least or (n < 3 and s.best is None):
+        return f"{n} {'star' if n == 1 else 'stars'} found; {least} needed in {mode} mode"
+    if s.best is None:
+        return f"no figure of the {n} stars fits the catalogue"
+    if s.best.count < least:
+        return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
+    if _off_hint(s, s.best):
+        return "the stars fit only far from the hint"
+    return (
+        f"{s.best.count} of {n} stars identified could be accidental: bound {s.best_bound:.1e}, "
+        f"allowed {s.p.max_false_probability:.0e}"
+    )

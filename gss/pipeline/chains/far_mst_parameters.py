@@ -1,0 +1,147 @@
+"""The constants of the FAR-MST chain, where each comes from, and their values for a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import bdtrc, ndtr
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import Sensor
+
+NAME = "far_mst"
+
+PREFILTERS = ("sliding", "block", "none")
+CENTROIDERS = ("weighted_sum", "mle")
+SIGMA_MODELS = ("measured", "document")
+MATCHERS = ("auto", "n3", "n4", "n5", "pyramid")
+ATTITUDES = ("quest", "q_method", "svd", "foam")
+ACCEPTANCES = ("bound", "document")
+
+SOURCES: dict[str, str] = {
+    "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; n = 2 of his 1 … 5 leaves a star at the limit the most pixels over what "
+    "the pre-filter asks for; σ is the sensor's, or the frame's own where that is larger",
+    "prefilter": "Huffman 2006 §4.2.2: sliding (starCentroid2) is the better above 1.75 σ (Table 8.1), block is starCentroid3",
+    "prefilter_count": "Huffman 2006 §4.1 has 9, §4.2.2 more than half of 25, for spots of 10 px at 1 σ; ours is the smallest "
+    "count that lets less than one noise pixel per frame through at this n",
+    "min_area_px": "Huffman 2006 §4.2.2: fewer than 4 pixels are a noise spike or a hot pixel",
+    "max_area_px": "ours: V −1.5 smeared over 60 px, the document's 15°/s",
+    "max_aspect_ratio": "Huffman 2006 §4.2.2 uses the ratio for streaks without a limit; ours: 2.5, and where all stars are "
+    "streaks twice their median",
+    "edge_rule": "ours: a star cut by the frame's edge has a false centroid (dossier §4.4: it makes the document's own scatter)",
+    "max_lit_share": "ours: twice the 16 % that noise alone lights at 1 σ (Huffman 2006 §4.1); more is no dark sky",
+    "centroider": "Huffman 2006 §4.2.2 chose the weighted sum; 'mle' is Winick's, which he found 0.1 px better and too slow",
+    "sigma_model": "'document' is Huffman 2006 eq. 4.2, fitted to spots of 10 px; 'measured' propagates pixel noise and adds "
+    "what rendered frames show",
+    "max_centroids": "ours: twice the average 16 stars to V 4.5 in the frame",
+    "max_vertex_stars": "ours: figures are made of the brightest twelve (Huffman 2006 §5.4.4: brightest first)",
+    "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue, five before four before three stars",
+    "most_figures": "ours: figures looked at for n = 3, 4, 5 before the answer is lost (Huffman 2006 §5.5.4 tries all)",
+    "sigmas": "ours, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
+    "floor_px": "ours: aberration across the frame and the bank's number width",
+    "tracking_radius_rad": "ours: 1°, the move at the document's slowest rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
+    "assisted_radius_rad": "half diagonal and 5°",
+    "attitude_method": "Huffman 2006 §6.1.3 chose QUEST",
+    "acceptance": "'document' takes a unique figure as it is (Huffman 2006 §5.5.4); 'bound' is ours: names for all stars, and a "
+    "bound on an accidental identification",
+    "max_false_probability": "ours: largest accepted bound",
+    "min_identified": "ours: four without knowledge, three with a hint, two in tracking",
+    "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
+}
+
+
+@dataclass(frozen=True)
+class FarMstParameters:
+    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the dark level.
+    ``dark_dn``: (rows, columns) dark frame or None. ``noise_dn``: standard deviation of a dark pixel."""
+
+    threshold_sigma: float
+    noise_dn: float
+    gain_e_per_dn: float
+    saturation_dn: float
+    psf_sigma_px: float
+    assisted_radius_rad: float
+    prefilter_count: int
+    threshold_dn: float | None = None
+    prefilter: str = "sliding"
+    min_area_px: int = 4
+    max_area_px: int = 800
+    max_aspect_ratio: float = 2.5
+    edge_rule: bool = True
+    max_lit_share: float = 0.32
+    centroider: str = "weighted_sum"
+    sigma_model: str = "measured"
+    max_centroids: int = 32
+    max_vertex_stars: int = 12
+    matcher: str = "auto"
+    most_figures: tuple[int, int, int] = (220, 120, 20)
+    sigmas: float = 3.5
+    floor_px: float = 0.2
+    tracking_radius_rad: float = float(np.radians(1.0))
+    attitude_method: str = "quest"
+    acceptance: str = "bound"
+    max_false_probability: float = 1e-3
+    min_identified: tuple[int, int, int] = (4, 3, 2)
+    max_small_regions: int = 100
+    dark_dn: Array | None = field(default=None, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("prefilter", PREFILTERS),
+            ("centroider", CENTROIDERS),
+            ("sigma_model", SIGMA_MODELS),
+            ("matcher", MATCHERS),
+            ("attitude_method", ATTITUDES),
+            ("acceptance", ACCEPTANCES),
+        ):
+            if getattr(self, name) not in known:
+                raise BadInput(f"unknown {name}", expected=" | ".join(known), got=str(getattr(self, name)))
+        least = self.threshold_sigma if self.threshold_dn is None else self.threshold_dn
+        if not (least > 0 and self.noise_dn > 0 and 1 <= self.min_area_px <= self.max_area_px):
+            raise BadInput(
+                "detection parameters are impossible",
+                expected="threshold and noise above zero, 1 ≤ smallest ≤ largest area",
+                got=f"{least}, {self.noise_dn}, {self.min_area_px}, {self.max_area_px}",
+            )
+
+
+THRESHOLD_SIGMA = 2.0
+PREFILTER_PX = 5
+HINT_ERROR_RAD = float(np.radians(5.0))
+DOCUMENT_COUNTS = {"§4.1": 9, "§4.2.2": 13}
+
+
+def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> FarMstParameters:
+    """Parameters for a camera."""
+    sensor, camera = profile.sensor, profile.camera
+    exposure = sensor.exposure_s if exposure_s is None else exposure_s
+    return FarMstParameters(
+        threshold_sigma=THRESHOLD_SIGMA,
+        noise_dn=sensor.noise_e(exposure) / sensor.gain_e_per_dn,
+        gain_e_per_dn=sensor.gain_e_per_dn,
+        saturation_dn=float(sensor.saturation_dn),
+        psf_sigma_px=sensor.psf_sigma_px,
+        assisted_radius_rad=camera.half_diagonal_rad + HINT_ERROR_RAD,
+        prefilter_count=least_count(THRESHOLD_SIGMA, camera.columns * camera.rows),
+    )
+
+
+def least_count(threshold_sigma: float, pixels: int) -> int:
+    """Smallest count of 25 for which pure noise leaves less than one pixel per frame after the pre-filter."""
+    chance = float(ndtr(-threshold_sigma))
+    others = PREFILTER_PX**2 - 1
+    for count in range(1, others + 1):
+        if pixels * chance * float(bdtrc(count - 2, others, chance)) < 1:
+            return count
+    return others + 1
+
+
+def limiting_magnitude(sensor: Sensor, parameters: FarMstParameters, exposure_s: float) -> float:
+    """V of the star whose noise-free spot has just ``prefilter_count`` pixels above the threshold: 2πσ² ln(peak / level)."""
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    level_e = parameters.threshold_sigma * parameters.noise_dn * sensor.gain_e_per_dn
+    star_e = level_e * spread_px2 * float(np.exp(parameters.prefilter_count / spread_px2))
+    return float(sensor.magnitude(star_e, exposure_s))

@@ -1,0 +1,111 @@
+"""From a few names to all: predict the bank's stars, meet the centroids, and say how likely that is by accident."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.attitude import quest
+from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
+from gss.pipeline.chains.far_mst_parameters import FarMstParameters
+from gss.pipeline.identify.accidental import accidental_bound, chance_within
+from gss.pipeline.identify.sin2_directory import Rows
+from gss.pipeline.track.rate_match import mutual_nearest
+
+# The first attitude rests on a few stars, perhaps close together: look wider first, then where the fit says.
+WIDENINGS = (3.0, 1.5, 1.0)
+# The fit follows the stars it collects, so an accident has more room than the last radius.
+ROOM = 1.5
+
+
+@dataclass(frozen=True)
+class Identified:
+    """``row``: (n,) catalogue rows, −1 without; ``count`` of them; ``cam_from_icrs`` of their fit; ``per_sr``: stars of the
+    bank per steradian in this field; ``chance``: that a random direction meets one."""
+
+    row: Rows
+    count: int
+    cam_from_icrs: Array
+    per_sr: float
+    chance: float
+
+    def bound(self, hypotheses: float) -> float:
+        """Upper bound on the expected number of accidents this good among so many hypotheses."""
+        return accidental_bound(hypotheses, self.count, len(self.row), self.chance)
+
+
+def pair_tolerance_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
+    """(n, n) by how much the angle of two stars may differ from the catalogue's (dossier §3.15)."""
+    return np.asarray(p.sigmas * np.hypot(sigma_rad[:, None], sigma_rad[None]) + p.floor_px * pixel_rad)
+
+
+def star_radius_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
+    """(n,) how far a star may be from its predicted place, both axes together."""
+    return np.asarray(p.sigmas * 1.15 * sigma_rad + p.floor_px * pixel_rad)
+
+
+def complete(
+    unit_cam: Array,
+    sigma_rad: Array,
+    centroid: Rows,
+    row: Rows,
+    catalogue: FarMstCatalogue,
+    camera: Camera,
+    p: FarMstParameters,
+) -> Identified | None:
+    """All names that go with the first few (``centroid`` has the name ``row``), or None where those do not fit one attitude."""
+    radius = star_radius_rad(sigma_rad, camera.pixel_rad, p)
+    weight = 1.0 / sigma_rad**2
+    rotation = matrix_from_quaternion(quest(unit_cam[centroid], catalogue.icrs[row], weight[centroid]))
+    miss = np.linalg.norm(catalogue.icrs[row] @ rotation.T - unit_cam[centroid], axis=1)
+    if np.any(miss > radius[centroid]):
+        return None
+    in_view = np.empty(0, np.intp)
+    names = np.full(len(unit_cam), -1, np.intp)
+    for widening in WIDENINGS:
+        in_view = stars_in_view(catalogue.icrs, rotation, camera)
+        predicted = catalogue.icrs[in_view] @ rotation.T
+        pairs = mutual_nearest(predicted, unit_cam, widening * float(radius.max()))
+        off = np.linalg.norm(predicted[pairs[:, 0]] - unit_cam[pairs[:, 1]], axis=1)
+        pairs = pairs[off <= widening * radius[pairs[:, 1]]]
+        if len(pairs) < 2:
+            return None
+        names[:] = -1
+        names[pairs[:, 1]] = in_view[pairs[:, 0]]
+        met = np.sort(pairs[:, 1])
+        rotation = matrix_from_quaternion(quest(unit_cam[met], catalogue.icrs[names[met]], weight[met]))
+    names = _still_near(names, unit_cam, radius, rotation, catalogue.icrs)
+    per_sr = max(1, len(in_view)) / _solid_angle_sr(camera)
+    chance = chance_within(per_sr, ROOM * float(radius.max()))
+    return Identified(names, int(np.count_nonzero(names >= 0)), rotation, per_sr, chance)
+
+
+def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
+    """Names of which the last fit is within the radius."""
+    met = np.flatnonzero(names >= 0)
+    off = np.linalg.norm(icrs[names[met]] @ rotation.T - unit_cam[met], axis=1)
+    names[met[off > radius[met]]] = -1
+    return names
+
+
+def stars_in_view(icrs: Array, cam_from_icrs: Array, camera: Camera) -> Rows:
+    """Rows of the (n, 3) directions that fall on the detector, or a few pixels beside it."""
+    near = np.flatnonzero(icrs @ cam_from_icrs[2] > np.cos(min(_half_diagonal_rad(camera) + 0.01, 1.5)))
+    pixels = camera.project(icrs[near] @ cam_from_icrs.T)
+    return near[camera.contains(pixels, -5.0)]
+
+
+@lru_cache(maxsize=16)
+def _half_diagonal_rad(camera: Camera) -> float:
+    return camera.half_diagonal_rad
+
+
+@lru_cache(maxsize=16)
+def _solid_angle_sr(camera: Camera) -> float:
+    fov_h, fov_v = camera.fov_rad
+    return float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

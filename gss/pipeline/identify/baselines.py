@@ -1,0 +1,78 @@
+"""Candidate matrix of the n-vertex match: what the directory says about every baseline (Huffman 2006 §5.5.4, matrix C).
+
+A baseline is a pair of imaged stars. Its candidates are kept in both directions, p → q and q → p, sorted by p then q: that is
+a column of the document's matrix S, in which a star may have several partners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.pipeline.identify.sin2_directory import Rows, Sin2Directory, sin2_interval, sin2_of
+
+
+@dataclass(frozen=True)
+class Column:
+    """Directed candidates of one baseline: ``key`` = p·stars + q, ascending, with ``partner`` q; row p's partners are
+    ``partner[start[p]:start[p + 1]]`` (start by search)."""
+
+    key: Rows
+    stars: int
+
+    def pairs(self) -> Rows:
+        """(m, 2) candidates p, q."""
+        return np.stack(np.divmod(self.key, self.stars), axis=1)
+
+    def partners(self, of: Rows) -> tuple[Rows, Rows]:
+        """For (n,) stars: indices into them, repeated, and the partner of each."""
+        low = np.searchsorted(self.key, of * self.stars)
+        high = np.searchsorted(self.key, (of + 1) * self.stars)
+        count = high - low
+        which = np.repeat(np.arange(len(of)), count)
+        entry = np.arange(len(which)) + np.repeat(low - np.cumsum(count) + count, count)
+        return which, self.key[entry] % self.stars
+
+    def holds(self, p: Rows, q: Rows) -> np.ndarray:
+        """Which of the (n,) pairs are candidates."""
+        if not len(self.key):
+            return np.zeros(len(p), bool)
+        wanted = p * self.stars + q
+        at = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
+        return np.asarray(self.key[at] == wanted)
+
+
+@dataclass
+class Baselines:
+    """All baselines of n imaged stars; columns are filled when first asked for, and ``hits`` counts the directory entries met
+    by then. ``low``, ``high``: (n, n) slices of the directory."""
+
+    directory: Sin2Directory
+    low: Rows
+    high: Rows
+    hits: int = 0
+    _columns: dict[tuple[int, int], Column] = field(default_factory=dict, repr=False)
+
+    def column(self, i: int, j: int) -> Column:
+        """Candidates of baseline (i, j); the same for (j, i)."""
+        key = (i, j) if i < j else (j, i)
+        if key not in self._columns:
+            low, high = int(self.low[key]), int(self.high[key])
+            first, second = self.directory.first[low:high], self.directory.second[low:high]
+            n = max(self.directory.stars, 1)
+            self._columns[key] = Column(np.sort(np.concatenate([first * n + second, second * n + first])), n)
+            self.hits += high - low
+        return self._columns[key]
+
+
+def baselines(unit_cam: Array, tolerance_rad: Array, directory: Sin2Directory) -> Baselines:
+    """Of (n, 3) measured directions; ``tolerance_rad``: (n, n) allowed difference of the angle of each pair."""
+    n = len(unit_cam)
+    i, j = np.triu_indices(n, 1)
+    low, high = np.zeros((n, n), np.intp), np.zeros((n, n), np.intp)
+    if len(i):
+        interval = sin2_interval(sin2_of(unit_cam[i], unit_cam[j]), tolerance_rad[i, j])
+        low[i, j], high[i, j] = directory.ranges(*interval)
+    return Baselines(directory, low, high)

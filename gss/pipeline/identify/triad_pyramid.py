@@ -1,0 +1,36 @@
+"""Pyramid match as Huffman 2006 §5.5.4 describes Mortari's: a unique triangle first, then a fourth star that confirms it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gss.domain.angles import Array
+from gss.pipeline.identify.baselines import Baselines
+from gss.pipeline.identify.n_vertex import figures, match_figure
+from gss.pipeline.identify.sin2_directory import Rows
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """``figure``: four imaged stars, ``names``: (4,) their catalogue rows."""
+
+    figure: tuple[int, ...]
+    names: Rows
+
+
+def pyramids(unit_cam: Array, icrs: Array, baselines: Baselines, most_figures: int) -> Iterator[Pyramid]:
+    """Unique triangles that some fourth star confirms, in the order they are found, over at most ``most_figures`` triangles."""
+    n = len(unit_cam)
+    for count, triad in enumerate(figures(n, 3)):
+        if count >= most_figures:
+            return
+        if len(match_figure(triad, baselines, unit_cam, icrs)) != 1:
+            continue
+        for fourth in range(n):
+            if fourth in triad:
+                continue
+            names = match_figure((*triad, fourth), baselines, unit_cam, icrs)
+            if len(names) == 1:
+                yield Pyramid((*triad, fourth), names[0])
+                break

@@ -1,0 +1,39 @@
+"""Which stars of a bank the pair directory needs: the few brightest of every field (Huffman 2006 §5.5.4, eight).
+
+The processor's own, coarse version: circles instead of frames, on an even lattice of pointings. The ground's, with real
+frames in 1° steps and a report of the coverage, is ``gss.catalogue_tools.uniform_density``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array
+
+GOLDEN_RAD = np.pi * (3 - 5**0.5)
+
+
+def lattice(spacing_rad: float) -> Array:
+    """(n, 3) directions spread evenly over the sphere, about ``spacing_rad`` apart (Fibonacci spiral)."""
+    n = max(12, int(np.ceil(4 * np.pi / spacing_rad**2)))
+    z = 1 - (2 * np.arange(n) + 1) / n
+    flat, turn = np.sqrt(1 - z * z), GOLDEN_RAD * np.arange(n)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+
+
+def brightest_per_field(icrs: Array, order: NDArray[np.intp], radius_rad: float, count: int) -> NDArray[np.bool_]:
+    """(n,) which stars are among the ``count`` brightest of some circle of ``radius_rad``. ``order``: (n,) brightest first."""
+    chosen = np.zeros(len(order), bool)
+    if not len(order):
+        return chosen
+    ranked = icrs[order]
+    found = cKDTree(ranked).query_ball_point(
+        lattice(radius_rad / 4), 2 * np.sin(min(radius_rad, np.pi) / 2), return_sorted=True
+    )
+    for inside in found:
+        chosen[inside[:count]] = True
+    kept = np.zeros(len(order), bool)
+    kept[order[chosen]] = True
+    return kept

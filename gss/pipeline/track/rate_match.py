@@ -1,0 +1,48 @@
+"""Rate match: predicted and measured stars that are each other's nearest (Huffman 2006 §5.5.3, §8.1.2).
+
+The rate is taken as constant: the turn of the last interval happens once more. The document searches forward (frame 1's
+stars in frame 2) and backward; agreeing both ways is being each other's nearest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.rotation import matrix_from_quaternion
+
+Rows = NDArray[np.intp]
+
+
+def constant_rate(latest: Array, earlier: Array) -> Array:
+    """(3, 3) attitude one interval after quaternion ``latest`` (4,), which came one interval after ``earlier`` (4,)."""
+    now = matrix_from_quaternion(latest)
+    return np.asarray(now @ matrix_from_quaternion(earlier).T @ now)
+
+
+def turned(unit_cam: Array, relative: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
+    """(n, 3) directions after the turn ``relative`` (3, 3), new camera from old, and which of them are still in the frame."""
+    moved = np.asarray(unit_cam, float) @ np.asarray(relative).T
+    return moved, camera.contains(camera.project(moved))
+
+
+def mutual_nearest(predicted: Array, measured: Array, radius_rad: float) -> Rows:
+    """(m, 2) rows (predicted, measured) of (n, 3) directions within ``radius_rad`` of which each is the other's nearest."""
+    if not len(predicted) or not len(measured):
+        return np.empty((0, 2), np.intp)
+    chord = np.linalg.norm(predicted[:, None] - measured[None], axis=2)
+    forward, backward = np.argmin(chord, axis=1), np.argmin(chord, axis=0)
+    own = np.arange(len(predicted))
+    good = (backward[forward] == own) & (chord[own, forward] <= 2 * np.sin(radius_rad / 2))
+    return np.column_stack([own[good], forward[good]])
+
+
+def rate_match(before: Array, after: Array, relative: Array, camera: Camera, radius_rad: float) -> Rows:
+    """(m, 2) rows (star of frame 1, star of frame 2). ``before``, ``after``: (n, 3), (m, 3) directions; ``relative``: (3, 3)
+    expected rotation, frame 2 from frame 1."""
+    moved, inside = turned(before, relative, camera)
+    rows = np.flatnonzero(inside)
+    pairs = mutual_nearest(moved[rows], np.asarray(after, float), radius_rad)
+    return np.column_stack([rows[pairs[:, 0]], pairs[:, 1]])
