@@ -42,6 +42,11 @@ class Disc:
 
     radius_rad: float
 
+    @property
+    def half_diagonal_rad(self) -> float:
+        """Largest angle from the boresight."""
+        return self.radius_rad
+
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]:
         return self.may_be_within(unit_cam, 0.0)
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.catalogue_tools.envelope import Envelope
-from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.field import Disc, FieldShape
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.stars import DistanceTable
 
-BLOCK = 4000
+BLOCK = 8192
+Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -49,32 +50,36 @@ def assess(
     rng: np.random.Generator,
     distances: DistanceTable | None = None,
     tolerance_rad: float = 0.0,
+    each: Callable[..., Iterable[Counts]] = map,
 ) -> Quality:
-    """Count (n, 3) ICRS stars in random fields of the envelope. ``shape``: the field without any margin."""
+    """Count (n, 3) ICRS stars in random fields of the envelope. ``shape``: the field without any margin. ``each``: as for
+    :func:`stars_per_field`."""
     attitudes = envelope.attitudes(rng, pointings)
-    counts = stars_per_field(unit, attitudes, shape)
+    counts = stars_per_field(unit, attitudes, shape, each)
     worst = int(np.argmin(counts))
     ra, dec, roll = ra_dec_roll_rad(attitudes[worst])
     candidates = float("nan") if distances is None else candidates_per_query(distances, tolerance_rad)
     return Quality(pointings, np.bincount(counts), int(counts[worst]), ra, dec, roll, candidates)
 
 
-def stars_per_field(unit: Array, attitudes: Array, shape: FieldShape) -> NDArray[np.int64]:
-    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs."""
-    counts = np.zeros(len(attitudes), np.int64)
-    if not len(unit):
-        return counts
+def stars_per_field(
+    unit: Array, attitudes: Array, shape: FieldShape | Disc, each: Callable[..., Iterable[Counts]] = map
+) -> Counts:
+    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how blocks are worked off:
+    ``map``, or that of a pool of threads, which the work inside lets run side by side."""
+    if not len(unit) or not len(attitudes):
+        return np.zeros(len(attitudes), np.int64)
     tree = cKDTree(unit)
+    starts = range(0, len(attitudes), BLOCK)
+    return np.concatenate(list(each(lambda s: _count(unit, tree, attitudes[s : s + BLOCK], shape), starts)))
+
+
+def _count(unit: Array, tree: cKDTree, attitudes: Array, shape: FieldShape | Disc) -> Counts:
     reach = 2 * np.sin(min(shape.half_diagonal_rad, np.pi) / 2) * (1 + 1e-9)
-    for start in range(0, len(attitudes), BLOCK):
-        block = attitudes[start : start + BLOCK]
-        near = tree.query_ball_point(block[:, 2], reach, return_sorted=False)
-        size = np.fromiter(map(len, near), int, len(near))
-        which = np.repeat(np.arange(len(block)), size)
-        star = np.fromiter(chain.from_iterable(near), int, int(size.sum()))
-        seen = shape.inside(np.einsum("nij,nj->ni", block[which], unit[star]))
-        counts[start : start + BLOCK] = np.bincount(which[seen], minlength=len(block))
-    return counts
+    near = cKDTree(attitudes[:, 2]).sparse_distance_matrix(tree, reach, output_type="ndarray")
+    field, star = near["i"], near["j"]
+    seen = shape.inside(np.einsum("nij,nj->ni", attitudes[field], unit[star]))
+    return np.bincount(field[seen], minlength=len(attitudes))
 
 
 def candidates_per_query(distances: DistanceTable, tolerance_rad: float) -> float:

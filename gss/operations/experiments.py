@@ -1,0 +1,99 @@
+"""The documents' experiments by name: run one, as a record, a table of text, or a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gss.catalogue_tools import experiments as catalogue
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.experiment import Cell, Experiment, Progress
+from gss.domain.stars import StarTable
+
+Rerun = Callable[[StarTable, int, int, Progress], Experiment]
+FAINTEST_MAG = 8.0
+MOST_TRIALS = 10_000_000
+DEFAULT_SEED = 1
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One experiment that can be run. ``trials``: by default; ``paper_trials``: what the document used, where it says so."""
+
+    name: str
+    title: str
+    rerun: Rerun
+    trials: int
+    epoch_jyear: float = 2000.0
+
+
+ENTRIES: dict[str, Entry] = {
+    e.name: e
+    for e in (
+        Entry("jacobs-5-1", "Stars in a Sunsat image", catalogue.jacobs_5_1, 1_000_000, 1991.25),
+        Entry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", catalogue.jacobs_5_2, 1, 1991.25),
+        Entry("erlank-3-6", "Sky coverage against limiting magnitude", catalogue.erlank_3_6, 20_000),
+        Entry("erlank-fig-3-8", "Sky coverage by field and magnitude", catalogue.erlank_fig_3_8, 20_000),
+    )
+}
+
+
+def entry(name: str) -> Entry:
+    """The experiment of that name."""
+    try:
+        return ENTRIES[name]
+    except KeyError:
+        raise NotFound("unknown experiment", expected=" | ".join(ENTRIES), got=name) from None
+
+
+def run_experiment(
+    name: str, *, trials: int | None = None, seed: int = DEFAULT_SEED, progress: Progress = lambda _: None
+) -> Experiment:
+    """Run one. ``trials`` None: its own number. The same seed and trials give the same figures."""
+    found = entry(name)
+    count = found.trials if trials is None else trials
+    if not 1 <= count <= MOST_TRIALS:
+        raise BadInput("number of trials is out of range", expected=f"1 – {MOST_TRIALS}", got=str(count))
+    if seed < 0:
+        raise BadInput("a seed is not negative", expected="0 or more", got=str(seed))
+    stars = propagate(load_stars(FAINTEST_MAG), found.epoch_jyear)
+    return found.rerun(stars, count, seed, progress)
+
+
+def as_record(experiment: Experiment) -> dict[str, Any]:
+    """Plain values, as JSON has them."""
+    return asdict(experiment)
+
+
+def as_text(experiment: Experiment) -> str:
+    """A table for the terminal."""
+    cells = [list(experiment.columns), *([show(c) for c in row] for row in experiment.rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(experiment.columns))]
+    lines = [f"{experiment.title} ({experiment.source}), seed {experiment.seed}", *experiment.conditions, ""]
+    lines += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    return "\n".join([*lines, *(f"Note: {note}" for note in experiment.notes)])
+
+
+def as_page(experiments: Sequence[Experiment], version: str) -> str:
+    """``docs/experiments.md``: every table of a run."""
+    parts = [
+        "# The documents' tables, rerun\n",
+        f"Written by `gss experiments run --all --page`, version {version}. Intervals are 95 % (Wilson). The same seed and number "
+        "of trials give the same figures.\n",
+    ]
+    for e in experiments:
+        head = "| " + " | ".join(e.columns) + " |\n|" + "---|" * len(e.columns)
+        body = "\n".join("| " + " | ".join(show(c).replace("|", "\\|") for c in row) + " |" for row in e.rows)
+        said = "\n".join(f"- {text}" for text in (*e.conditions, f"seed {e.seed}"))
+        notes = "".join(f"\n{note}\n" for note in e.notes)
+        parts.append(f"## {e.name}: {e.title}\n\n{e.source}\n\n{said}\n\n{head}\n{body}\n{notes}")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def show(cell: Cell) -> str:
+    """A cell as a reader wants it."""
+    if cell is None:
+        return "–"
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

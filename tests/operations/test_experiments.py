@@ -1,0 +1,71 @@
+"""Experiments by name."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from gss.cli import main
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.experiment import share_interval
+from gss.operations.experiments import ENTRIES, as_page, as_text, run_experiment
+
+
+def test_an_unknown_name_lists_what_there_is() -> None:
+    """NotFound names the experiments."""
+    with pytest.raises(NotFound, match="jacobs-5-1"):
+        run_experiment("no-such")
+
+
+def test_bad_trials_and_seeds_are_refused() -> None:
+    """Zero trials and a negative seed are told."""
+    with pytest.raises(BadInput, match="trials"):
+        run_experiment("erlank-3-6", trials=0)
+    with pytest.raises(BadInput, match="seed"):
+        run_experiment("erlank-3-6", trials=10, seed=-1)
+
+
+def test_the_same_seed_gives_the_same_figures() -> None:
+    """Two runs are equal; another seed differs."""
+    first, again, other = (run_experiment("erlank-3-6", trials=300, seed=s) for s in (3, 3, 4))
+    assert first == again
+    assert first.rows != other.rows
+
+
+@pytest.mark.parametrize("name", ["jacobs-5-1", "jacobs-5-2", "erlank-3-6", "erlank-fig-3-8"])
+def test_catalogue_tables_come_close_to_the_papers(name: str) -> None:
+    """Every figure of the paper that is no count of rare fields is met within a fifth."""
+    experiment = run_experiment(name, trials=4000, seed=1)
+    compared = 0
+    for label, paper, ours, *_ in experiment.rows:
+        if isinstance(paper, int | float) and paper > 25 and isinstance(ours, int | float):
+            assert ours == pytest.approx(paper, rel=0.3), label
+            compared += 1
+    assert compared or name == "erlank-fig-3-8"
+
+
+def test_every_experiment_prints_and_pages() -> None:
+    """Text and page hold each row's label and the source."""
+    experiment = run_experiment("erlank-3-6", trials=50)
+    for text in (as_text(experiment), as_page([experiment], "0")):
+        assert "Erlank 2013 Table 3.6" in text
+        assert all(str(row[0]) in text for row in experiment.rows)
+
+
+def test_the_command_line_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
+    """One object per experiment with paper and ours."""
+    assert main(["experiments", "run", "erlank-3-6", "--trials", "50", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["name"] == "erlank-3-6"
+    assert record["columns"][1:3] == ["paper", "ours"]
+    assert main(["experiments", "list"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in ENTRIES)
+    assert main(["experiments", "run", "nothing"]) == 2
+
+
+def test_shares_have_wilson_intervals() -> None:
+    """Against the textbook value for 8 of 10: 0.490 to 0.943."""
+    low, high = share_interval(8, 10)
+    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-3)
