@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gss.domain.camera import Brown, Camera, RadialTilt
 from gss.domain.errors import NotFound
-from gss.domain.sensor import Sensor
+from gss.domain.sensor import Baffle, Defects, Sensor
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class CameraProfile:
     pitch_row_mm: float
     f_number: float
     sources: dict[str, str]
+    defects: Defects = field(default_factory=Defects)
+    baffle: Baffle = field(default_factory=Baffle)
 
     @property
     def aperture_cm2(self) -> float:
@@ -35,6 +37,20 @@ def _zero_point_e_s(focal_mm: float, f_number: float, transmission: float, effic
     """Electrons per second from V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2) times lens and detector."""
     aperture_cm2 = np.pi / 4 * (focal_mm / 10 / f_number) ** 2
     return float(aperture_cm2 * transmission * 3000 * 1e3 * efficiency)
+
+
+def _baffle(sun_deg: float, earth_deg: float, pixel_mm2: float, f_number: float, half_diagonal_deg: float) -> Baffle:
+    """Stray light at the limit: 154 e/s per pixel with 20 µm pixels behind f/1.4 (Moniteq 1983 Table 5.3, 21°), for others in
+    proportion to the etendue of a pixel. The Sun blinds when it is within 5° of the corner of the field: chosen."""
+    etendue = (pixel_mm2 / f_number**2) / (0.020**2 / 1.4**2)
+    blind_deg = min(sun_deg, half_diagonal_deg + 5.0)
+    return Baffle(
+        float(np.radians(sun_deg)),
+        float(np.radians(earth_deg)),
+        float(np.radians(blind_deg)),
+        float(np.radians(3.0)),
+        154.0 * float(etendue),
+    )
 
 
 def _cubestar() -> CameraProfile:
@@ -75,7 +91,10 @@ def _cubestar() -> CameraProfile:
             "zero point": "Erlank 2013 eq. 3.4.2, transmission 0.6, 3000 Å, with the f/1.2 pupil; efficiency 0.5 chosen",
             "psf": "chosen so that faint stars cover the 9–30 px of Erlank 2013 §5.4",
             "gain, bias, noise": "chosen: the document gives SNR10 only",
+            "defects, baffle": "chosen: a CMOS imager, an f/1.2 lens; Erlank 2013 Table 7.1 is without baffle",
         },
+        Defects(0.01, 0.25, 0.3, 0.1, 1e-4, 2000.0, 2e-5, 0.35),
+        _baffle(45.0, 40.0, pitch_mm**2, 1.2, 31.0),
     )
 
 
@@ -118,7 +137,10 @@ def _sunsat() -> CameraProfile:
             "limiting magnitudes": "Jacobs 1995 §6.3 (V 2.5 to 6)",
             "psf": "Jacobs 1995 §9.2.2: σ between 1 and 2.5 px",
             "gain, noise, exposure": "chosen so that V 3 begins to saturate (Jacobs 1995 §6.3) and V 6 is found",
+            "defects, baffle": "dark pattern after Jacobs 1995 §8.5, the rest chosen; limits 28.1°: eq. 7.26",
         },
+        Defects(0.01, 0.2, 0.0, 0.3, 5e-5, 1500.0, 5e-6, 0.2),
+        _baffle(28.1, 28.1, col_mm * row_mm, 1.4, 7.0),
     )
 
 
@@ -156,7 +178,10 @@ def _far_mst() -> CameraProfile:
             "full well": "Huffman 2006 §3.2.4",
             "psf": "Huffman 2006 §4.2.2: best PSF width about 5 px at SNR 3, width = 4σ",
             "efficiency": "chosen; the document's FFSR of 0.12 A/W is its source",
+            "defects, baffle": "chosen: a CMOS imager with column amplifiers",
         },
+        Defects(0.01, 0.7, 0.8, 0.1, 1e-4, 4000.0, 2e-5, 0.2),
+        _baffle(40.0, 30.0, pitch_mm**2, float(f_number), 19.0),
     )
 
 
@@ -195,7 +220,10 @@ def _oersted() -> CameraProfile:
             "pitch": "not in the document: 10.0 x 7.8 µm, the chip's nominal cell",
             "limiting magnitude": "Liebe 1992: 1100 brightest stars, about V 4.5",
             "gain, noise": "chosen",
+            "defects, baffle": "chosen: a frame-transfer CCD, a wide f/0.8 lens",
         },
+        Defects(0.01, 0.2, 0.0, 0.2, 5e-5, 1000.0, 5e-6, 0.4),
+        _baffle(45.0, 35.0, col_mm * row_mm, 0.8, 15.0),
     )
 
 
@@ -232,7 +260,10 @@ def _aim() -> CameraProfile:
             "bits": "Moniteq 1983 §3.2 (12-bit converter)",
             "psf": "Moniteq 1983 §4.2: pixel/σ between 2 and 2.5",
             "gain, noise": "chosen within the budget of Moniteq 1983 §3.7",
+            "defects, baffle": "Moniteq 1983 Table 3.1, pattern as left after its subtraction (§3.4), Sun 20° (§5.2)",
         },
+        Defects(0.005, 1.0, 1.0, 0.015, 1e-4, 5000.0, 2e-5, 0.1),
+        _baffle(20.0, 20.0, pitch_mm**2, 1.4, 2.5),
     )
 
 

@@ -48,3 +48,41 @@ class Sensor:
         """Standard deviation of a dark-sky pixel: read noise, dark and background shot noise, quantisation (Huffman 2006 §3.2)."""
         shot_e2 = (self.dark_current_e_s + self.background_e_s) * exposure_s
         return float(np.sqrt(self.read_noise_e**2 + shot_e2 + self.gain_e_per_dn**2 / 12))
+
+
+@dataclass(frozen=True)
+class Defects:
+    """What is wrong with a detector and its lens; the seed of the chip decides where. All zero: a perfect one.
+
+    ``response_sigma``: spread of the pixels' relative response. ``offset_sigma_dn``, ``column_sigma_dn``: fixed offsets of
+    pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share`` of all pixels have an
+    extra ``hot_e_s`` electrons per second on average (exponential); ``dead_share`` see no light. ``corner_loss``: share
+    of light lost in the corner, growing with the square of the distance from the optical centre.
+    """
+
+    response_sigma: float = 0.0
+    offset_sigma_dn: float = 0.0
+    column_sigma_dn: float = 0.0
+    dark_sigma: float = 0.0
+    hot_share: float = 0.0
+    hot_e_s: float = 0.0
+    dead_share: float = 0.0
+    corner_loss: float = 0.0
+
+
+NO_DEFECTS = Defects()
+
+
+@dataclass(frozen=True)
+class Baffle:
+    """How a camera is shaded. Angles are from the boresight to the Sun's centre and to the Earth's limb.
+
+    At a limit the stray light is ``reference_e_s`` electrons per second and pixel for the Sun; outside it falls slowly,
+    inside it grows e-fold every ``decay_rad``. Within ``blind_rad`` the Sun shines on the lens and nothing is seen.
+    """
+
+    sun_limit_rad: float = float(np.radians(30.0))
+    earth_limit_rad: float = float(np.radians(25.0))
+    blind_rad: float = float(np.radians(15.0))
+    decay_rad: float = float(np.radians(3.0))
+    reference_e_s: float = 20.0

@@ -1,6 +1,6 @@
 """From stars to a frame, with the truth beside it: the eye of the simulator and of every statistical test.
 
-Light first (electrons expected per pixel), then what the detector does to it. A star's light is a Gaussian integrated
+Light (electrons expected per pixel); what the detector does to it is ``readout``. A star's light is a Gaussian integrated
 over each pixel. Everything random comes from the caller's generator, so a seed names a frame.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from gss.domain.angles import Array
@@ -20,22 +20,14 @@ from gss.domain.results import Truth
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
 from gss.domain.sensor import Sensor
 from gss.domain.stars import StarTable
-
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+from gss.pipeline.chip import Chip
+from gss.pipeline.readout import FixedPattern, HotPixel, Image, expose
+from gss.pipeline.veil import Veil
 
 STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
-
-
-@dataclass(frozen=True)
-class HotPixel:
-    """A pixel with ``rate_e_s`` electrons per second of its own."""
-
-    col: int
-    row: int
-    rate_e_s: float
 
 
 @dataclass(frozen=True)
@@ -48,12 +40,12 @@ class FalseStar:
 
 
 @dataclass(frozen=True)
-class FixedPattern:
-    """What differs from pixel to pixel and stays: relative response, and offset in digital numbers. The seed is the chip."""
+class Lights:
+    """Points of light that are no catalogue stars and move with the sky: (m, 3) ICRS directions and (m,) magnitudes V.
+    Planets, and the Moon as many points; drawn like stars, blur included, and in no truth."""
 
-    seed: int
-    response_sigma: float = 0.01
-    offset_sigma_dn: float = 0.3
+    icrs: Array
+    v_mag: Array
 
 
 @dataclass(frozen=True)
@@ -77,12 +69,17 @@ def render(
     hot_pixels: Sequence[HotPixel] = (),
     false_stars: Sequence[FalseStar] = (),
     fixed_pattern: FixedPattern | None = None,
+    lights: Lights | None = None,
+    veil: Veil | None = None,
+    chip: Chip | None = None,
+    dark_factor: float = 1.0,
 ) -> Rendered:
     """One exposure of the ``stars`` (their ``icrs`` as given, no propagation) at an attitude.
 
     ``rate_rad_s``: angular velocity of the camera against ICRS in camera axes; ``cam_from_icrs`` holds at mid-exposure.
     Without ``noise`` the frame is the rounded expectation. Truth lists, brightest first, the stars whose mid-exposure
-    position lies on the detector, however faint.
+    position lies on the detector, however faint, and behind the Earth too. ``lights``, ``veil``: what else shines;
+    ``chip``: the detector's own flaws; ``dark_factor`` multiplies its dark current (temperature).
     """
     if not exposure_s > 0:
         raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s} s")
@@ -90,8 +87,21 @@ def render(
     near = stars_near(
         stars, camera, cam_from_icrs, STAMP_SIGMAS * sensor.psf_sigma_px, float(np.linalg.norm(rate)) * exposure_s
     )
-    light = _expected_light(near, camera, sensor, cam_from_icrs, exposure_s, rate, false_stars)
-    pixels = expose(light, sensor, exposure_s, rng, noise=noise, hot_pixels=hot_pixels, fixed_pattern=fixed_pattern)
+    light = _expected_light(near, camera, sensor, cam_from_icrs, exposure_s, rate, false_stars, lights)
+    if veil is not None and veil.blocked is not None:
+        light[veil.blocked] = 0.0
+    pixels = expose(
+        light,
+        sensor,
+        exposure_s,
+        rng,
+        noise=noise,
+        hot_pixels=hot_pixels,
+        fixed_pattern=fixed_pattern,
+        veil_e_s=None if veil is None else veil.e_s,
+        chip=chip,
+        dark_factor=dark_factor,
+    )
     return Rendered(pixels, truth_of(near, camera, cam_from_icrs))
 
 
@@ -120,10 +130,14 @@ def _expected_light(
     exposure_s: float,
     rate_rad_s: Array,
     false_stars: Sequence[FalseStar],
+    lights: Lights | None,
 ) -> Array:
     """(rows, columns) expected electrons of starlight."""
-    paths = _paths(stars, camera, cam_from_icrs, exposure_s, rate_rad_s, BLUR_STEP_SIGMAS * sensor.psf_sigma_px)
-    star_e = sensor.star_e(stars.v_mag, exposure_s)
+    icrs, v_mag = stars.icrs, stars.v_mag
+    if lights is not None:
+        icrs, v_mag = np.concatenate([icrs, lights.icrs]), np.concatenate([v_mag, lights.v_mag])
+    paths = _paths(icrs, camera, cam_from_icrs, exposure_s, rate_rad_s, BLUR_STEP_SIGMAS * sensor.psf_sigma_px)
+    star_e = sensor.star_e(v_mag, exposure_s)
     places = [paths.reshape(-1, 2)]
     portions = [np.repeat(star_e / paths.shape[1], paths.shape[1])]
     if false_stars:
@@ -133,12 +147,12 @@ def _expected_light(
 
 
 def _paths(
-    stars: StarTable, camera: Camera, cam_from_icrs: Array, exposure_s: float, rate_rad_s: Array, step_px: float
+    icrs: Array, camera: Camera, cam_from_icrs: Array, exposure_s: float, rate_rad_s: Array, step_px: float
 ) -> Array:
     """(stars, steps, 2) pixel positions at the middles of equal parts of the exposure, close enough to look continuous."""
     sweep_px = float(np.linalg.norm(rate_rad_s)) * exposure_s * max(camera.focal_col_px, camera.focal_row_px)
     if sweep_px < 1e-6:
-        return camera.project(stars.icrs @ np.asarray(cam_from_icrs).T)[:, None]
+        return camera.project(icrs @ np.asarray(cam_from_icrs).T)[:, None]
     # Off axis the plate scale grows by up to 1/cos² of the field angle.
     steps = int(np.ceil(sweep_px / np.cos(camera.half_diagonal_rad) ** 2 / step_px)) + 1
     if steps > MAX_BLUR_STEPS:
@@ -150,7 +164,7 @@ def _paths(
         )
     times_s = ((np.arange(steps) + 0.5) / steps - 0.5) * exposure_s
     turns = np.stack([rotation_from_vector(-rate_rad_s * t) for t in times_s])
-    at_middle = stars.icrs @ np.asarray(cam_from_icrs).T
+    at_middle = icrs @ np.asarray(cam_from_icrs).T
     return camera.project(np.einsum("tij,nj->nti", turns, at_middle))
 
 
@@ -178,70 +192,3 @@ def _pixel_shares(distance_px: Array, sigma_px: float) -> Array:
     """Share of a one-dimensional Gaussian that falls into the pixel whose centre is at that distance."""
     scale = 1.0 / (np.sqrt(2.0) * sigma_px)
     return np.asarray(0.5 * (erf((distance_px + 0.5) * scale) - erf((distance_px - 0.5) * scale)))
-
-
-def expose(
-    light_e: Array,
-    sensor: Sensor,
-    exposure_s: float,
-    rng: np.random.Generator,
-    *,
-    noise: bool = True,
-    hot_pixels: Sequence[HotPixel] = (),
-    fixed_pattern: FixedPattern | None = None,
-) -> Image:
-    """What the detector reads out for (rows, columns) expected electrons of light.
-
-    Shot noise of light is Poisson. Dark current, sky and read-out, the same everywhere, are one normal deviate: at their
-    15 e and more the difference is a skewness of a few hundredths.
-    """
-    rows, columns = light_e.shape
-    even_e = (sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
-    extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
-    response, offset_dn = _pattern(fixed_pattern, rows, columns)
-    expected_e = (extra_e * response).ravel()
-    lit = np.flatnonzero(expected_e > 1e-3)
-    if noise:
-        spread_e = np.float32(np.sqrt(even_e + sensor.read_noise_e**2))
-        signal_e = rng.standard_normal(rows * columns, dtype=np.float32)
-        signal_e *= spread_e
-        signal_e += np.float32(even_e)
-        signal_e[lit] += rng.poisson(expected_e[lit]).astype(np.float32)
-    else:
-        signal_e = np.full(rows * columns, even_e, np.float32)
-        signal_e[lit] += expected_e[lit].astype(np.float32)
-    return _digitise(signal_e.reshape(rows, columns), offset_dn, sensor)
-
-
-def _with_hot_pixels(light_e: Array, hot_pixels: Sequence[HotPixel], exposure_s: float) -> Array:
-    if not hot_pixels:
-        return light_e
-    hot = light_e.copy()
-    rows, columns = hot.shape
-    for pixel in hot_pixels:
-        if not (0 <= pixel.row < rows and 0 <= pixel.col < columns):
-            raise BadInput(
-                "hot pixel is not on the detector", expected=f"{columns} x {rows}", got=f"{pixel.col}, {pixel.row}"
-            )
-        hot[pixel.row, pixel.col] += pixel.rate_e_s * exposure_s
-    return hot
-
-
-def _pattern(
-    pattern: FixedPattern | None, rows: int, columns: int
-) -> tuple[Array | float, NDArray[np.float32] | np.float32]:
-    if pattern is None:
-        return 1.0, np.float32(0)
-    chip = np.random.default_rng(pattern.seed)
-    response = np.maximum(0.0, 1.0 + pattern.response_sigma * chip.standard_normal((rows, columns)))
-    return response, np.float32(pattern.offset_sigma_dn) * chip.standard_normal((rows, columns), dtype=np.float32)
-
-
-def _digitise(signal_e: NDArray[np.float32], offset_dn: NDArray[np.float32] | np.float32, sensor: Sensor) -> Image:
-    """Full well, gain, bias, rounding, converter range."""
-    dn = np.minimum(signal_e, np.float32(sensor.full_well_e), out=signal_e)
-    dn *= np.float32(1.0 / sensor.gain_e_per_dn)
-    dn += np.float32(sensor.bias_dn + 0.5) + offset_dn
-    # Truncation after adding a half is rounding for what is left: negative values are clipped to zero first.
-    np.clip(dn, 0, sensor.saturation_dn, out=dn)
-    return dn.astype(np.uint8) if sensor.bits <= 8 else dn.astype(np.uint16)

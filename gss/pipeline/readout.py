@@ -1,0 +1,150 @@
+"""What a detector makes of light: electrons, their noise, digital numbers. Everything random comes from the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.sensor import Sensor
+from gss.pipeline.chip import Chip
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class HotPixel:
+    """A pixel with ``rate_e_s`` electrons per second of its own."""
+
+    col: int
+    row: int
+    rate_e_s: float
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """What differs from pixel to pixel and stays: relative response, and offset in digital numbers. The seed is the chip."""
+
+    seed: int
+    response_sigma: float = 0.01
+    offset_sigma_dn: float = 0.3
+
+
+def expose(
+    light_e: Array,
+    sensor: Sensor,
+    exposure_s: float,
+    rng: np.random.Generator,
+    *,
+    noise: bool = True,
+    hot_pixels: Sequence[HotPixel] = (),
+    fixed_pattern: FixedPattern | None = None,
+    veil_e_s: NDArray[np.float32] | None = None,
+    chip: Chip | None = None,
+    dark_factor: float = 1.0,
+) -> Image:
+    """What the detector reads out for (rows, columns) expected electrons of light.
+
+    Shot noise of light is Poisson. Dark current, sky, stray light and read-out, smooth or the same everywhere, are one
+    normal deviate: at their 15 e and more the difference is a skewness of a few hundredths.
+    """
+    rows, columns = light_e.shape
+    extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
+    response, offset_dn = _pattern(fixed_pattern, rows, columns) if chip is None else (chip.response, chip.offset_dn)
+    if chip is not None or veil_e_s is not None or dark_factor != 1.0:
+        own_dark_e_s = None if chip is None else chip.dark_e_s
+        smooth_e = _smooth(sensor, exposure_s, response, veil_e_s, own_dark_e_s, dark_factor, light_e.shape)
+        signal_e = _uneven(extra_e, smooth_e, sensor, response, rng if noise else None)
+        return _digitise(signal_e, offset_dn, sensor)
+    even_e = (sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
+    expected_e = (extra_e * response).ravel()
+    lit = np.flatnonzero(expected_e > 1e-3)
+    if noise:
+        spread_e = np.float32(np.sqrt(even_e + sensor.read_noise_e**2))
+        signal_e = rng.standard_normal(rows * columns, dtype=np.float32)
+        signal_e *= spread_e
+        signal_e += np.float32(even_e)
+        signal_e[lit] += rng.poisson(expected_e[lit]).astype(np.float32)
+    else:
+        signal_e = np.full(rows * columns, even_e, np.float32)
+        signal_e[lit] += expected_e[lit].astype(np.float32)
+    return _digitise(signal_e.reshape(rows, columns), offset_dn, sensor)
+
+
+def _smooth(
+    sensor: Sensor,
+    exposure_s: float,
+    response: Array | NDArray[np.float32] | float,
+    veil_e_s: NDArray[np.float32] | None,
+    own_dark_e_s: NDArray[np.float32] | None,
+    dark_factor: float,
+    shape: tuple[int, ...],
+) -> NDArray[np.float32]:
+    """(rows, columns) expected electrons of dark current, sky and veil, where they differ from pixel to pixel."""
+    even_e = (dark_factor * sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
+    smooth_e = np.full(shape, even_e, np.float32)
+    if own_dark_e_s is not None:
+        smooth_e += own_dark_e_s * np.float32(dark_factor * exposure_s)
+    if veil_e_s is not None:
+        smooth_e += veil_e_s * response * np.float32(exposure_s)
+    return np.maximum(smooth_e, 0, out=smooth_e)
+
+
+def _uneven(
+    light_e: Array,
+    smooth_e: NDArray[np.float32],
+    sensor: Sensor,
+    response: Array | NDArray[np.float32] | float,
+    rng: np.random.Generator | None,
+) -> NDArray[np.float32]:
+    """(rows, columns) electrons; a normal deviate of each pixel's own width, and Poisson light."""
+    # Nothing above the full well is told apart, and the generators stay in their range.
+    expected_e = (np.minimum(light_e, 2 * sensor.full_well_e) * response).ravel()
+    lit = np.flatnonzero(expected_e > 1e-3)
+    signal_e = smooth_e.ravel()
+    if rng is None:
+        signal_e[lit] += expected_e[lit].astype(np.float32)
+    else:
+        spread_e = np.sqrt(signal_e + np.float32(sensor.read_noise_e**2))
+        spread_e *= rng.standard_normal(signal_e.size, dtype=np.float32)
+        signal_e += spread_e
+        signal_e[lit] += rng.poisson(expected_e[lit]).astype(np.float32)
+    return signal_e.reshape(smooth_e.shape)
+
+
+def _with_hot_pixels(light_e: Array, hot_pixels: Sequence[HotPixel], exposure_s: float) -> Array:
+    if not hot_pixels:
+        return light_e
+    hot = light_e.copy()
+    rows, columns = hot.shape
+    for pixel in hot_pixels:
+        if not (0 <= pixel.row < rows and 0 <= pixel.col < columns):
+            raise BadInput(
+                "hot pixel is not on the detector", expected=f"{columns} x {rows}", got=f"{pixel.col}, {pixel.row}"
+            )
+        hot[pixel.row, pixel.col] += pixel.rate_e_s * exposure_s
+    return hot
+
+
+def _pattern(
+    pattern: FixedPattern | None, rows: int, columns: int
+) -> tuple[Array | float, NDArray[np.float32] | np.float32]:
+    if pattern is None:
+        return 1.0, np.float32(0)
+    chip = np.random.default_rng(pattern.seed)
+    response = np.maximum(0.0, 1.0 + pattern.response_sigma * chip.standard_normal((rows, columns)))
+    return response, np.float32(pattern.offset_sigma_dn) * chip.standard_normal((rows, columns), dtype=np.float32)
+
+
+def _digitise(signal_e: NDArray[np.float32], offset_dn: NDArray[np.float32] | np.float32, sensor: Sensor) -> Image:
+    """Full well, gain, bias, rounding, converter range."""
+    dn = np.minimum(signal_e, np.float32(sensor.full_well_e), out=signal_e)
+    dn *= np.float32(1.0 / sensor.gain_e_per_dn)
+    dn += np.float32(sensor.bias_dn + 0.5) + offset_dn
+    # Truncation after adding a half is rounding for what is left: negative values are clipped to zero first.
+    np.clip(dn, 0, sensor.saturation_dn, out=dn)
+    return dn.astype(np.uint8) if sensor.bits <= 8 else dn.astype(np.uint16)

@@ -1,0 +1,129 @@
+"""Light that is no star: what bright bodies spread over the whole detector, and the Earth in the way.
+
+Everything here changes slowly over the field, so it is computed on a coarse grid of directions and spread bilinearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.sensor import Baffle, Sensor
+
+Map = NDArray[np.float32]
+
+GRID_STEP_PX = 8
+# Falling off outside the limit: fit to Moniteq 1983 Table 5.3, 21° to 58°.
+OUTSIDE_POWER = 1.3
+# The Earth's stray light against the Sun's at the same angle: Moniteq 1983 Table 5.3.
+EARTH_SHARE = 0.3
+# Share of a star's light that a lens scatters into a steradian at 1°, falling with the square of the angle: about one
+# per cent in all. Chosen.
+SCATTER_PER_SR = 1.0
+SCATTER_CORE_RAD = float(np.radians(0.3))
+EARTH_ALBEDO = 0.3
+SUN_V_MAG = -26.74
+# Airglow of 21.5 mag per square arcsecond.
+NIGHT_EARTH_V_SR = -5.0
+BLIND_E_S = 1e9
+
+
+@dataclass(frozen=True)
+class Veil:
+    """(rows, columns) electrons per second that are not starlight; ``blocked``: where the Earth hides the sky, or None."""
+
+    e_s: Map
+    blocked: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Coarse directions (r, c, 3) in the camera frame and the (rows, r), (c, columns) weights that spread them."""
+
+    unit_cam: Array
+    down: Map
+    across: Map
+
+    def spread(self, coarse: Array) -> Map:
+        """(rows, columns) from (r, c)."""
+        return np.asarray(self.down @ np.asarray(coarse, np.float32) @ self.across)
+
+
+@lru_cache(maxsize=8)
+def grid_of(camera: Camera) -> Grid:
+    """The grid of a camera."""
+    cols = np.linspace(0, camera.columns - 1, max(2, camera.columns // GRID_STEP_PX))
+    rows = np.linspace(0, camera.rows - 1, max(2, camera.rows // GRID_STEP_PX))
+    places = np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2)
+    unit = camera.unproject(places).reshape(len(rows), len(cols), 3)
+    return Grid(unit, _weights(rows, camera.rows), _weights(cols, camera.columns).T.copy())
+
+
+def _weights(nodes: Array, count: int) -> Map:
+    """(count, nodes) linear interpolation at 0 … count − 1."""
+    at = np.arange(count) / (nodes[1] - nodes[0])
+    first = np.minimum(at.astype(np.intp), len(nodes) - 2)
+    weights = np.zeros((count, len(nodes)), np.float32)
+    weights[np.arange(count), first] = 1 - (at - first)
+    weights[np.arange(count), first + 1] = at - first
+    return weights
+
+
+def sun_stray(camera: Camera, baffle: Baffle, sun_cam: Array) -> Map:
+    """Stray light of the Sun in the direction (3,); a blinded detector everywhere when it shines on the lens."""
+    angle_rad = np.arccos(np.clip(sun_cam[2], -1, 1))
+    if angle_rad < baffle.blind_rad:
+        return np.full((camera.rows, camera.columns), BLIND_E_S, np.float32)
+    return stray(camera, baffle, sun_cam, 0.0, baffle.sun_limit_rad, baffle.reference_e_s)
+
+
+def earth_stray(camera: Camera, baffle: Baffle, nadir_cam: Array, earth_rad: float, lit: float) -> Map:
+    """Stray light of an Earth of angular radius ``earth_rad``, of which the share ``lit`` is in sunlight."""
+    return stray(camera, baffle, nadir_cam, earth_rad, baffle.earth_limit_rad, EARTH_SHARE * lit * baffle.reference_e_s)
+
+
+def stray(
+    camera: Camera, baffle: Baffle, to_cam: Array, radius_rad: float, limit_rad: float, at_limit_e_s: float
+) -> Map:
+    """Electrons per second by the angle of each field point to the limb of a body of a radius."""
+    grid = grid_of(camera)
+    angle_rad = np.arccos(np.clip(grid.unit_cam @ to_cam, -1, 1)) - radius_rad
+    inside = np.exp(np.minimum((limit_rad - angle_rad) / baffle.decay_rad, 20.0))
+    outside = (limit_rad / np.maximum(angle_rad, limit_rad)) ** OUTSIDE_POWER
+    return grid.spread(at_limit_e_s * np.where(angle_rad < limit_rad, inside, outside))
+
+
+def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad: float) -> Map:
+    """What the lens scatters of a bright body in or near the field; ``margin_rad``: how far outside it still does."""
+    grid = grid_of(camera)
+    outside_rad = max(0.0, float(np.arccos(np.clip(to_cam[2], -1, 1))) - camera.half_diagonal_rad)
+    angle2 = 2 * (1 - grid.unit_cam @ to_cam)
+    per_sr = SCATTER_PER_SR * np.radians(1.0) ** 2 / (angle2 + SCATTER_CORE_RAD**2)
+    body_e_s = float(sensor.star_e(v_mag, 1.0)) * np.exp(-3 * outside_rad / margin_rad)
+    return grid.spread(body_e_s * camera.pixel_rad**2 * per_sr)
+
+
+def earth_disc(
+    camera: Camera, sensor: Sensor, nadir_cam: Array, earth_rad: float, sun_cam: Array
+) -> tuple[NDArray[np.bool_], Map]:
+    """Which pixels see the Earth, and its light there: sunlit ground of albedo 0.3 after Lambert, a faint glow at night.
+
+    An observer at distance R/sin(earth_rad) from the centre; the terminator is that of the sphere, without atmosphere.
+    """
+    grid = grid_of(camera)
+    along = grid.unit_cam @ nadir_cam
+    seen = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
+    # In units of the Earth's radius: distance d = 1/sin ρ, nearer crossing of the ray with the sphere.
+    distance = 1 / np.sin(earth_rad)
+    reach = distance * along - np.sqrt(np.maximum(0.0, 1 - distance**2 * (1 - along**2)))
+    normal = grid.unit_cam * reach[..., None] - distance * nadir_cam
+    sunlit = np.clip(normal @ sun_cam, 0, None) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-9)
+    per_px = camera.pixel_rad**2
+    day_e_s = float(sensor.star_e(SUN_V_MAG, 1.0)) * EARTH_ALBEDO / np.pi * per_px
+    night_e_s = float(sensor.star_e(NIGHT_EARTH_V_SR, 1.0)) * per_px
+    return seen, grid.spread(day_e_s * sunlit + night_e_s) * seen
