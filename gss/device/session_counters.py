@@ -18,7 +18,7 @@ def count_line(sender: LineSender, receiver: LineReceiver, undecodable: int, las
     received = DirectionCounters(
         bytes=deframer.bytes,
         good=receiver.good,
-        bad_crc=receiver.bad_crc + deframer.bad_cobs,
+        bad_crc=receiver.bad_crc + deframer.broken,
         too_long=deframer.too_long,
         too_short=receiver.too_short,
         unframed=deframer.unframed,

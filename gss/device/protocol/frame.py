@@ -1,4 +1,6 @@
-"""Frames on a byte stream: ``00`` + COBS(packet) + ``00``.
+"""Frames on a byte stream, by two plug-ins: ``cobs`` (default) and ``slip``.
+
+cobs: ``00`` + COBS(packet) + ``00``. slip (RFC 1055): ``C0`` + packet with C0 as DB DC and DB as DB DD + ``C0``.
 
 A delimiter on both sides costs one byte and keeps every damage inside the frame it hits: were neighbours to share one
 delimiter, a flipped delimiter would lose both.
@@ -6,10 +8,22 @@ delimiter, a flipped delimiter would lose both.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 from cobs import cobs
 
+from gss.domain.errors import BadInput
+
 MAX_PACKET_BYTES = 2048
-"""Largest packet before COBS; both ends drop what is longer before it fills memory."""
+"""Largest packet before framing; both ends drop what is longer before it fills memory."""
+
+SLIP_END, SLIP_ESCAPE = b"\xc0", b"\xdb"
+SLIP_ESCAPED_END, SLIP_ESCAPED_ESCAPE = b"\xdb\xdc", b"\xdb\xdd"
+
+
+class BrokenFrame(ValueError):
+    """What lies between two delimiters is no encoded packet."""
 
 
 def encoded_limit(max_packet_bytes: int = MAX_PACKET_BYTES) -> int:
@@ -17,23 +31,69 @@ def encoded_limit(max_packet_bytes: int = MAX_PACKET_BYTES) -> int:
     return max_packet_bytes + max_packet_bytes // 254 + 1
 
 
-def encode_frame(packet: bytes) -> bytes:
+def _cobs_decode(body: bytes) -> bytes:
+    try:
+        return bytes(cobs.decode(body))
+    except cobs.DecodeError as error:
+        raise BrokenFrame(str(error)) from error
+
+
+def _slip_encode(packet: bytes) -> bytes:
+    return packet.replace(SLIP_ESCAPE, SLIP_ESCAPED_ESCAPE).replace(SLIP_END, SLIP_ESCAPED_END)
+
+
+def _slip_decode(body: bytes) -> bytes:
+    pieces = body.split(SLIP_ESCAPE)
+    decoded = [pieces[0]]
+    for piece in pieces[1:]:
+        if piece[:1] not in (SLIP_ESCAPED_END[1:], SLIP_ESCAPED_ESCAPE[1:]):
+            raise BrokenFrame("escape without a known second byte")
+        decoded.append((SLIP_END if piece[:1] == SLIP_ESCAPED_END[1:] else SLIP_ESCAPE) + piece[1:])
+    return b"".join(decoded)
+
+
+@dataclass(frozen=True)
+class Framing:
+    """One way to mark where packets begin and end. ``decode`` raises BrokenFrame; ``limit``: longest body of a packet."""
+
+    delimiter: bytes
+    encode: Callable[[bytes], bytes]
+    decode: Callable[[bytes], bytes]
+    limit: Callable[[int], int]
+
+
+FRAMINGS = {
+    "cobs": Framing(b"\0", lambda packet: bytes(cobs.encode(packet)), _cobs_decode, encoded_limit),
+    "slip": Framing(SLIP_END, _slip_encode, _slip_decode, lambda max_packet_bytes: 2 * max_packet_bytes),
+}
+
+
+def framing_named(name: str) -> Framing:
+    """The framing of that name; BadInput lists them."""
+    if name not in FRAMINGS:
+        raise BadInput("unknown framing", expected=" | ".join(FRAMINGS), got=name)
+    return FRAMINGS[name]
+
+
+def encode_frame(packet: bytes, framing: str = "cobs") -> bytes:
     """Frame with both delimiters."""
-    return b"\0" + bytes(cobs.encode(packet)) + b"\0"
+    how = framing_named(framing)
+    return how.delimiter + how.encode(packet) + how.delimiter
 
 
 class Deframer:
     """Cuts a stream into packets. Holds at most one longest frame; never raises.
 
-    ``bytes``: everything fed. ``unframed``: bytes before the first delimiter. ``too_long``, ``bad_cobs``: frames lost.
+    ``bytes``: everything fed. ``unframed``: bytes before the first delimiter. ``too_long``, ``broken``: frames lost.
     """
 
-    def __init__(self, max_packet_bytes: int = MAX_PACKET_BYTES) -> None:
-        self._limit = encoded_limit(max_packet_bytes)
+    def __init__(self, max_packet_bytes: int = MAX_PACKET_BYTES, framing: str = "cobs") -> None:
+        self._how, self._longest = framing_named(framing), max_packet_bytes
+        self._limit = self._how.limit(max_packet_bytes)
         self._held = bytearray()
         self._overflow = False
         self._synced = False
-        self.bytes = self.unframed = self.too_long = self.bad_cobs = 0
+        self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
         """A new stream: forget the half frame, wait for a delimiter. Counters stay."""
@@ -48,7 +108,7 @@ class Deframer:
     def feed(self, data: bytes) -> list[bytes]:
         """Packets that ``data`` completes; empty frames between double delimiters are no frames."""
         self.bytes += len(data)
-        pieces = data.split(b"\0")
+        pieces = data.split(self._how.delimiter)
         packets = []
         for piece in pieces[:-1]:
             self._append(piece)
@@ -77,9 +137,13 @@ class Deframer:
         if not self._held:
             return None
         try:
-            return bytes(cobs.decode(bytes(self._held)))
-        except cobs.DecodeError:
-            self.bad_cobs += 1
+            packet = self._how.decode(bytes(self._held))
+        except BrokenFrame:
+            self.broken += 1
             return None
         finally:
             self._held.clear()
+        if len(packet) > self._longest:
+            self.too_long += 1
+            return None
+        return packet

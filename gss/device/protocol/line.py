@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 
-from gss.device.protocol.frame import MAX_PACKET_BYTES, Deframer, encode_frame
+from gss.device.protocol.frame import MAX_PACKET_BYTES, Deframer, encode_frame, framing_named
 from gss.device.protocol.packet import SEQUENCE_MODULO, Damage, Packet, PacketType, decode_packet, encode_packet
 
 
 class LineSender:
     """Numbers and frames packets. ``bytes`` and ``good`` count what was made."""
 
-    def __init__(self, *, to_device: bool, prefix: int) -> None:
-        self.prefix = prefix
+    def __init__(self, *, to_device: bool, prefix: int, framing: str = "cobs") -> None:
+        framing_named(framing)
+        self.prefix, self._framing = prefix, framing
         self._to_device = to_device
         self._sequence: Counter[PacketType] = Counter()
         self.bytes = self.good = 0
@@ -22,7 +23,7 @@ class LineSender:
         sequence = self._sequence[kind]
         self._sequence[kind] = (sequence + 1) % SEQUENCE_MODULO
         packet = Packet(kind, code, request_id, payload, self.prefix, self._to_device, sequence, time_s)
-        frame = encode_frame(encode_packet(packet))
+        frame = encode_frame(encode_packet(packet), self._framing)
         self.bytes += len(frame)
         self.good += 1
         return frame
@@ -34,10 +35,11 @@ class LineSender:
 
 
 class LineReceiver:
-    """Bytes to packets. Counters: good, bad_crc (broken COBS included), too_short, unknown, gaps, and the Deframer's."""
+    """Bytes to packets. Counters: good, bad_crc, too_short, unknown (APID, type or direction), gaps, duplicates, and the
+    Deframer's."""
 
-    def __init__(self, *, from_device: bool, max_packet_bytes: int = MAX_PACKET_BYTES) -> None:
-        self.deframer = Deframer(max_packet_bytes)
+    def __init__(self, *, from_device: bool, max_packet_bytes: int = MAX_PACKET_BYTES, framing: str = "cobs") -> None:
+        self.deframer = Deframer(max_packet_bytes, framing)
         self._to_device = not from_device
         self._expected: dict[PacketType, int] = {}
         self.good = self.bad_crc = self.too_short = self.unknown = self.gaps = self.duplicates = 0
@@ -83,4 +85,4 @@ class LineReceiver:
     @property
     def bad_total(self) -> int:
         """Frames that came and could not be used."""
-        return self.bad_crc + self.too_short + self.deframer.too_long + self.deframer.bad_cobs
+        return self.bad_crc + self.too_short + self.deframer.too_long + self.deframer.broken

@@ -18,6 +18,9 @@ from gss.device.protocol.codec import Decoded
 PAGE_RANGES = 16
 REQUEST_BACKOFF = 1.6
 LONGEST_REQUEST_S = 3.0
+ANSWER_S = 0.25
+STATUS_EVERY = 4
+"""A receiver reports when a window's quarter has come."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,13 @@ class StatusPage:
 def chunk_count(size: int, chunk_bytes: int) -> int:
     """Chunks of a transfer of ``size`` bytes."""
     return -(-size // chunk_bytes)
+
+
+def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None) -> float:
+    """How long a sender waits for a STATUS before it asks: until one is due, and an answer's time. No rate: no line time."""
+    if not bytes_per_s:
+        return ANSWER_S
+    return ANSWER_S + (window // STATUS_EVERY + 2) * (chunk_bytes + 64) / bytes_per_s
 
 
 class ChunkSet:
@@ -147,15 +157,22 @@ class ChunkSender:
         self._known_to = 0 if resumed else count
         self.serial = 0
         self.resent = 0
+        self.lost = 0
         self._request_base_s = request_after_s
         self._request_after_s = request_after_s
         self._heard_s: float | None = None
+        self._asked_at_end = -1
         self.silent_requests = 0
 
     @property
     def in_flight(self) -> int:
         """Chunks on their way."""
         return len(self._flight)
+
+    @property
+    def settled(self) -> int:
+        """Sent chunks whose fate is known; ``lost`` of them did not arrive."""
+        return self.serial - len(self._flight)
 
     @property
     def complete(self) -> bool:
@@ -193,14 +210,28 @@ class ChunkSender:
             return None
         if self._heard_s is None:
             self._heard_s = now_s - self._request_after_s
-        if now_s - self._heard_s < self._request_after_s:
+        if now_s - self._heard_s < self._request_after_s and not self._at_the_end():
             return None
         if self._known_to >= len(self.stored) and not self._flight and (self._again or self._next < len(self.stored)):
             return None
+        if self._at_the_end():
+            # Nothing follows that would make the receiver report: ask at once instead of waiting for its silence.
+            self._asked_at_end = self.serial
+        else:
+            longest_s = max(LONGEST_REQUEST_S, self._request_base_s)
+            self._request_after_s = min(self._request_after_s * REQUEST_BACKOFF, longest_s)
+            self.silent_requests += 1
         self._heard_s = now_s
-        self._request_after_s = min(self._request_after_s * REQUEST_BACKOFF, LONGEST_REQUEST_S)
-        self.silent_requests += 1
         return self.serial, self._ask_from()
+
+    def _at_the_end(self) -> bool:
+        """Has all been sent, some without a word of it, and nobody been asked since?"""
+        return (
+            bool(self._flight)
+            and self._asked_at_end != self.serial
+            and not self._again
+            and self._next >= len(self.stored)
+        )
 
     def _ask_from(self) -> int:
         if self._known_to < len(self.stored):
@@ -224,6 +255,7 @@ class ChunkSender:
             elif page.from_index <= index < page.to_index:
                 del self._flight[serial]
                 self._again.append(index)
+                self.lost += 1
         for serial in [s for s, index in self._flight.items() if index in self.stored]:
             del self._flight[serial]
 
@@ -235,11 +267,16 @@ class ChunkReceiver:
     def __init__(self, size: int, chunk_bytes: int, window: int, held: Iterable[int] = ()) -> None:
         self.size, self.chunk_bytes = size, chunk_bytes
         self.held = ChunkSet(chunk_count(size, chunk_bytes), held)
-        self._every = max(1, window // 4)
+        self._every = max(1, window // STATUS_EVERY)
         self._since = 0
         self._serial = 0
         self._arrived = 0
         self.asked_again = 0
+
+    @property
+    def settled(self) -> int:
+        """Chunks that were sent as far as is known; ``asked_again`` of them did not arrive whole."""
+        return self._serial
 
     def expected_bytes(self, index: int) -> int:
         """Length of a chunk; 0 for one that does not exist."""

@@ -1,0 +1,85 @@
+"""Star windows: squares cut out of a frame round its stars, as they travel down. Both ends use this one file.
+
+Layout, big-endian: u16 columns and u16 rows of the frame, u8 bytes per pixel (1 or 2), u8 number of windows; then per
+window u16 col_px and u16 row_px of its first pixel, u8 columns, u8 rows, and its pixels row by row. A window that would
+reach beyond the frame is cut off at the edge, so columns and rows may be smaller than the side asked for.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import BadInput, CorruptData
+
+HEAD = struct.Struct(">HHBB")
+WINDOW = struct.Struct(">HHBB")
+SIDE_RANGE_PX = (5, 31)
+MOST_WINDOWS = 255
+DTYPES = {1: np.dtype(np.uint8), 2: np.dtype(">u2")}
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of a frame: place of its first pixel, size, all in pixels."""
+
+    col_px: int
+    row_px: int
+    columns: int
+    rows: int
+
+
+def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns: int, rows: int) -> tuple[Window, ...]:
+    """Squares of an odd side round (col, row) centres, cut at the edges of a frame of that size, in the given order."""
+    low, high = SIDE_RANGE_PX
+    if side_px % 2 == 0 or not low <= side_px <= high:
+        raise BadInput("side of star windows", expected=f"odd, {low} – {high}", got=str(side_px))
+    half, found = side_px // 2, []
+    for col, row in centres[:MOST_WINDOWS]:
+        first_col, first_row = max(0, round(col) - half), max(0, round(row) - half)
+        past_col, past_row = min(columns, round(col) + half + 1), min(rows, round(row) + half + 1)
+        if first_col < past_col and first_row < past_row:
+            found.append(Window(first_col, first_row, past_col - first_col, past_row - first_row))
+    return tuple(found)
+
+
+def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:
+    """Bytes of these windows of a (rows, columns) frame."""
+    pixel_bytes = pixels.dtype.itemsize
+    parts = [HEAD.pack(pixels.shape[1], pixels.shape[0], pixel_bytes, len(windows))]
+    for w in windows:
+        parts.append(WINDOW.pack(w.col_px, w.row_px, w.columns, w.rows))
+        cut = pixels[w.row_px : w.row_px + w.rows, w.col_px : w.col_px + w.columns]
+        parts.append(np.ascontiguousarray(cut, DTYPES[pixel_bytes]).tobytes())
+    return b"".join(parts)
+
+
+def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
+    """A (rows, columns) frame that is 0 outside the windows, and the windows; CorruptData where the bytes do not fit."""
+    if len(data) < HEAD.size:
+        raise CorruptData("star windows are too short", expected=f"{HEAD.size} B", got=f"{len(data)} B")
+    columns, rows, pixel_bytes, count = HEAD.unpack_from(data)
+    if pixel_bytes not in DTYPES:
+        raise CorruptData("star windows with odd pixels", expected="1 or 2 bytes each", got=str(pixel_bytes))
+    pixels = np.zeros((rows, columns), np.uint8 if pixel_bytes == 1 else np.uint16)
+    at, windows = HEAD.size, []
+    for _ in range(count):
+        if at + WINDOW.size > len(data):
+            raise CorruptData("star windows end too early", expected=f"{count} windows", got=f"{len(windows)}")
+        w = Window(*WINDOW.unpack_from(data, at))
+        at += WINDOW.size
+        size = w.columns * w.rows * pixel_bytes
+        if at + size > len(data) or w.col_px + w.columns > columns or w.row_px + w.rows > rows:
+            raise CorruptData("a star window does not fit", expected=f"inside {columns} x {rows} px", got=str(w))
+        cut = np.frombuffer(data, DTYPES[pixel_bytes], w.columns * w.rows, at).reshape(w.rows, w.columns)
+        pixels[w.row_px : w.row_px + w.rows, w.col_px : w.col_px + w.columns] = cut
+        windows.append(w)
+        at += size
+    if at != len(data):
+        raise CorruptData("star windows are too long", expected=f"{at} B", got=f"{len(data)} B")
+    return pixels, tuple(windows)
