@@ -11,20 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss import __version__
 from gss.domain.errors import GssError, NotFound
-from gss.domain.frames import pointing_difference_rad
-from gss.domain.profiles import PROFILES, CameraProfile, profile
-from gss.domain.results import Outcome, SolveResult, Verdict
-from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.profiles import profile
+from gss.domain.results import Outcome, SolveResult
 from gss.domain.stars import StarTable
-from gss.operations import overlay
-from gss.operations.camera_record import record_of
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frame_files import ImportedFrame, read_frame
 from gss.operations.onboard_results import OnboardRecord, onboard_result
-from gss.operations.scoring import judge
+from gss.operations.solution_rows import solution_row
 from gss.operations.solve import Solver, SolveRequest
 from gss.pipeline.chains.systems import on_board
 from gss.store import frames as store
@@ -209,56 +204,9 @@ class FrameService:
         return self._keep(frame, result, "ground", replay=text)
 
     def _keep(self, frame: Frame, result: SolveResult, origin: str, replay: str | None = None) -> Solution:
-        known = PROFILES.get(frame.profile or "")
-        detail = overlay.describe(
-            result.camera,
-            self._stars,
-            _faint_limit(known, result),
-            result.regions,
-            result.centroids,
-            result.matches,
-            result.attitude,
-        )
-        row = Solution(
-            frame_id=frame.id, origin=origin, version=__version__, created=self._now(), detail=detail, replay=replay
-        )
-        _fill(row, result)
-        if frame.truth is not None and known is not None:
-            self._judge(row, frame, result, known)
+        row = solution_row(frame, result, self._stars, origin, self._now())
+        row.replay = replay
         with self._database.unit_of_work() as session:
             store.add_solution(session, row)
         self._bus.publish("solution", row)
         return row
-
-    def _judge(self, row: Solution, frame: Frame, result: SolveResult, known: CameraProfile) -> None:
-        verdict: Verdict = judge(result, np.array(frame.truth, float), known, self._stars)
-        row.verdict = str(verdict)
-        if result.attitude is not None:
-            truth = matrix_from_quaternion(np.array(frame.truth, float))
-            row.error_axis_rad, row.error_roll_rad = pointing_difference_rad(result.attitude.cam_from_icrs, truth)
-
-
-def _faint_limit(known: CameraProfile | None, result: SolveResult) -> float:
-    """Down to which magnitude predicted stars are shown: the camera's own limit, else what was matched."""
-    if known is not None:
-        return known.sensor.faint_limit_mag
-    return 6.5 if result.camera.fov_rad[0] < 0.35 else 5.0
-
-
-def _fill(row: Solution, result: SolveResult) -> None:
-    row.chain, row.outcome, row.reason = result.chain, str(result.outcome), result.reason
-    row.found = len(result.centroids)
-    row.matched = 0 if result.matches is None else len(result.matches)
-    row.rejected = sum(1 for r in result.regions if r.rejected)
-    row.rms_px = _finite(result.residual_rms_px)
-    row.false_match_probability = _finite(result.false_match_probability)
-    row.fov_rad = [float(v) for v in result.camera.fov_rad]
-    row.camera = record_of(result.camera)
-    row.timing_s, row.notes = dict(result.timing_s), list(result.notes)
-    if result.attitude is not None:
-        row.quaternion = [float(v) for v in result.attitude.quaternion]
-        row.sigma_rad = [_finite(v) for v in result.attitude.sigma_rad]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
