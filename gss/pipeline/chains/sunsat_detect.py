@@ -14,6 +14,7 @@ from gss.domain.results import Centroids, Region
 from gss.pipeline.chains.sunsat_parameters import MAGNITUDE_RATIO, ZERO_LUX, SunsatParameters
 from gss.pipeline.regions import Blobs, Pixels, SearchLimits, SearchResult, region_records, search
 
+Levels = NDArray[np.floating]
 NO_LIMIT = 1 << 40
 # What the cut at the threshold adds to the error of a star whose peak is the threshold; measured on rendered frames.
 CUT_PX = 0.15
@@ -59,7 +60,7 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
     return np.asarray((sample * near).sum(axis=1) / near.sum(axis=1))
 
 
-def find_stars(level_dn: Array, parameters: SunsatParameters, streak: Streak | None = None) -> Found:
+def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | None = None) -> Found:
     """Stars of a (rows, columns) search area whose ``level_dn`` is above each row's dark average."""
     p = parameters
     limits = SearchLimits(p.min_area_px, p.max_area_px, NO_LIMIT, NO_LIMIT, p.edge_rule)
@@ -159,7 +160,7 @@ def _first_stars(found: SearchResult, p: SunsatParameters) -> SearchResult:
     )
 
 
-def gravity_centroids(level_dn: Array, blobs: Blobs, parameters: SunsatParameters) -> Centroids:
+def gravity_centroids(level_dn: Levels, blobs: Blobs, parameters: SunsatParameters) -> Centroids:
     """Centre of gravity of the brightness above threshold (eq. 2.1–2.2), one star per blob, in the blobs' order.
 
     ``flux_dn`` is brightness_star of eq. C.1: above threshold, with k_area times the light below it.

@@ -87,7 +87,7 @@ def corrected_uv(uv_mm: Array, camera: Camera, focal_mm: float) -> Array:
     """(n, 2) u, v in mm without tilt and lens aberration (eq. 6.13–6.20); the camera's own distortion, whose axes are −u
     and +v in units of the focal length."""
     flip = np.array([-1.0, 1.0])
-    return camera.distortion.undistort(np.asarray(uv_mm, float) * flip / focal_mm) * focal_mm * flip
+    return np.asarray(camera.distortion.undistort(np.asarray(uv_mm, float) * flip / focal_mm) * focal_mm * flip)
 
 
 def ss_from_uv(uv_mm: Array, focal_mm: float) -> Array:

@@ -18,6 +18,7 @@ from gss.pipeline.chains.sunsat_detect import magnitudes
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.identify.geometric_voting import Mask, reduced_table
 from gss.pipeline.identify.match_groups import Grouping, GroupLimits, Guides, match_groups
+from gss.pipeline.identify.star_vectors import match_star_vectors
 
 Rows = NDArray[np.intp]
 
@@ -90,10 +91,15 @@ def match_lost_or_assisted(
     used = centroids.take(np.arange(min(len(centroids), p.max_observed)))
     unit = camera.unproject(used.pixels)
     v_mag = magnitudes(used.flux_dn, p)
-    guides, searched = _uncertainty_area(catalogue, camera, p, mode, hint)
+    allowed = _uncertainty_area(catalogue, camera, p, mode, hint)
     limits = GroupLimits(p.distance_tolerance_rad, p.magnitude_tolerance_mag, p.min_group, p.clique_budget)
-    grouping = match_groups(unit, v_mag, guides, limits)
-    return _matching(mode, unit, v_mag, grouping, searched, p)
+    if p.matcher == "star_vectors":
+        grouping = match_star_vectors(unit, v_mag, catalogue.guides, allowed, limits)
+    else:
+        g = catalogue.guides
+        table = g.table if allowed.all() else reduced_table(g.table, allowed)
+        grouping = match_groups(unit, v_mag, Guides(g.unit, g.v_mag, table), limits)
+    return _matching(mode, unit, v_mag, grouping, int(np.count_nonzero(allowed)), p)
 
 
 def _matching(
@@ -136,24 +142,29 @@ def widest_pair(unit: Array, selected: Rows) -> tuple[int, ...]:
     return int(selected[i[k]]), int(selected[j[k]])
 
 
-def check_hint(mode: Mode, hint: Hint | None) -> None:
-    """A mode that needs to know something must be told."""
-    if mode is Mode.LOST_IN_SPACE:
-        return
-    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
-        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
-        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
+def check_hint(mode: Mode, hint: Hint | None) -> Hint:
+    """The hint of a mode that needs one, refused where there is none."""
+    if hint is None:
+        raise BadInput(f"{mode.value} needs a hint", expected="a boresight or an attitude", got="none")
+    return hint
+
+
+def last_attitude(hint: Hint | None) -> Array:
+    """(4,) quaternion that tracking starts from, refused where the hint holds none."""
+    known = check_hint(Mode.TRACKING, hint)
+    if known.quaternion is None:
+        raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
+    return known.quaternion
 
 
 def _uncertainty_area(
     catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: Hint | None
-) -> tuple[Guides, int]:
+) -> Mask:
     """The guide stars that may be in view: all, or those round the expected boresight (§3.3, §4)."""
-    if mode is Mode.LOST_IN_SPACE or hint is None:
-        return catalogue.guides, len(catalogue)
-    allowed = near_boresight(catalogue, hint.boresight_icrs, camera.half_diagonal_rad + p.hint_error_rad)
-    g = catalogue.guides
-    return Guides(g.unit, g.v_mag, reduced_table(g.table, allowed)), int(np.count_nonzero(allowed))
+    if mode is Mode.LOST_IN_SPACE:
+        return np.ones(len(catalogue), bool)
+    known = check_hint(mode, hint)
+    return near_boresight(catalogue, known.boresight_icrs, camera.half_diagonal_rad + p.hint_error_rad)
 
 
 def near_boresight(catalogue: SunsatCatalogue, boresight_icrs: Array, radius_rad: float) -> Mask:

@@ -18,6 +18,7 @@ from gss.pipeline.chains.sunsat_match import (
     prepare,
 )
 from gss.pipeline.chains.sunsat_parameters import NAME, SunsatParameters, default_parameters
+from gss.pipeline.chains.sunsat_track import find_in_windows, match_tracking
 from gss.pipeline.regions import Pixels
 
 # Jacobs 1995 Fig. 2-7: 90 ms for a region of 900 pixels, 100 ms for three of 300; a frame without stars is 48 629 looks.
@@ -52,10 +53,15 @@ class SunsatChain:
         return prepare(catalogue)
 
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
+        if work.mode is Mode.TRACKING:
+            hint = check_hint(work.mode, work.hint)
+            return find_in_windows(pixels, work.camera, work.catalogue, work.parameters, hint)
         return sunsat.find_in_frame(pixels, work.parameters)
 
     def match_stars(self, centroids: Centroids, work: Work) -> SunsatMatching:
-        check_hint(work.mode, work.hint)
+        if work.mode is Mode.TRACKING:
+            hint = check_hint(work.mode, work.hint)
+            return match_tracking(centroids, work.camera, work.catalogue, work.parameters, hint)
         return match_lost_or_assisted(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
     def calculate_attitude(self, matching: SunsatMatching, centroids: Centroids, work: Work) -> Solution:

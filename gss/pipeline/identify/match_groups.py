@@ -102,11 +102,11 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
     while size >= limits.min_group:
         rest = _pruned(graph, size - 1)
         cliques = _cliques(rest, size, spent)
-        groups = [g for g in (_group(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
+        groups = [g for g in (group_of(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
         if spent.left < 0:
             return Grouping(None, len(groups), pairs, entries + limits.budget, "groups are too many to be split")
         if groups:
-            best, reason = _winner(groups)
+            best, reason = winner(groups)
             return Grouping(best, len(groups), pairs, entries + limits.budget - spent.left, reason)
         size -= 1
     reason = f"no group of {limits.min_group} stars fits the catalogue"
@@ -184,7 +184,8 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
     return [(graph.observed[c], graph.guide[c]) for c in sorted(found)]
 
 
-def _group(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
+def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
+    """A set of matches with its quality."""
     observed, guide = match
     i, j = np.triu_indices(len(observed), 1)
     seen = _angle_rad(unit[observed[i]], unit[observed[j]])
@@ -202,7 +203,8 @@ def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
     return bool(seen[widest] * known[widest] < 0)
 
 
-def _winner(groups: list[Group]) -> tuple[Group | None, str]:
+def winner(groups: list[Group]) -> tuple[Group | None, str]:
+    """The best of the largest groups, or None and why there are two answers."""
     most = max(len(g) for g in groups)
     largest = sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad)
     best = largest[0]

@@ -1,0 +1,93 @@
+"""How improbable an accident is: what Sunsat's chain adds to the document's "largest group" before it gives an attitude."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import Centroids
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.sunsat_detect import magnitudes
+from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, near_boresight
+from gss.pipeline.chains.sunsat_parameters import SunsatParameters
+from gss.pipeline.identify.accidental import accidental_bound
+
+Rows = NDArray[np.intp]
+# A star that confirms an attitude lies within two distance tolerances of a guide star of its magnitude. Directions that
+# keep two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
+# circle unless the angle is below 20°; the mirrored one falls in the mirror test.
+CONFIRM_TOLERANCES = 2.0
+
+
+def confirmed(
+    matching: SunsatMatching, centroids: Centroids, predicted: Array, guide_mag: Array, unit: Array, p: SunsatParameters
+) -> tuple[Rows, Rows]:
+    """Centroids that were not matched but lie where a guide star is predicted (k, 3), camera frame: their numbers, and the
+    guide stars' places in ``predicted``. Nearest first, each guide star once."""
+    others = np.setdiff1d(np.arange(len(centroids)), matching.selected)
+    if not len(others) or not len(predicted):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    off = np.linalg.norm(unit[others][:, None] - predicted[None], axis=-1)
+    off[np.abs(magnitudes(centroids.flux_dn[others], p)[:, None] - guide_mag[None]) > p.magnitude_tolerance_mag] = (
+        np.inf
+    )
+    guide = np.argmin(off, axis=1)
+    miss = off[np.arange(len(others)), guide]
+    order = np.argsort(miss, kind="stable")
+    order = order[miss[order] <= CONFIRM_TOLERANCES * p.distance_tolerance_rad]
+    _, first = np.unique(guide[order], return_index=True)
+    order = order[np.sort(first)]
+    return others[order], guide[order]
+
+
+def in_view(catalogue: SunsatCatalogue, camera: Camera, cam_from_icrs: Array) -> Rows:
+    """Guide stars on the detector."""
+    near = np.flatnonzero(near_boresight(catalogue, cam_from_icrs[2], camera.half_diagonal_rad))
+    return near[camera.contains(camera.project(catalogue.guides.unit[near] @ cam_from_icrs.T))]
+
+
+def false_match_probability(
+    matching: SunsatMatching,
+    centroids: Centroids,
+    confirming: int,
+    visible: int,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    parameters: SunsatParameters,
+) -> float:
+    """Bound on the expected number of accidental identifications with as many matched and ``confirming`` stars.
+
+    Each matching pair of stars places a hypothesis on the sky. Each other star of the frame then finds by accident a guide
+    star of its magnitude, with a probability from the density of guide stars: the larger of that in view, ``visible``
+    stars, and that round an average pair, since hypotheses come from where stars are dense. While tracking,
+    ``hypotheses`` already holds the matched stars.
+    """
+    p, guides, n = parameters, catalogue.guides, len(centroids)
+    cap_sr = 2 * np.pi * (1 - np.cos(guides.table.max_rad))
+    per_sr = max(1.0, float(visible)) / solid_angle_sr(camera)
+    per_sr = max(per_sr, 2 * len(guides.table) / max(1, len(guides.v_mag)) / cap_sr)
+    share = magnitude_share(magnitudes(centroids.flux_dn, p), guides.v_mag, p.magnitude_tolerance_mag)
+    chance = min(1.0, per_sr * share * np.pi * (CONFIRM_TOLERANCES * p.distance_tolerance_rad) ** 2)
+    if matching.mode is Mode.TRACKING:
+        others = n - len(matching.selected)
+        by_chance = float(bdtrc(confirming - 1, others, chance)) if confirming else 1.0
+        return float(min(1.0, matching.hypotheses * by_chance))
+    return accidental_bound(matching.hypotheses, len(matching.selected) + confirming, n, chance)
+
+
+def magnitude_share(observed_mag: Array, guide_mag: Array, tolerance_mag: float) -> float:
+    """Mean share of the guide stars that fit the observed magnitudes."""
+    fits = np.abs(observed_mag[:, None] - guide_mag[None, :]) <= tolerance_mag
+    return float(fits.mean()) if fits.size else 1.0
+
+
+@lru_cache(maxsize=16)
+def solid_angle_sr(camera: Camera) -> float:
+    """Solid angle of the field."""
+    fov_h, fov_v = camera.fov_rad
+    return float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

@@ -1,0 +1,230 @@
+"""Sunsat's Tracking algorithm (Jacobs 1995 ch. 4): predict the attitude, look for each expected star in a window of its own,
+take the first three, well spread, whose distances are right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import Centroids, Region
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Detection
+from gss.pipeline.chains.sunsat_detect import (
+    Found,
+    Streak,
+    brightest,
+    brightness_dn,
+    dark_rows_dn,
+    find_stars,
+    magnitudes,
+    moved,
+)
+from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, last_attitude, widest_pair
+from gss.pipeline.chains.sunsat_parameters import CENTROID_ERROR_PX, SunsatParameters
+from gss.pipeline.regions import Pixels
+from gss.pipeline.track.predictor import predict_attitude
+from gss.pipeline.track.sphere_field import sphere_field, stars_inside
+from gss.pipeline.track.three_stars import PAIR, STARS, Candidates, ThreeStars, by_boxes
+
+Rows = NDArray[np.intp]
+SAME_STAR_PX = 0.5
+FLAT_TRIANGLE = 0.1
+
+
+@dataclass(frozen=True)
+class Expected:
+    """k reference stars in the order in which they are looked for: catalogue ``row``, ``pixels`` (k, 2), half side of each
+    window (k,), and the streak each leaves, or None without history."""
+
+    row: Rows
+    pixels: Array
+    radius_px: Array
+    streak: tuple[Streak, ...] | None
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> Expected:
+    """Which stars will be where (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
+    last = last_attitude(hint)
+    attitude = predict_attitude(last, hint.earlier)
+    row, pixels = _in_view(camera, catalogue, attitude)
+    uncertain_px = uncertainty_px(camera, catalogue, p, hint)
+    radius_px = np.ceil(_star_radius_px(catalogue.guides.v_mag[row], p) + uncertain_px + p.rotation_px)
+    streak = None
+    if hint.earlier:
+        # Where the same stars were at the last attitude: what moved by so much in a second leaves such a streak.
+        back = camera.unproject(pixels) @ (matrix_from_quaternion(last) @ attitude.T).T
+        streak = _streaks(pixels - camera.project(back), p)
+    return Expected(row, pixels, radius_px, streak)
+
+
+def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tuple[Rows, Array]:
+    """Catalogue stars in the field, in the order of the nine boxes, and their pixels."""
+    field = sphere_field(camera.corners() @ attitude)
+    row = stars_inside(field, catalogue.ra_rad, catalogue.dec_rad)
+    pixels = camera.project(catalogue.guides.unit[row] @ attitude.T)
+    on = camera.contains(pixels)
+    row, pixels = row[on], pixels[on]
+    order = by_boxes(pixels, camera.columns, camera.rows)
+    return row[order], pixels[order]
+
+
+def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> float:
+    """Error of an expected position (eq. 4.20): that of another sensor's attitude in the first iteration, afterwards that of
+    TRIAD, which the distance of the pair decides that the last iteration used. That pair is worked out again as the widest
+    of the first three stars it had to look for."""
+    if not hint.earlier:
+        return p.uncertain_adcs_px
+    _, pixels = _in_view(camera, catalogue, matrix_from_quaternion(last_attitude(hint)))
+    first = pixels[:STARS] / np.array([camera.focal_col_px, camera.focal_row_px]) * p.focal_mm
+    if len(first) < PAIR:
+        return p.uncertain_adcs_px
+    widest_mm = float(np.max(np.linalg.norm(first[:, None] - first[None], axis=-1)))
+    error_px = p.uncertain_reach_mm * CENTROID_ERROR_PX / max(widest_mm, 1e-9)
+    return float(np.clip(error_px, p.uncertain_least_px, p.uncertain_adcs_px))
+
+
+def _star_radius_px(v_mag: Array, p: SunsatParameters) -> Array:
+    """Radius above threshold of a Gaussian star; its brightness stands in for its light, which is near enough."""
+    peak = brightness_dn(v_mag, p) / (2 * np.pi * p.star_sigma_px**2)
+    return np.asarray(p.star_sigma_px * np.sqrt(2 * np.log(np.maximum(peak / p.threshold_dn, 1.0))))
+
+
+def _streaks(motion_px: Array, p: SunsatParameters) -> tuple[Streak, ...]:
+    """What a motion per iteration leaves in one exposure; u runs against the columns."""
+    share = p.exposure_s / p.rate_interval_s
+    return tuple(
+        Streak(float(np.hypot(col, row)) * share, float(np.arctan2(row, -col))) for col, row in motion_px.tolist()
+    )
+
+
+def find_in_windows(
+    pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+) -> Detection:
+    """Stars in the windows of expected stars, one after the other until three fit (§4.1.4.1). Every window is cut from the
+    untouched frame; a star met in two windows counts once."""
+    expected = expected_stars(camera, catalogue, p, hint)
+    dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
+    every: list[Found] = []
+    kept = Centroids.from_pixels(np.empty((0, 2)))
+    for k in range(len(expected)):
+        found = _search_window(pixels, dark_dn, expected, k, p)
+        every.append(found)
+        fresh = _new_ones(kept, found.centroids)
+        kept = _joined(kept, found.centroids.take(fresh))
+        if len(kept) >= STARS and _three_stars(kept, camera, catalogue, p, expected, k + 1)[0].found:
+            break
+    regions: dict[tuple[int, int, int, int], Region] = {}
+    for found in every:
+        for r in found.regions:
+            regions.setdefault((r.col_min, r.row_min, r.col_max, r.row_max), r)
+    centroids = kept.take(brightest(kept))
+    note = f"searched {len(every)} of {len(expected)} windows"
+    return Detection(
+        tuple(regions.values()), centroids, sum(f.invalid for f in every), float(np.median(dark_dn)), (note,)
+    )
+
+
+def _search_window(pixels: Pixels, dark_dn: Array, expected: Expected, k: int, p: SunsatParameters) -> Found:
+    rows, columns = pixels.shape
+    col, row = np.rint(expected.pixels[k]).astype(int).tolist()
+    r = int(expected.radius_px[k])
+    left, top = max(0, col - r), max(0, row - r)
+    right, bottom = min(columns, col + r + 1), min(rows, row + r + 1)
+    level = pixels[top:bottom, left:right].astype(np.float32) - dark_dn[top:bottom, None].astype(np.float32)
+    return moved(find_stars(level, p, None if expected.streak is None else expected.streak[k]), left, top)
+
+
+def _new_ones(kept: Centroids, found: Centroids) -> Rows:
+    off = np.linalg.norm(found.pixels[:, None] - kept.pixels[None], axis=-1)
+    return np.flatnonzero((off > SAME_STAR_PX).all(axis=1))
+
+
+def _joined(a: Centroids, b: Centroids) -> Centroids:
+    names = ("col_px", "row_px", "flux_dn", "peak_dn", "area_px", "sigma_px")
+    return Centroids(*(np.concatenate([getattr(a, n), getattr(b, n)]) for n in names))
+
+
+def _three_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
+    expected: Expected,
+    windows: int,
+) -> tuple[ThreeStars, list[int]]:
+    """The test over the first ``windows`` expected stars, and how many candidates each had until it ended."""
+    unit = camera.unproject(centroids.pixels)
+    v_mag = magnitudes(centroids.flux_dn, p)
+    off_px = np.abs(centroids.pixels[None] - expected.pixels[:windows, None])
+    near = (off_px <= expected.radius_px[:windows, None, None]).all(axis=-1)
+    guide_mag = catalogue.guides.v_mag[expected.row[:windows]]
+    near &= np.abs(v_mag[None] - guide_mag[:, None]) <= p.magnitude_tolerance_mag
+    near &= np.isfinite(unit).all(axis=1)
+    test = ThreeStars(unit, catalogue.guides.unit, p.distance_tolerance_rad)
+    counts: list[int] = []
+    for k in range(windows):
+        observed = np.flatnonzero(near[k])
+        counts.append(len(observed))
+        if test.add(Candidates(int(expected.row[k]), observed)):
+            break
+    return test, counts
+
+
+def match_tracking(
+    centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+) -> SunsatMatching:
+    """Names for stars found where others were expected; two where there are no three (§4.1.4.1)."""
+    expected = expected_stars(camera, catalogue, p, hint)
+    test, counts = _three_stars(centroids, camera, catalogue, p, expected, len(expected))
+    chosen = sorted(test.found or test.pair)
+    row = np.full(len(centroids), -1, np.intp)
+    selected = np.array([k for k, _ in chosen], np.intp)
+    row[selected] = [g for _, g in chosen]
+    weight = np.zeros(len(centroids))
+    weight[list(widest_pair(test.unit_cam, selected))] = 1.0
+    reason = "" if chosen else f"no two of {len(expected)} expected stars found at their distance"
+    return SunsatMatching(
+        Mode.TRACKING,
+        test.unit_cam,
+        magnitudes(centroids.flux_dn, p),
+        row,
+        selected,
+        weight,
+        test.operations,
+        _accidents(counts, expected, catalogue.guides.unit[row[selected]], p, camera),
+        len(expected),
+        1 if chosen else 0,
+        sum(counts),
+        reason,
+    )
+
+
+def _accidents(counts: list[int], expected: Expected, reference: Array, p: SunsatParameters, camera: Camera) -> float:
+    """Expected number of sets of three (or two) that fit by accident.
+
+    False stars per window: those above one that were met, and one more for the unknown. A false candidate is anywhere in
+    its window, so that a distance fits with the share of the window that the tolerance covers; in a flat triangle the
+    third distance follows from the others.
+    """
+    if not len(reference) or not counts:
+        return 1.0
+    windows, stars = len(counts), len(reference)
+    false = (sum(max(0, c - 1) for c in counts) + 1) / windows
+    radius_px = float(np.min(expected.radius_px[:windows]))
+    fits = min(1.0, np.sqrt(2.0) * p.distance_tolerance_rad / camera.pixel_rad / radius_px)
+    distances = 1
+    if stars == STARS:
+        sides = reference[1:] - reference[0]
+        area = float(np.linalg.norm(np.cross(sides[0], sides[1])))
+        flat = area < FLAT_TRIANGLE * float(np.linalg.norm(sides[0]) * np.linalg.norm(sides[1]))
+        distances = 2 if flat else 3
+    return float(min(1.0, comb(max(windows, stars), stars) * false**stars * fits**distances))

@@ -1,0 +1,93 @@
+"""Star vectors (Baldini as Jacobs 1995 §3.2.2, app. D.1 tell it): the alternative to match groups that needs no distance table.
+
+The vector of an observed star holds all guide stars of its magnitude. Neighbouring vectors strike out of each other what
+has no partner at the right distance, until nothing falls; what is left is put together star by star, tracing back where
+nothing fits. Fast and simple, and one false star ruins it: only constellations of *all* observed stars are found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array, separation_rad
+from gss.pipeline.identify.match_groups import Group, Grouping, GroupLimits, Guides, Rows, group_of, mirrored, winner
+
+Flags = NDArray[np.bool_]
+
+
+def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags, limits: GroupLimits) -> Grouping:
+    """As :func:`gss.pipeline.identify.match_groups.match_groups`, over the guide stars that are ``allowed``.
+
+    ``pairs``: guide pairs that fit the first two observed stars. ``operations``: distances looked at.
+    """
+    n = len(unit)
+    if n < limits.min_group or not np.isfinite(unit).all():
+        return Grouping(None, 0, 0, 0, f"star vectors need {limits.min_group} stars")
+    fits = (np.abs(v_mag[:, None] - guides.v_mag[None, :]) <= limits.magnitude_mag) & allowed
+    vectors = [np.flatnonzero(row) for row in fits]
+    first_pairs = int(np.count_nonzero(_partners(vectors[0], vectors[1], unit, 0, 1, guides, limits)))
+    looked = _strike_out(vectors, unit, guides, limits)
+    found, steps = _constellations(vectors, unit, guides, limits)
+    operations = looked + steps
+    if steps > limits.budget:
+        return Grouping(None, 0, first_pairs, operations, "constellations are too many to be put together")
+    everyone = np.arange(n)
+    groups: list[Group] = [group_of((everyone, rows), unit, guides) for rows in found]
+    groups = [g for g in groups if not mirrored(g, unit, guides.unit)]
+    if not groups:
+        return Grouping(None, 0, first_pairs, operations, f"no constellation of all {n} stars fits the catalogue")
+    best, reason = winner(groups)
+    return Grouping(best, len(groups), first_pairs, operations, reason)
+
+
+def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, limits: GroupLimits) -> Flags:
+    """(len(a), len(b)) which guide stars are as far apart as observed stars i and j; cosines, since all are 0.25° and more
+    apart."""
+    apart = float(separation_rad(unit[i], unit[j]))
+    cosine = guides.unit[a] @ guides.unit[b].T
+    near, far = np.cos(max(0.0, apart - limits.distance_rad)), np.cos(apart + limits.distance_rad)
+    return np.asarray((cosine <= near) & (cosine >= far) & (a[:, None] != b[None, :]))
+
+
+def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> int:
+    """Shortens the vectors in place, each against the next round the ring, until none changes; distances looked at."""
+    n, looked, still = len(vectors), 0, 0
+    i = 0
+    while still < n:
+        j = (i + 1) % n
+        looked += len(vectors[i]) * len(vectors[j])
+        fit = _partners(vectors[i], vectors[j], unit, i, j, guides, limits)
+        one, other = fit.any(axis=1), fit.any(axis=0)
+        still = still + 1 if one.all() and other.all() else 0
+        vectors[i], vectors[j] = vectors[i][one], vectors[j][other]
+        i = j
+    return looked
+
+
+def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[list[Rows], int]:
+    """All choices of one guide star per vector whose distances all fit, and the steps it took; stops above the budget."""
+    n = len(vectors)
+    if any(len(v) == 0 for v in vectors):
+        return [], 0
+    fit = {(i, j): _partners(vectors[i], vectors[j], unit, i, j, guides, limits) for j in range(1, n) for i in range(j)}
+    found: list[Rows] = []
+    steps = 0
+
+    def grow(places: list[int]) -> None:
+        nonlocal steps
+        steps += 1
+        if steps > limits.budget:
+            return
+        j = len(places)
+        if j == n:
+            found.append(np.array([vectors[k][place] for k, place in enumerate(places)], np.intp))
+            return
+        open_ = np.ones(len(vectors[j]), bool)
+        for i, place in enumerate(places):
+            open_ &= fit[i, j][place]
+        for place in np.flatnonzero(open_).tolist():
+            grow([*places, place])
+
+    grow([])
+    return found, steps

@@ -1,0 +1,32 @@
+"""Pairs of measured and predicted stars by least distance (Liebe 1992, "Predictional estimate")."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+
+Index = NDArray[np.intp]
+
+
+def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:
+    """Rows of (n, 3) measured and (m, 3) predicted directions that belong together, none used twice.
+
+    The closest pair of all is taken first, then the closest of what is left, up to ``radius_rad``. Ties go to the lower
+    rows. The document takes any two stars from the two images with the least distance.
+    """
+    none = np.empty(0, np.intp)
+    if not len(unit_cam) or not len(predicted_cam):
+        return none, none
+    chord = np.linalg.norm(unit_cam[:, None] - predicted_cam[None], axis=2)
+    i, j = np.nonzero(chord <= 2 * np.sin(radius_rad / 2))
+    order = np.argsort(chord[i, j], kind="stable")
+    free_i, free_j = np.ones(len(unit_cam), bool), np.ones(len(predicted_cam), bool)
+    kept: list[int] = []
+    for k in order.tolist():
+        if free_i[i[k]] and free_j[j[k]]:
+            free_i[i[k]] = free_j[j[k]] = False
+            kept.append(k)
+    kept.sort(key=lambda k: int(i[k]))
+    return i[kept], j[kept]

@@ -1,0 +1,60 @@
+"""The predictional estimate: stars predicted from a coarse attitude, matched by least distance, the attitude corrected until
+both images lie on each other (Liebe 1992, "Predictional estimate", Figs. 15 to 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.pipeline.track.differential import differential_attitude
+from gss.pipeline.track.least_distance import pair_least_distance
+
+Index = NDArray[np.intp]
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """``cam_from_icrs`` (3, 3), and which measured star is which row of the list. ``compared``: distances looked at."""
+
+    cam_from_icrs: Array
+    measured: Index
+    row: Index
+    compared: int
+
+
+def predictional_fit(
+    unit_cam: Array, icrs: Array, rows: Index, cam_from_icrs: Array, radii_rad: Sequence[float], view_rad: float
+) -> Fit | None:
+    """Fit of (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the boresight.
+
+    ``radii_rad`` shrink from how well the attitude is known to how well a star is measured; the last is repeated until the
+    pairs stay the same. None: fewer than two pairs, or no settled attitude.
+    """
+    attitude, compared = np.asarray(cam_from_icrs, float), 0
+    before: tuple[bytes, bytes] | None = None
+    for radius_rad in [*radii_rad, *[radii_rad[-1]] * ROUNDS]:
+        near = rows[icrs[rows] @ attitude[2] > np.cos(view_rad + radius_rad)]
+        i, j = pair_least_distance(unit_cam, icrs[near] @ attitude.T, radius_rad)
+        compared += len(unit_cam) * len(near)
+        corrected = differential_attitude(unit_cam[i], icrs[near[j]], attitude)
+        if corrected is None:
+            return None
+        attitude = corrected
+        same = (i.tobytes(), near[j].tobytes())
+        if same == before and radius_rad == radii_rad[-1]:
+            return Fit(attitude, i, near[j], compared)
+        before = same
+    return None
+
+
+def shrinking_radii_rad(coarse_rad: float, fine_rad: float) -> tuple[float, ...]:
+    """From the coarse radius to the fine one by halves."""
+    radii = [coarse_rad]
+    while radii[-1] > fine_rad:
+        radii.append(max(fine_rad, radii[-1] / 2))
+    return tuple(radii)

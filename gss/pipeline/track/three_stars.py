@@ -1,0 +1,98 @@
+"""Three stars that keep their distances, out of a few reference stars with several candidates each (Jacobs 1995 §4.1.4)."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+
+Rows = NDArray[np.intp]
+# With the seventh reference star the first four are given up (§4.1.4.1).
+MOST_GROUPS, GIVEN_UP = 7, 4
+STARS, PAIR = 3, 2
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """A reference star and the observed stars that may be it: the column of the document's Tables 4-1 and 4-2."""
+
+    reference: int
+    observed: Rows
+
+
+@dataclass
+class ThreeStars:
+    """Columns are added one by one; each time all sets of three with the new column are tested.
+
+    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``found``: (observed, reference) of the set,
+    ``pair`` the first two that fit, for the case that no three do. ``operations``: distances compared.
+    """
+
+    unit_cam: Array
+    reference_unit: Array
+    tolerance_rad: float
+    columns: list[Candidates] = field(default_factory=list)
+    found: list[tuple[int, int]] = field(default_factory=list)
+    pair: list[tuple[int, int]] = field(default_factory=list)
+    operations: int = 0
+
+    def add(self, new: Candidates) -> bool:
+        """True once three stars fit."""
+        if self.found or not len(new.observed):
+            return bool(self.found)
+        if len(self.columns) + 1 == MOST_GROUPS:
+            del self.columns[:GIVEN_UP]
+        if not self.pair:
+            for old in self.columns:
+                self.pair = self.pair or self._fit((old, new))
+        for one, two in itertools.combinations(self.columns, STARS - 1):
+            self.found = self._fit((one, two, new))
+            if self.found:
+                break
+        self.columns.append(new)
+        return bool(self.found)
+
+    def _fit(self, columns: tuple[Candidates, ...]) -> list[tuple[int, int]]:
+        """First choice of one candidate per column whose distances all fit, depth first."""
+
+        def grow(chosen: list[tuple[int, int]]) -> list[tuple[int, int]]:
+            if len(chosen) == len(columns):
+                return chosen
+            column = columns[len(chosen)]
+            for k in column.observed.tolist():
+                if all(self._same_distance(pair, (k, column.reference)) for pair in chosen):
+                    rest = grow([*chosen, (k, column.reference)])
+                    if rest:
+                        return rest
+            return []
+
+        return grow([])
+
+    def _same_distance(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
+        if one[0] == other[0]:
+            return False
+        self.operations += 1
+        seen = _angle_rad(self.unit_cam[one[0]], self.unit_cam[other[0]])
+        known = _angle_rad(self.reference_unit[one[1]], self.reference_unit[other[1]])
+        return abs(seen - known) <= self.tolerance_rad
+
+
+def _angle_rad(a: Array, b: Array) -> float:
+    return float(2 * np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(a - b)))))
+
+
+def by_boxes(pixels: Array, columns: int, rows: int) -> Rows:
+    """Order in which (n, 2) expected stars are looked for: the first of each of nine boxes, then the second of each, and so
+    on (Fig. 4-4, 4-5). Boxes are numbered along the rows; inside one the given order holds."""
+    col = np.clip(np.floor((pixels[:, 0] + 0.5) * 3 / columns), 0, 2).astype(np.intp)
+    row = np.clip(np.floor((pixels[:, 1] + 0.5) * 3 / rows), 0, 2).astype(np.intp)
+    box = 3 * row + col
+    turn = np.zeros(len(box), np.intp)
+    for b in range(9):
+        inside = np.flatnonzero(box == b)
+        turn[inside] = np.arange(len(inside))
+    return np.lexsort((box, turn))
