@@ -1,0 +1,34 @@
+"""Who held command authority, and who does."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.store.models import Authority
+
+
+def holder(session: Session) -> Authority | None:
+    """The open row; None while nobody holds it."""
+    return session.scalar(select(Authority).where(Authority.ended.is_(None)).order_by(Authority.id.desc()).limit(1))
+
+
+def take(session: Session, user: str, at: datetime) -> Authority:
+    """A new open row."""
+    row = Authority(holder=user, taken=at, ended=None, ended_by="", reason="")
+    session.add(row)
+    session.flush()
+    return row
+
+
+def end(session: Session, row: Authority, at: datetime, by: str, reason: str) -> None:
+    """Close a row."""
+    row.ended, row.ended_by, row.reason = at, by, reason
+    session.add(row)
+
+
+def newest(session: Session, limit: int) -> list[Authority]:
+    """Newest first."""
+    return list(session.scalars(select(Authority).order_by(Authority.id.desc()).limit(limit)))

@@ -1,0 +1,125 @@
+"""Who may command: taking, releasing, breaking, and the record of it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from gss.domain.errors import BadInput, Conflict
+from gss.operations.authority import AuthorityService
+
+
+@pytest.fixture
+def authority(database, bus, clock) -> AuthorityService:
+    """Authority on an empty database."""
+    return AuthorityService(database, bus, clock)
+
+
+def texts(bus) -> list[str]:
+    return [event.text for event in bus.after(0, 100)]
+
+
+def test_one_holder_at_a_time(authority, clock):
+    """Take, refuse the other with the holder's name, release, then the other may take it."""
+    assert authority.state().holder is None
+    assert authority.take("ann").holder.holder == "ann"
+    with pytest.raises(Conflict, match="held by ann") as caught:
+        authority.take("bob")
+    assert caught.value.got == "ann"
+    with pytest.raises(Conflict, match="held by ann"):
+        authority.check("bob")
+    authority.check("ann")
+    clock.forward(10)
+    assert authority.release("ann").holder is None
+    state = authority.take("bob")
+    assert [(row.holder, row.ended is None) for row in state.history] == [("bob", True), ("ann", False)]
+    assert (state.history[1].ended - state.history[1].taken).total_seconds() == 10
+
+
+def test_taking_twice_is_taking_once(authority, bus):
+    """What one holds already need not be recorded again."""
+    authority.take("ann")
+    assert len(authority.take("ann").history) == 1
+    assert texts(bus) == ["ann took command authority"]
+
+
+def test_the_first_command_takes_it_and_says_so(authority, bus):
+    """Nobody has to take it beforehand; the record tells how it was taken."""
+    authority.require("ann")
+    authority.require("ann")
+    assert authority.holder() == "ann"
+    assert texts(bus) == ["ann took command authority with the first command"]
+    with pytest.raises(Conflict, match="held by ann"):
+        authority.require("bob")
+
+
+def test_breaking_needs_a_reason_and_somebody_else(authority, bus):
+    """The reason stays with the row that was ended and in a warning; breaking one's own or nobody's is refused."""
+    with pytest.raises(Conflict, match="nobody else"):
+        authority.break_("bob", "pass begins")
+    authority.take("ann")
+    with pytest.raises(Conflict, match="nobody else"):
+        authority.break_("ann", "pass begins")
+    for bad in ("", "  \n ", "x" * 301):
+        with pytest.raises(BadInput, match="needs a reason"):
+            authority.break_("bob", bad)
+    assert authority.holder() == "ann"
+    state = authority.break_("bob", " ann left \n her desk ")
+    assert (state.holder.holder, state.history[1].ended_by, state.history[1].reason) == (
+        "bob",
+        "bob",
+        "ann left her desk",
+    )
+    event = bus.after(0, 100)[-1]
+    assert (event.kind, event.severity) == ("authority", "warning")
+    assert "broke the command authority of ann: ann left her desk" in event.text
+
+
+def test_only_the_holder_releases(authority):
+    """Neither a bystander nor anybody after the release."""
+    with pytest.raises(Conflict, match="only the holder"):
+        authority.release("ann")
+    authority.take("ann")
+    with pytest.raises(Conflict) as caught:
+        authority.release("bob")
+    assert caught.value.got == "ann"
+
+
+def test_two_first_commands_at_once_have_one_winner(authority):
+    """Whoever comes second is refused, however close behind."""
+
+    def first(user: str) -> bool:
+        try:
+            authority.require(user)
+        except Conflict:
+            return False
+        return True
+
+    with ThreadPoolExecutor(8) as pool:
+        won = list(pool.map(first, [f"user-{k}" for k in range(8)]))
+    assert won.count(True) == 1
+    assert authority.holder() == f"user-{won.index(True)}"
+
+
+def test_authority_outlives_the_server(authority, database, bus, clock):
+    """A new server finds the same holder."""
+    authority.take("ann")
+    assert AuthorityService(database, bus, clock).holder() == "ann"
+
+
+@pytest.mark.parametrize("name", ["", " ann", "a\nb", "x" * 61])
+def test_unprintable_names_hold_nothing(authority, name):
+    """Names end up on the header bar and in exports."""
+    with pytest.raises(BadInput, match="not a user name"):
+        authority.take(name)
+    assert authority.holder() is None
+
+
+def test_every_change_is_published(authority, bus):
+    """Topic "authority" carries the whole state."""
+    subscription = bus.subscribe(lambda: None)
+    authority.take("ann")
+    authority.release("ann")
+    told = [m.payload for m in subscription.take()[0] if m.topic == "authority"]
+    assert [state.holder.holder if state.holder else None for state in told] == ["ann", None]
