@@ -14,10 +14,10 @@ from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.regions import Blobs, Pixels
 
 PIXEL_PX2 = 1 / 12
-# Measured on rendered frames, per px of the spot's σ: what the ragged cut at the threshold adds for a star whose peak is the
-# threshold, and what the block grid's straight cuts add, which fall off with the root only. And what stays without noise.
+# Measured on rendered frames: what the ragged cut at the threshold adds for a star whose peak is the threshold, per px of the
+# spot's σ; what the block grid's straight cuts add, which fall off with the root only; and what stays without noise.
 CUT_PER_SIGMA = 0.42
-BLOCK_PER_SIGMA, BLOCK_MOST_PER_SIGMA = 0.68, 0.28
+BLOCK_PX, BLOCK_MOST_PX = 0.85, 0.35
 FLOOR_PX = 0.02
 MLE_FLOOR_PX = 0.01
 STAMP_SIGMAS = 3.0
@@ -94,8 +94,8 @@ def weighted_sum(shapes: Shapes, threshold_dn: float, noise_dn: float, p: FarMst
         noise_px2 = (noise_dn**2 * shapes.lever_px2 + shapes.spread_px2 / p.gain_e_per_dn) / shapes.flux_dn**2
         cut_px = p.psf_sigma_px * CUT_PER_SIGMA * threshold_dn / shapes.peak_dn
         if p.prefilter == "block":
-            blocked = np.minimum(BLOCK_PER_SIGMA * np.sqrt(threshold_dn / shapes.peak_dn), BLOCK_MOST_PER_SIGMA)
-            cut_px = np.maximum(cut_px, p.psf_sigma_px * blocked)
+            blocked = np.minimum(BLOCK_PX * np.sqrt(threshold_dn / shapes.peak_dn), BLOCK_MOST_PX)
+            cut_px = np.maximum(cut_px, blocked)
         sigma = np.sqrt(noise_px2 + cut_px**2 + FLOOR_PX**2)
     return Centroids(shapes.col_px, shapes.row_px, shapes.flux_dn, shapes.peak_dn, shapes.area_px, sigma)
 

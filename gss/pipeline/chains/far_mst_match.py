@@ -114,13 +114,17 @@ def _find_figures(s: _Search) -> bool:
     n = min(len(s.unit), s.p.max_vertex_stars)
     tolerance = pair_tolerance_rad(s.sigma_rad[:n], s.camera.pixel_rad, s.p)
     s.table = baselines(s.unit[:n], tolerance, _directory(s))
-    for method, figure, names in _hypotheses(s, n):
+    for tried, (method, figure, names) in enumerate(_hypotheses(s, n)):
         if s.p.acceptance == "document":
             s.best, s.method = _as_found(s, figure, names), method
-            return s.best is not None
-        found = complete(s.unit, s.sigma_rad, figure, names, s.catalogue, s.camera, s.p)
-        if found is not None and _accept(s, found, method, _lost_hypotheses(s)):
             return True
+        if tried >= s.p.most_hypotheses:
+            break
+        found = complete(s.unit, s.sigma_rad, figure, names, s.catalogue, s.camera, s.p)
+        if found is None:
+            continue
+        if _accept(s, found, method, _lost_hypotheses(s)):
+            return not _off_hint(s, found)
     return False
 
 
@@ -152,8 +156,7 @@ def _directory(s: _Search) -> Sin2Directory:
     """The directory, or the part of it near the hint."""
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return s.catalogue.directory
-    boresight = np.asarray(s.hint.boresight_icrs, float)
-    cosine = s.catalogue.icrs @ (boresight / np.linalg.norm(boresight))
+    cosine = s.catalogue.icrs @ _expected_boresight(s.hint, s.mode)
     return s.catalogue.directory.restricted(cosine >= np.cos(s.p.assisted_radius_rad))
 
 
@@ -171,11 +174,11 @@ def hint_error_rad(camera: Camera, p: FarMstParameters) -> float:
 
 
 def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bool:
-    """Enough names, near the hint, and unlikely by accident. The best so far is kept for the reason."""
+    """Enough names, and unlikely by accident. The best so far is kept for the reason."""
     bound = found.bound(hypotheses)
     if s.best is None or found.count > s.best.count:
         s.best, s.best_bound, s.method = found, bound, method
-    if found.count < _least(s) or bound > s.p.max_false_probability or _off_hint(s, found):
+    if found.count < _least(s) or bound > s.p.max_false_probability:
         return False
     s.best, s.best_bound, s.method = found, bound, method
     return True
@@ -188,12 +191,11 @@ def _least(s: _Search) -> int:
 def _off_hint(s: _Search, found: Identified) -> bool:
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return False
-    boresight = np.asarray(s.hint.boresight_icrs, float)
-    chord = np.linalg.norm(boresight / np.linalg.norm(boresight) - found.cam_from_icrs[2])
+    chord = np.linalg.norm(_expected_boresight(s.hint, s.mode) - found.cam_from_icrs[2])
     return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > hint_error_rad(s.camera, s.p))
 
 
-def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified | None:
+def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified:
     """The document's answer: the figure's own names and nothing else."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
@@ -202,11 +204,7 @@ def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified | None:
 
 def _track(s: _Search) -> bool:
     """Rate match with the catalogue: stars turned forward at a constant rate, and, in case it stopped, not turned."""
-    if s.hint is None or s.hint.quaternion is None:
-        return False
-    predictions = [matrix_from_quaternion(s.hint.quaternion)]
-    if s.hint.earlier:
-        predictions.insert(0, constant_rate(s.hint.quaternion, s.hint.earlier[0]))
+    predictions = _predictions(s.hint)
     for rotation in predictions:
         in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)
         pairs = mutual_nearest(s.catalogue.icrs[in_view] @ rotation.T, s.unit, s.p.tracking_radius_rad)
@@ -222,6 +220,22 @@ def _track(s: _Search) -> bool:
         if _accept(s, found, "rate match", len(predictions) * ways):
             return True
     return False
+
+
+def _predictions(hint: Hint | None) -> list[Array]:
+    """(3, 3) attitudes to expect: turned on at the last interval's rate, where there is one, and unchanged."""
+    if hint is None or hint.quaternion is None:
+        return []
+    still = [matrix_from_quaternion(hint.quaternion)]
+    return [constant_rate(hint.quaternion, hint.earlier[0]), *still] if hint.earlier else still
+
+
+def _expected_boresight(hint: Hint, mode: Mode) -> Array:
+    """(3,) where the camera should look: the hint's boresight, while tracking carried on at constant rate."""
+    if mode is Mode.TRACKING and hint.quaternion is not None:
+        return _predictions(hint)[0][2]
+    boresight = np.asarray(hint.boresight_icrs, float)
+    return np.asarray(boresight / np.linalg.norm(boresight))
 
 
 def _agreeing(s: _Search, met: Rows, names: Rows) -> Rows:
@@ -254,7 +268,7 @@ def _reason(s: _Search) -> str:
         return f"no figure of the {n} stars fits the catalogue"
     if s.best.count < least:
         return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
-    if _off_hint(s, s.best):
+    if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"
     return (
         f"{s.best.count} of {n} stars identified could be accidental: bound {s.best_bound:.1e}, "

@@ -37,9 +37,10 @@ SOURCES: dict[str, str] = {
     "sigma_model": "'document' is Huffman 2006 eq. 4.2, fitted to spots of 10 px; 'measured' propagates pixel noise and adds "
     "what rendered frames show",
     "max_centroids": "ours: twice the average 16 stars to V 4.5 in the frame",
-    "max_vertex_stars": "ours: figures are made of the brightest twelve (Huffman 2006 §5.4.4: brightest first)",
+    "max_vertex_stars": "ours: figures are made of the brightest sixteen (Huffman 2006 §5.4.4: brightest first)",
     "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue, five before four before three stars",
     "most_figures": "ours: figures looked at for n = 3, 4, 5 before the answer is lost (Huffman 2006 §5.5.4 tries all)",
+    "most_hypotheses": "ours: figures with names that are completed and weighed before the answer is lost",
     "sigmas": "ours, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
     "floor_px": "ours: aberration across the frame and the bank's number width",
     "tracking_radius_rad": "ours: 1°, the move at the document's slowest rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
@@ -75,9 +76,10 @@ class FarMstParameters:
     centroider: str = "weighted_sum"
     sigma_model: str = "measured"
     max_centroids: int = 32
-    max_vertex_stars: int = 12
+    max_vertex_stars: int = 16
     matcher: str = "auto"
-    most_figures: tuple[int, int, int] = (220, 120, 20)
+    most_figures: tuple[int, int, int] = (560, 120, 20)
+    most_hypotheses: int = 150
     sigmas: float = 3.5
     floor_px: float = 0.2
     tracking_radius_rad: float = float(np.radians(1.0))
