@@ -1,23 +1,35 @@
 """What the camera sees: real stars at the simulated date, drawn through the profile's camera and sensor.
 
-Proper motion to the epoch is in; annual and orbital aberration, planets, stray light and fixed-pattern noise are not yet.
+With everything switched off in the environment: stars with proper motion and nothing else. Aberration moves the stars'
+directions, not the truth's attitude: truth stays that of ICRS axes, its star positions are the apparent ones.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.catalogue_tools.corrections import aberrate
+from gss.catalogue_tools.ephemeris import Bodies, Disc
 from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.device.simulator.orbit import Motion
+from gss.device.simulator.environment import Environment
+from gss.device.simulator.orbit import Motion, Pose
+from gss.domain.angles import Array
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import Truth
-from gss.pipeline.render import render
+from gss.domain.stars import StarTable
+from gss.pipeline.render import STAMP_SIGMAS, Lights, render, stars_near
+from gss.pipeline.veil import Veil, earth_disc, earth_stray, halo, sun_stray
 
 FAINTER_MAG = 2.5
 DEEPEST_MAG = 8.0
+ABERRATION_MARGIN_RAD = 1e-3
+GOLDEN_ANGLE_RAD = float(np.pi * (3 - np.sqrt(5)))
+MOON_POINTS = (80, 1200)
+MOON_HALO_RAD = float(np.radians(12.0))
+NEAR_FIELD_RAD = float(np.radians(1.0))
 
 
 @dataclass(frozen=True)
@@ -29,28 +41,126 @@ class Exposure:
 
 
 class Sky:
-    """Draws exposures. The seed and the frame number decide the noise; time decides the pointing."""
+    """Draws exposures. The seed and the frame number decide the noise; time and the environment decide the scene."""
 
-    def __init__(self, profile: CameraProfile, motion: Motion, epoch_jyear: float, seed: int) -> None:
-        self._profile, self._motion, self._seed = profile, motion, seed
+    def __init__(
+        self,
+        profile: CameraProfile,
+        motion: Motion,
+        epoch_jyear: float,
+        seed: int,
+        environment: Environment | None = None,
+    ) -> None:
+        self._profile, self._seed = profile, seed
+        self.environment = environment or Environment(profile, motion, epoch_jyear, seed)
         faintest = min(profile.sensor.faint_limit_mag + FAINTER_MAG, DEEPEST_MAG)
         self._stars = propagate(load_stars(faintest), epoch_jyear)
 
     def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> Exposure:
         """The image whose middle is at that device time."""
-        pose = self._motion.at(mid_time_s)
+        world, profile = self.environment, self._profile
+        pose = world.motion.at(mid_time_s)
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, frame_number]))
         drawn = render(
-            self._stars,
-            self._profile.camera,
-            self._profile.sensor,
+            self._apparent(pose, mid_time_s, exposure_s),
+            profile.camera,
+            profile.sensor,
             pose.cam_from_icrs,
             exposure_s,
             rng,
             rate_rad_s=pose.rate_rad_s,
+            lights=self._lights(pose, mid_time_s),
+            veil=self._veil(pose, mid_time_s),
+            chip=world.chip,
+            dark_factor=world.dark_factor,
         )
         return Exposure(drawn.pixels, drawn.truth)
 
     def rate_rad_s(self, time_s: float) -> float:
         """How fast the camera turns."""
-        return float(np.linalg.norm(self._motion.at(time_s).rate_rad_s))
+        return self.environment.rate_rad_s(time_s)
+
+    def _apparent(self, pose: Pose, time_s: float, exposure_s: float) -> StarTable:
+        if not self.environment.aberration:
+            return self._stars
+        margin_px = STAMP_SIGMAS * self._profile.sensor.psf_sigma_px
+        sweep_rad = float(np.linalg.norm(pose.rate_rad_s)) * exposure_s
+        near = stars_near(
+            self._stars, self._profile.camera, pose.cam_from_icrs, margin_px, sweep_rad + ABERRATION_MARGIN_RAD
+        )
+        return replace(near, icrs=aberrate(near.icrs, self.environment.velocity_c(time_s)))
+
+    def _lights(self, pose: Pose, time_s: float) -> Lights | None:
+        """Planets and the Moon's disc, as far as they are near the field."""
+        world = self.environment
+        if not (world.planets or world.moon):
+            return None
+        bodies = world.bodies(time_s)
+        icrs, v_mag = [np.zeros((0, 3))], [np.zeros(0)]
+        if world.planets:
+            icrs.append(bodies.planets_icrs)
+            v_mag.append(bodies.planets_v_mag)
+        if world.moon and self._near(bodies.moon.icrs, pose):
+            points, point_v_mag = moon_points(bodies, self._profile.camera.pixel_rad)
+            icrs.append(points)
+            v_mag.append(np.full(len(points), point_v_mag))
+        places, brightness = np.concatenate(icrs), np.concatenate(v_mag)
+        if world.aberration:
+            places = aberrate(places, world.velocity_c(time_s))
+        seen = [self._near(place, pose) for place in places]
+        return Lights(places[seen], brightness[seen])
+
+    def _veil(self, pose: Pose, time_s: float) -> Veil | None:
+        """Stray light of Sun, Earth and Moon, and the Earth itself."""
+        world, camera, sensor = self.environment, self._profile.camera, self._profile.sensor
+        if not (world.sun or world.moon or world.earth):
+            return None
+        bodies, to_cam = world.bodies(time_s), pose.cam_from_icrs
+        sun_cam, moon_cam = to_cam @ bodies.sun.icrs, to_cam @ bodies.moon.icrs
+        e_s = np.zeros((camera.rows, camera.columns), np.float32)
+        blocked = None
+        if world.earth:
+            nadir, earth_rad = world.earth_disc(time_s)
+            if world.earth_angle_rad(time_s) < camera.half_diagonal_rad:
+                blocked, shining = earth_disc(camera, sensor, to_cam @ nadir, earth_rad, sun_cam)
+                e_s += shining
+            lit = 0.0 if world.orbit.grounded else max(0.0, float(-nadir @ bodies.sun.icrs))
+            if world.stray and lit > 0:
+                e_s += earth_stray(camera, self._profile.baffle, to_cam @ nadir, earth_rad, lit)
+        moon_near = world.moon and self._near(bodies.moon.icrs, pose, MOON_HALO_RAD)
+        if moon_near and world.stray and not world.behind_earth(bodies.moon.icrs, time_s):
+            e_s += halo(camera, sensor, moon_cam, bodies.moon.v_mag, MOON_HALO_RAD)
+        if world.sun and (world.stray or world.blinded(time_s)) and not world.in_eclipse(time_s):
+            e_s += sun_stray(camera, self._profile.baffle, sun_cam)
+        return Veil(e_s, blocked)
+
+    def _near(self, icrs: Array, pose: Pose, margin_rad: float = NEAR_FIELD_RAD) -> bool:
+        reach_rad = min(np.pi, self._profile.camera.half_diagonal_rad + margin_rad)
+        return bool(pose.cam_from_icrs[2] @ icrs > np.cos(reach_rad))
+
+
+def moon_points(bodies: Bodies, pixel_rad: float) -> tuple[Array, float]:
+    """(n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each."""
+    moon = bodies.moon
+    count = int(np.clip(6 * (moon.radius_rad / pixel_rad) ** 2, *MOON_POINTS))
+    order = np.arange(count)
+    radius, angle = np.sqrt((order + 0.5) / count), order * GOLDEN_ANGLE_RAD
+    toward_sun = bodies.sun.icrs * bodies.sun.distance_km - moon.icrs * moon.distance_km
+    toward_sun /= np.linalg.norm(toward_sun)
+    east, north = _across(moon)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    normal = x[:, None] * east + y[:, None] * north - np.sqrt(1 - radius**2)[:, None] * moon.icrs
+    lit = normal @ toward_sun > 0
+    if not lit.any():
+        lit[int(np.argmax(normal @ toward_sun))] = True
+    offset = np.tan(moon.radius_rad) * (x[lit, None] * east + y[lit, None] * north)
+    points = moon.icrs + offset
+    return points / np.linalg.norm(points, axis=1, keepdims=True), moon.v_mag + 2.5 * float(np.log10(lit.sum()))
+
+
+def _across(disc: Disc) -> tuple[Array, Array]:
+    """Two directions at right angles to that of a body and to each other."""
+    helper = np.eye(3)[int(np.argmin(np.abs(disc.icrs)))]
+    east = np.cross(helper, disc.icrs)
+    east /= np.linalg.norm(east)
+    return east, np.cross(disc.icrs, east)

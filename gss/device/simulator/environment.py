@@ -1,0 +1,187 @@
+"""Everything round the camera that an exercise can change: motion, what shines, the detector's flaws, heat, the line.
+
+Attributes may be set at any time; the next exposure sees them. Times are simulated seconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
+from gss.device.simulator.faults import LineControl
+from gss.device.simulator.motion import EarthFixed, EarthPointing, SlewTo, Tumble
+from gss.device.simulator.orbit import (
+    DAYS_PER_YEAR,
+    EARTH_RADIUS_KM,
+    CircularOrbit,
+    GroundSite,
+    Inertial,
+    Motion,
+    Orbit,
+    Zenith,
+)
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import NO_DEFECTS, Defects
+from gss.pipeline.chip import Chip, make_chip
+
+MOTIONS = ("zenith", "inertial", "slew", "tumble", "ground", "point")
+FASTEST_RAD_S = float(np.radians(20.0))
+DARK_DOUBLING_C = 8.0
+MEAN_C, SWING_C, LAG_S = 12.0, 6.0, 600.0
+
+
+class Environment:
+    """The world of one simulated camera. Stars are always there; the switches add the rest."""
+
+    def __init__(
+        self,
+        profile: CameraProfile,
+        motion: Motion,
+        epoch_jyear: float = 2026.0,
+        seed: int = 1,
+        *,
+        orbit: Orbit | None = None,
+        line: LineControl | None = None,
+    ) -> None:
+        self.profile, self.motion, self.epoch_jyear, self.seed = profile, motion, epoch_jyear, seed
+        self.orbit: Orbit = orbit or (motion.orbit if isinstance(motion, Zenith) else CircularOrbit())
+        self.line = line or LineControl(seed=seed)
+        # Where "zenith" leads back to: the motion of the start if it flies with the Earth, else its orbit.
+        sky_bound = isinstance(motion, Zenith | EarthPointing)
+        flown = CircularOrbit() if self.orbit.grounded else self.orbit
+        self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
+        self.aberration = self.planets = self.moon = self.sun = self.earth = self.stray = False
+        self.defects: Defects = NO_DEFECTS
+        self.temperature_offset_c = 0.0
+        self._chip: tuple[Defects, Chip | None] = (NO_DEFECTS, None)
+        self._bodies: tuple[float, Bodies] | None = None
+
+    def make_real(self, on: bool = True) -> None:
+        """Everything but aberration, which the ground does not take out yet."""
+        self.planets = self.moon = self.sun = self.earth = self.stray = on
+        self.set_defects(on)
+
+    def set_defects(self, on: bool) -> None:
+        """The camera's own flaws, or a perfect detector."""
+        self.defects = self.profile.defects if on else NO_DEFECTS
+
+    @property
+    def chip(self) -> Chip | None:
+        """The detector as it was made; None: perfect."""
+        if self._chip[0] != self.defects:
+            flawless = self.defects == NO_DEFECTS
+            made = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
+            self._chip = (self.defects, made)
+        return self._chip[1]
+
+    @property
+    def dark_factor(self) -> float:
+        """How much more dark current than the profile says: it doubles every 8 °C."""
+        return float(2.0 ** (self.temperature_offset_c / DARK_DOUBLING_C))
+
+    # --- motion -------------------------------------------------------------------------------------------------
+
+    def set_motion(
+        self,
+        kind: str,
+        time_s: float,
+        *,
+        rate_rad_s: float = 0.0,
+        ra_rad: float = 0.0,
+        dec_rad: float = 0.0,
+        roll_rad: float = 0.0,
+        duration_s: float = 60.0,
+    ) -> None:
+        """From the attitude of now on: back on the orbit (zenith), stand still (inertial), turn about camera y (slew),
+        tumble, drift with the Earth (ground), or turn to a place within ``duration_s`` (point)."""
+        if kind not in MOTIONS:
+            raise BadInput("unknown motion", expected=" | ".join(MOTIONS), got=kind)
+        if not abs(rate_rad_s) <= FASTEST_RAD_S:
+            expected = f"at most {np.degrees(FASTEST_RAD_S):g} °/s"
+            raise BadInput("the rate is out of range", expected=expected, got=f"{np.degrees(rate_rad_s):g} °/s")
+        now = self.motion.at(time_s).cam_from_icrs
+        if kind == "zenith":
+            self.motion, self.orbit = self._home
+        elif kind == "inertial":
+            self.motion = Inertial(now, np.zeros(3), time_s)
+        elif kind == "slew":
+            self.motion = Inertial(now, np.array([0.0, rate_rad_s, 0.0]), time_s)
+        elif kind == "tumble":
+            self.motion = Tumble.of_rate(now, rate_rad_s, time_s)
+        elif kind == "ground":
+            self.motion, self.orbit = on_the_ground(now, self.epoch_jyear, time_s)
+        else:
+            self.motion = SlewTo(now, cam_from_icrs(ra_rad, dec_rad, roll_rad), time_s, duration_s)
+
+    def rate_rad_s(self, time_s: float) -> float:
+        """How fast the camera turns."""
+        return float(np.linalg.norm(self.motion.at(time_s).rate_rad_s))
+
+    # --- geometry -----------------------------------------------------------------------------------------------
+
+    def jyear(self, time_s: float) -> float:
+        """Julian year, Terrestrial Time."""
+        return self.epoch_jyear + time_s / DAY_S / DAYS_PER_YEAR
+
+    def bodies(self, time_s: float) -> Bodies:
+        """Sun, Moon and planets from where the camera is."""
+        if self._bodies is None or self._bodies[0] != time_s:
+            self._bodies = (time_s, bodies_at(self.jyear(time_s), self.orbit.state(time_s)[0]))
+        return self._bodies[1]
+
+    def velocity_c(self, time_s: float) -> Array:
+        """(3,) barycentric velocity of the camera in units of c: annual aberration and that of the orbit."""
+        return self.bodies(time_s).earth_velocity_c + self.orbit.state(time_s)[1] / LIGHT_KM_S
+
+    def earth_disc(self, time_s: float) -> tuple[Array, float]:
+        """(3,) ICRS direction to the Earth's centre and its angular radius."""
+        place_km = self.orbit.state(time_s)[0]
+        distance_km = float(np.linalg.norm(place_km))
+        return -place_km / distance_km, float(np.arcsin(min(1.0, EARTH_RADIUS_KM / distance_km)))
+
+    def behind_earth(self, icrs: Array, time_s: float) -> bool:
+        """Is that (3,) direction hidden by the Earth?"""
+        nadir, earth_rad = self.earth_disc(time_s)
+        return bool(nadir @ icrs > np.cos(earth_rad))
+
+    def in_eclipse(self, time_s: float) -> bool:
+        """Is the Sun's centre behind the Earth? A test on the ground is made by night."""
+        return self.orbit.grounded or self.behind_earth(self.bodies(time_s).sun.icrs, time_s)
+
+    def sun_angle_rad(self, time_s: float) -> float:
+        """From the boresight to the Sun's centre."""
+        return self._from_boresight_rad(self.bodies(time_s).sun.icrs, time_s)
+
+    def moon_angle_rad(self, time_s: float) -> float:
+        """From the boresight to the Moon's centre."""
+        return self._from_boresight_rad(self.bodies(time_s).moon.icrs, time_s)
+
+    def earth_angle_rad(self, time_s: float) -> float:
+        """From the boresight to the Earth's limb; negative: the boresight meets the Earth."""
+        nadir, earth_rad = self.earth_disc(time_s)
+        return self._from_boresight_rad(nadir, time_s) - earth_rad
+
+    def blinded(self, time_s: float) -> bool:
+        """Does the Sun, where it is simulated, shine on the lens?"""
+        shining = self.sun and not self.in_eclipse(time_s)
+        return shining and self.sun_angle_rad(time_s) < self.profile.baffle.blind_rad
+
+    def sensor_temperature_c(self, time_s: float) -> float:
+        """Follows the sunlit side of the orbit with a lag, plus what the exercise adds."""
+        place_km = self.orbit.state(time_s - LAG_S)[0]
+        side = float(place_km @ self.bodies(time_s).sun.icrs / np.linalg.norm(place_km))
+        return MEAN_C + SWING_C * side + self.temperature_offset_c
+
+    def _from_boresight_rad(self, icrs: Array, time_s: float) -> float:
+        boresight = self.motion.at(time_s).cam_from_icrs[2]
+        return float(np.arctan2(np.linalg.norm(np.cross(boresight, icrs)), boresight @ icrs))
+
+
+def on_the_ground(attitude: Array, epoch_jyear: float, time_s: float = 0.0) -> tuple[EarthFixed, GroundSite]:
+    """A camera bolted to the Earth where its (3, 3) attitude looks to the zenith at that time."""
+    pole = earth_pole_icrs(epoch_jyear)
+    motion = EarthFixed(attitude, pole, time_s)
+    return motion, GroundSite(motion.at(0.0).cam_from_icrs[2], pole)
