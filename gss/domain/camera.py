@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -242,19 +243,19 @@ class Camera:
         points = [a + s[:, None] * (b - a) for a, b in itertools.pairwise(corners)]
         return self.unproject(np.concatenate(points))
 
-    @property
+    @cached_property
     def half_diagonal_rad(self) -> float:
         """Largest angle from boresight to a corner."""
         z = np.clip(self.corners()[:, 2], -1, 1)
         return float(np.max(np.arctan2(np.sqrt(1 - z * z), z)))
 
-    @property
+    @cached_property
     def diagonal_rad(self) -> float:
         """Largest angle between two corners: no pair of stars in one frame is further apart."""
         c = self.corners()
         return float(np.max(2 * np.arcsin(np.linalg.norm(c[:, None] - c[None], axis=-1) / 2)))
 
-    @property
+    @cached_property
     def fov_rad(self) -> tuple[float, float]:
         """Full (horizontal, vertical) fields of view through the optical centre."""
         mid_col, mid_row = self.centre_col_px, self.centre_row_px

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,11 @@ class StarTable:
         """The stars with V ≤ ``v_mag``, brightest first."""
         index = np.flatnonzero(self.v_mag <= v_mag)
         return self.take(index[np.argsort(self.v_mag[index], kind="stable")])
+
+    @cached_property
+    def row_of_hip(self) -> dict[int, int]:
+        """Row of each Hipparcos number."""
+        return {int(hip): row for row, hip in enumerate(self.hip)}
 
     def name_of(self, hip: int) -> str:
         """Proper or Bayer name where there is one, else "HIP n"."""

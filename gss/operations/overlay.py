@@ -41,7 +41,7 @@ def describe(
     }
     if attitude is not None:
         cam_from_icrs = attitude.cam_from_icrs
-        detail["predicted"] = predicted(camera, cam_from_icrs, stars.brighter_than(faint_limit_mag), centroids)
+        detail["predicted"] = predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids)
         detail["grid"] = grid(camera, cam_from_icrs)
         detail["north"] = north(cam_from_icrs)
         detail["field"] = field_outline(camera, cam_from_icrs)
@@ -61,7 +61,6 @@ def _region(r: Region) -> dict[str, Any]:
 
 
 def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[dict[str, Any]]:
-    row_of_hip = {int(hip): k for k, hip in enumerate(stars.hip)}
     match_of = {} if matches is None else {int(c): k for k, c in enumerate(matches.centroid)}
     arcsec_per_px = math.degrees(camera.pixel_rad) * 3600
     rows = []
@@ -77,7 +76,7 @@ def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matc
         k = match_of.get(i)
         if matches is not None and k is not None:
             hip = int(matches.hip[k])
-            found = row_of_hip.get(hip)
+            found = stars.row_of_hip.get(hip)
             dx, dy = (_finite(v) for v in matches.residual_px[k])
             row |= {
                 "hip": hip,
@@ -97,10 +96,12 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def predicted(camera: Camera, cam_from_icrs: Array, stars: StarTable, centroids: Centroids) -> list[dict[str, Any]]:
+def predicted(
+    camera: Camera, cam_from_icrs: Array, stars: StarTable, faint_limit_mag: float, centroids: Centroids
+) -> list[dict[str, Any]]:
     """Where the attitude puts the catalogue's stars, brightest first, and whether something was found there."""
     near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
-    stars = stars.take(np.flatnonzero(near))
+    stars = stars.take(np.flatnonzero(near & (stars.v_mag <= faint_limit_mag))).brighter_than(faint_limit_mag)
     pixels = camera.project(stars.icrs @ cam_from_icrs.T)
     rows = []
     for k in np.flatnonzero(camera.contains(pixels))[:MOST_PREDICTED]:
@@ -140,21 +141,16 @@ def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: 
     """The parts of one line that lie on the detector (with a margin, so that lines run off the edge)."""
     cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
+    if not ahead.any():
+        return []
     pixels = np.full((len(cam), 2), np.nan)
     pixels[ahead] = camera.project(cam[ahead])
     inside = np.nan_to_num(pixels, nan=-1e9)
     shown = camera.contains(inside, margin_px=-0.15 * max(camera.columns, camera.rows))
-    pieces: list[dict[str, Any]] = []
-    run: list[tuple[float, float]] = []
-    for k in range(len(shown)):
-        if shown[k]:
-            run.append((round(float(pixels[k, 0]), 1), round(float(pixels[k, 1]), 1)))
-        elif run:
-            pieces.append({"label": label, "points": run})
-            run = []
-    if run:
-        pieces.append({"label": label, "points": run})
-    return [p for p in pieces if len(p["points"]) > 1]
+    rounded = np.round(np.nan_to_num(pixels), 1)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]]).astype(np.int8)))
+    runs = [rounded[first:after] for first, after in zip(ends[::2], ends[1::2], strict=True)]
+    return [{"label": label, "points": [(c, r) for c, r in run.tolist()]} for run in runs if len(run) > 1]
 
 
 def north(cam_from_icrs: Array) -> tuple[float, float]:

@@ -98,3 +98,11 @@ def newest_solutions(session: Session, frame_ids: list[int], origin: str) -> dic
         .group_by(Solution.frame_id)
     )
     return {row.frame_id: row for row in session.scalars(select(Solution).where(Solution.id.in_(newest)))}
+
+
+def solved_by(session: Session, chain: str, version: str) -> set[int]:
+    """Frames on which this chain and version ran on the ground."""
+    query = select(Solution.frame_id).where(
+        Solution.origin == "ground", Solution.chain == chain, Solution.version == version, Solution.replay.is_(None)
+    )
+    return set(session.scalars(query.distinct()))
