@@ -15,7 +15,7 @@ from gss.device.protocol.line import LineReceiver, LineSender
 from gss.device.protocol.packet import CRC_BYTES, Packet, PacketType, labelled_bytes
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_commands import CommandLane
-from gss.device.session_counters import count_line, is_noisy
+from gss.device.session_counters import LineQuality, count_line
 from gss.device.session_events import (
     CommandStage,
     Direction,
@@ -24,21 +24,20 @@ from gss.device.session_events import (
     Ranges,
     SessionEvent,
     Stage,
+    TransferState,
     TransferUpdate,
 )
 from gss.device.session_pacing import Pacer
 from gss.device.session_reading import read_event, read_hello, read_report, read_telemetry
-from gss.device.session_transfer import HeldPart, Message, RequestIds, Transfer, checked_target
+from gss.device.session_transfer import HeldPart, Message, Part, RequestIds, Transfer, checked_target
 from gss.device.session_transfers import TransferDesk
 from gss.domain.errors import BadInput, Conflict, CorruptData
 
-__all__ = ["Compatibility", "HeldPart", "HostSession", "InFlight"]
+__all__ = ["Compatibility", "HeldPart", "HostSession", "InFlight", "Part"]
 
 InFlight = tuple[int, str, Mapping[str, Value]]
 """(request id, command name, arguments)."""
 
-CHUNK_BYTES = 1024
-SMALL_CHUNK_BYTES = 256
 HELLO_AGAIN_S = 3.0
 COUNTERS_EVERY_S = 1.0
 UNPACED_CHUNKS = 32
@@ -47,14 +46,17 @@ UNPACED_CHUNKS = 32
 class HostSession:
     """One device on one line. See the module's text; methods raise BadInput, NotFound or Conflict and then change nothing."""
 
-    def __init__(self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1) -> None:
+    def __init__(
+        self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1, framing: str = "cobs"
+    ) -> None:
         self._dictionary = dictionary
         self._ids = RequestIds(next_request_id)
         self._next_transfer_id = next_transfer_id
         self._lane = CommandLane(dictionary)
         self._desk = TransferDesk()
-        self._sender = LineSender(to_device=True, prefix=dictionary.prefix)
-        self._receiver = LineReceiver(from_device=True)
+        self._sender = LineSender(to_device=True, prefix=dictionary.prefix, framing=framing)
+        self._receiver = LineReceiver(from_device=True, framing=framing)
+        self._quality = LineQuality()
         self._events: list[SessionEvent] = []
         self._up = False
         self._hello: HelloReceived | None = None
@@ -68,14 +70,26 @@ class HostSession:
 
     # --- commands -----------------------------------------------------------------------------------------------
 
-    def submit(self, name: str, arguments: Mapping[str, Value], now_s: float) -> int:
-        """Queue a command and return its request id. Missing arguments take their default.
+    def submit(self, name: str, arguments: Mapping[str, Value], now_s: float, *, request_id: int | None = None) -> int:
+        """Queue a command and return its request id, a fresh one unless one was reserved. Missing arguments take their
+        default.
 
         Commands wait until the device has introduced itself; only ABORT does not.
         BadInput "0 – 255, got 300" out of range; Conflict while the dictionaries differ and nobody acknowledged it.
         """
+        self.check_allowed(name)
+        if request_id is None:
+            return self._add(name, arguments, urgent=False)
+        self._events.append(self._lane.add(request_id, name, arguments))
+        return request_id
+
+    def reserve(self) -> int:
+        """A request id for a later ``submit``: the owner can write it down before anything is queued."""
+        return self._ids()
+
+    def check_allowed(self, name: str) -> None:
+        """Conflict while the dictionaries differ and nobody acknowledged it; NotFound without such a command."""
         self._check_allowed(self._dictionary.command(name))
-        return self._add(name, arguments, urgent=False)
 
     def _check_allowed(self, command: Command) -> None:
         if self._hello is None or self._hello.dictionary_match or self._acknowledged or command.any_dictionary:
@@ -108,6 +122,10 @@ class HostSession:
         """Send the same bytes with the same id once more; Conflict unless the command is unknown."""
         self._events.append(self._lane.retry(request_id))
 
+    def withdraw(self, request_id: int, detail: str) -> CommandStage:
+        """Take a command back that waits in the queue; Conflict once it was released. The stage is not told again."""
+        return self._lane.withdraw(request_id, detail)
+
     def abort(self, now_s: float) -> int:
         """ABORT ahead of everything, never blocked. Returns its request id."""
         return self._add("ABORT", {}, urgent=True)
@@ -139,17 +157,28 @@ class HostSession:
     # --- transfers ----------------------------------------------------------------------------------------------
 
     def start_download(
-        self, kind: str, slot: int, now_s: float, *, held: HeldPart | None = None, chunk_bytes: int | None = None
+        self,
+        kind: str,
+        slot: int,
+        now_s: float,
+        *,
+        held: HeldPart | None = None,
+        chunk_bytes: int | None = None,
+        part: Part | None = None,
+        paused: str = "",
     ) -> int:
-        """Queue a download ("frame", "thumbnail", "catalogue") and return its transfer id.
+        """Queue a download of any kind the dictionary knows and return its transfer id.
 
-        ``held``: what an earlier attempt left; only the rest is asked for if the content is still the same.
+        ``held``: what an earlier attempt left; only the rest is asked for if the content is still the same. ``part``: which
+        region, or which side of star windows. ``chunk_bytes``: just this size, whatever the line does. ``paused``: wait, for
+        this reason, until the device has introduced itself.
         """
-        size = self._chunk_size(kind, chunk_bytes)
+        size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = Transfer(self._next_transfer_id, Direction.DOWN, kind, checked_target(slot), size)
+        transfer.part, transfer.grid_is_fixed = part or Part(), chunk_bytes is not None
         if held is not None:
             transfer.take_held(held)
-        return self._queue(transfer)
+        return self._queue(transfer, paused)
 
     def start_upload(
         self,
@@ -160,26 +189,31 @@ class HostSession:
         now_s: float,
         *,
         chunk_bytes: int | None = None,
+        paused: str = "",
     ) -> int:
-        """Queue an upload ("catalogue" to a bank number, "image" to a slot); verify and commit follow by themselves.
+        """Queue an upload (to a bank's or slot's number); verify and commit follow by themselves.
 
-        The same data to the same target after a break resumes with what the device still holds.
+        The same data to the same target after a break resumes with what the device still holds. ``paused``: as for downloads.
         """
         if not data:
             raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
-        size = self._chunk_size(kind, chunk_bytes)
+        size = self._chunk_size(kind, chunk_bytes, Direction.UP)
         transfer = Transfer(self._next_transfer_id, Direction.UP, kind, checked_target(target), size, compatibility)
         transfer.take_content(data)
-        return self._queue(transfer)
+        transfer.grid_is_fixed = chunk_bytes is not None
+        return self._queue(transfer, paused)
 
-    def _chunk_size(self, kind: str, wanted: int | None) -> int:
+    def _chunk_size(self, kind: str, wanted: int | None, direction: Direction) -> int:
         """The size of chunks for a kind of content that the dictionary knows."""
         opening = self._dictionary.service("OPEN_DOWNLOAD")
         item = next(f for f in opening.fields if f.name == "kind")
         encode([item], {"kind": kind})  # type: ignore[list-item]
-        return wanted or (SMALL_CHUNK_BYTES if is_noisy(self._receiver, self._housekeeping) else CHUNK_BYTES)
+        return wanted or self._quality.chunk_bytes(direction)
 
-    def _queue(self, transfer: Transfer) -> int:
+    def _queue(self, transfer: Transfer, paused: str) -> int:
+        if paused and not self._desk.line_is_up:
+            transfer.waits_for_device = True
+            transfer.to(TransferState.PAUSED, paused)
         self._desk.add(transfer)
         self._next_transfer_id += 1
         return transfer.id
@@ -247,6 +281,7 @@ class HostSession:
             out += self._chunks(now_s)
         if now_s - self._counted_s >= COUNTERS_EVERY_S:
             self._counted_s = now_s
+            self._quality.note(now_s, self._sender, self._receiver, self._housekeeping)
             self._events.append(self.counters)
         return b"".join(out), self._take_events(now_s)
 

@@ -1,15 +1,18 @@
-"""What went over the line and how much of it was damaged."""
+"""What went over the line and how much of it was damaged, in all and of late."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from gss.device.dictionary import Value
+from gss.device.protocol.chunk_size import best_chunk_bytes, loss_per_byte
 from gss.device.protocol.line import LineReceiver, LineSender
-from gss.device.session_events import DirectionCounters, LinkCounters
+from gss.device.session_events import Direction, DirectionCounters, LinkCounters
 
-NOISY_SHARE = 0.05
-NOISY_AFTER = 20
+LATELY_S = 60.0
+TELLING_LOSSES = 3
 
 
 def count_line(sender: LineSender, receiver: LineReceiver, undecodable: int, last_good_s: float | None) -> LinkCounters:
@@ -29,11 +32,47 @@ def count_line(sender: LineSender, receiver: LineReceiver, undecodable: int, las
     return LinkCounters(DirectionCounters(sender.bytes, sender.good), received, last_good_s)
 
 
-def is_noisy(receiver: LineReceiver, housekeeping: Mapping[str, Value] | None) -> bool:
-    """Do many packets get damaged in either direction? Then small chunks lose less."""
-    sensed = housekeeping or {}
-    pairs = [
-        (receiver.bad_total, receiver.good),
-        (int(sensed.get("frames_bad", 0)), int(sensed.get("frames_good", 0))),
-    ]
-    return any(bad + good >= NOISY_AFTER and bad > NOISY_SHARE * (bad + good) for bad, good in pairs)
+@dataclass(frozen=True)
+class _Sample:
+    """Bytes, packets and damaged packets of one direction at a moment."""
+
+    bytes: int
+    packets: int
+    damaged: int
+
+    def rate_since(self, before: _Sample) -> float:
+        """Damage per byte between two moments; 0 where too little happened to tell."""
+        packets, damaged = self.packets - before.packets, self.damaged - before.damaged
+        if damaged < TELLING_LOSSES or packets < damaged:
+            return 0.0
+        return loss_per_byte(damaged, packets, (self.bytes - before.bytes) / packets)
+
+
+class LineQuality:
+    """Damage per byte of each direction over the last minute: what comes is counted here, what goes by the device."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, _Sample, _Sample]] = deque()
+
+    def note(
+        self, now_s: float, sender: LineSender, receiver: LineReceiver, housekeeping: Mapping[str, Value] | None
+    ) -> None:
+        """Take the counters as they stand; call about once a second."""
+        down = _Sample(receiver.deframer.bytes, receiver.good + receiver.bad_total, receiver.bad_total)
+        sensed = housekeeping or {}
+        bad = int(sensed.get("frames_bad", 0))
+        up = _Sample(sender.bytes, int(sensed.get("frames_good", 0)) + bad, bad)
+        newest = self._samples[-1] if self._samples else None
+        if newest is not None and up.packets < newest[2].packets:
+            self._samples.clear()  # the device restarted and counts anew
+        self._samples.append((now_s, down, up))
+        while now_s - self._samples[0][0] > LATELY_S:
+            self._samples.popleft()
+
+    def chunk_bytes(self, direction: Direction) -> int:
+        """The size of chunks that carries most on a line like that."""
+        if not self._samples:
+            return best_chunk_bytes(0.0)
+        (_, down_before, up_before), (_, down, up) = self._samples[0], self._samples[-1]
+        is_down = direction is Direction.DOWN
+        return best_chunk_bytes(down.rate_since(down_before) if is_down else up.rate_since(up_before))

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gss.device.dictionary import Value
+from gss.device.protocol.chunk_size import smaller_chunk_bytes
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, Compatibility, chunk_count
 from gss.device.session_events import Direction, Ranges, TransferState, TransferUpdate
 from gss.domain.errors import BadInput
@@ -56,6 +57,17 @@ class HeldPart:
     ranges: Ranges
 
 
+@dataclass(frozen=True)
+class Part:
+    """Which part of an image is asked for, in pixels: a rectangle for "region"; for "star_windows" ``columns`` is the side of
+    the squares and the rest is 0. All 0: no part."""
+
+    col_px: int = 0
+    row_px: int = 0
+    columns: int = 0
+    rows: int = 0
+
+
 def checked_target(target: int) -> int:
     """A slot or bank number; BadInput unless it fits a byte."""
     if not 0 <= target <= 0xFF:
@@ -65,7 +77,12 @@ def checked_target(target: int) -> int:
 
 @dataclass
 class Transfer:
-    """One transfer under way."""
+    """One transfer under way.
+
+    ``chunk_bytes``: the grid in force; ``wanted_chunk_bytes``: what the next opening asks for, unless the device has shown
+    that it keeps its own or the owner wants just this (``grid_is_fixed``). ``waits_for_device``: paused only until the
+    device has introduced itself. ``note``: said while it transfers.
+    """
 
     id: int
     direction: Direction
@@ -73,6 +90,7 @@ class Transfer:
     target: int
     chunk_bytes: int
     compatibility: Compatibility = field(default_factory=Compatibility)
+    part: Part = field(default_factory=Part)
     data: bytearray = field(default_factory=bytearray)
     size: int = 0
     sha256: bytes = NO_HASH
@@ -88,9 +106,16 @@ class Transfer:
     frame_number: int = 0
     resumed: bool = False
     committing: bool = False
+    waits_for_device: bool = False
+    wanted_chunk_bytes: int = 0
+    grid_is_fixed: bool = False
+    note: str = ""
     history: deque[tuple[float, int]] = field(default_factory=deque)
     reported_s: float = -1e9
     changed: bool = True
+
+    def __post_init__(self) -> None:
+        self.wanted_chunk_bytes = self.wanted_chunk_bytes or self.chunk_bytes
 
     def take_held(self, held: HeldPart) -> None:
         """A download that goes on: only the rest is asked for if the content is still the same."""
@@ -114,6 +139,21 @@ class Transfer:
         if held is None:
             return (), 0
         return held.ranges()[0], held.stored_bytes(self.size, self.chunk_bytes)
+
+    @property
+    def holds_any(self) -> bool:
+        """Has the receiving side stored anything?"""
+        return self.stored()[1] > 0
+
+    def smaller_chunks(self) -> int | None:
+        """A chunk size worth re-opening for after what this session lost; None to go on."""
+        if self.grid_is_fixed:
+            return None
+        if self.sender is not None:
+            return smaller_chunk_bytes(self.chunk_bytes, self.sender.lost, self.sender.settled)
+        if self.receiver is not None:
+            return smaller_chunk_bytes(self.chunk_bytes, self.receiver.asked_again, self.receiver.settled)
+        return None
 
     @property
     def resent(self) -> int:

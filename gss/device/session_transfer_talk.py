@@ -6,16 +6,23 @@ import hashlib
 from collections import deque
 
 from gss.device.dictionary import Value
+from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.codec import Decoded
-from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, request_patience_s
 from gss.device.session_events import Direction, TransferDone, TransferState
-from gss.device.session_transfer import ENDED, Message, RequestIds, Transfer
+from gss.device.session_transfer import ENDED, NO_HASH, Message, RequestIds, Transfer
 
-OPEN_AGAIN_S = 1.0
-VERIFY_AGAIN_S = 2.5
-POKE_S = 1.0
+OPEN_AGAIN_S = 0.5
+VERIFY_AGAIN_S = 1.5
+POKE_S = 0.4
 SILENT_TRIES = 6
 RETRY_LOST_S = 4.0
+
+
+STARTED_OVER = {
+    Direction.UP: "the device no longer holds what it had: started over",
+    Direction.DOWN: "the content on board has changed: started over",
+}
 
 
 def abort_message(session: int, request_id: int, reason: str) -> Message:
@@ -44,10 +51,12 @@ class TransferTalk:
             self.lose(t, "no answer to the opening", now_s)
             return
         t.tries += 1
-        t.due_s = now_s + OPEN_AGAIN_S * t.tries
-        values: dict[str, Value] = {"kind": t.kind, "target": t.target, "chunk_bytes": t.chunk_bytes}
+        t.due_s = now_s + (OPEN_AGAIN_S + 2 * self._chunk_time_s(t)) * t.tries
+        values: dict[str, Value] = {"kind": t.kind, "target": t.target, "chunk_bytes": t.wanted_chunk_bytes}
         if t.direction is Direction.DOWN:
+            p = t.part
             values["held_sha256"] = t.sha256
+            values |= {"col_px": p.col_px, "row_px": p.row_px, "columns": p.columns, "rows": p.rows}
             self.out.append(Message("OPEN_DOWNLOAD", t.request_id, values))
             return
         c = t.compatibility
@@ -55,6 +64,16 @@ class TransferTalk:
         values |= {"dictionary_hash": c.dictionary_hash, "format_version": c.format_version}
         values |= {"epoch_jyear": c.epoch_jyear, "stars": c.stars, "pairs": c.pairs}
         self.out.append(Message("OPEN_UPLOAD", t.request_id, values))
+
+    def adapt(self, t: Transfer, now_s: float, take_request_id: RequestIds) -> bool:
+        """Where too much is lost, open again with smaller chunks; what is held stays held."""
+        smaller = t.smaller_chunks()
+        if smaller is None or t.session is None:
+            return False
+        self.out.append(Message("PAUSE", t.request_id, {"session": t.session}))
+        t.wanted_chunk_bytes, t.note = smaller, f"the line is noisy: chunks of {smaller} B"
+        self.begin_open(t, now_s, take_request_id)
+        return True
 
     def keep_moving(self, t: Transfer, now_s: float) -> None:
         """A sender asks when it hears nothing; a receiver reports, and pokes when nothing comes."""
@@ -78,8 +97,12 @@ class TransferTalk:
 
     def _send_status(self, t: Transfer, page: StatusPage, now_s: float) -> None:
         assert t.session is not None  # noqa: S101 - callers have checked it
-        t.due_s = now_s + max(POKE_S, 4 * self._chunk_time_s(t))
+        t.due_s = now_s + self._poke_after_s(t)
         self.out.append(Message("STATUS", t.request_id, page.values(t.session), page.lists()))
+
+    def _poke_after_s(self, t: Transfer) -> float:
+        """A silence in which several chunks should have come; longer after each that was broken in vain."""
+        return max(POKE_S, 4 * self._chunk_time_s(t)) * (1 + t.tries)
 
     def _chunk_time_s(self, t: Transfer) -> float:
         return (t.chunk_bytes + 64) / self.line_bytes_s if self.line_bytes_s else 0.0
@@ -118,16 +141,20 @@ class TransferTalk:
             t.to(TransferState.FAILED, "the device opened another transfer than asked for")
             return False
         window = max(1, int(v["window_chunks"]))
+        had_some, resent = t.holds_any, t.resent
         t.session, t.tries, t.resumed = session, 0, bool(v["resumed"])
-        t.resent_before = t.resent
+        t.resent_before = resent
+        t.grid_is_fixed |= chunk_bytes != t.wanted_chunk_bytes
         if t.direction is Direction.UP:
             t.chunk_bytes = chunk_bytes
-            patience_s = 0.5 + (window // 4 + 2) * self._chunk_time_s(t)
-            t.sender = ChunkSender(t.chunks, window, patience_s, resumed=t.resumed)
+            t.sender = ChunkSender(
+                t.chunks, window, request_patience_s(window, chunk_bytes, self.line_bytes_s), resumed=t.resumed
+            )
         else:
             self._prepare_download(t, size, chunk_bytes, window, bytes(v["sha256"]))  # type: ignore[arg-type]
             t.frame_number = int(v["frame_number"])
-        t.to(TransferState.TRANSFERRING)
+        started_over = had_some and (not t.resumed if t.direction is Direction.UP else not t.holds_any)
+        t.to(TransferState.TRANSFERRING, STARTED_OVER[t.direction] if started_over else t.note)
         if t.receiver is not None:
             self._send_status(t, t.receiver.status(), now_s)
             if t.receiver.held.complete:
@@ -135,9 +162,9 @@ class TransferTalk:
         return True
 
     def _prepare_download(self, t: Transfer, size: int, chunk_bytes: int, window: int, sha256: bytes) -> None:
-        """Keep what is held if it is a part of the same content in the same chunks."""
-        same = t.receiver is not None and (t.sha256, t.size, t.chunk_bytes) == (sha256, size, chunk_bytes)
-        held = [i for first, last in t.stored()[0] for i in range(first, last + 1)] if same else []
+        """Keep what is held if it is a part of the same content; another size of chunks cuts it anew."""
+        same = t.receiver is not None and (t.sha256, t.size) == (sha256, size)
+        held = regrid(t.stored()[0], size, t.chunk_bytes, chunk_bytes) if same else []
         if not same:
             t.data = bytearray(size)
         t.size, t.chunk_bytes, t.sha256 = size, chunk_bytes, sha256
@@ -164,7 +191,7 @@ class TransferTalk:
         assert t.receiver is not None  # noqa: S101 - the caller has checked it
         index, data = int(message.values["index"]), bytes(message.values["data"])  # type: ignore[arg-type]
         t.tries = 0
-        t.due_s = now_s + max(POKE_S, 4 * self._chunk_time_s(t))
+        t.due_s = now_s + self._poke_after_s(t)
         if t.receiver.accept(index, int(message.values["serial"]), len(data)):
             t.data[index * t.chunk_bytes : index * t.chunk_bytes + len(data)] = data
         if t.state is TransferState.TRANSFERRING and t.receiver.status_due():
@@ -184,12 +211,17 @@ class TransferTalk:
         if t.state is not TransferState.TRANSFERRING or t.session is None:
             return
         self.out.append(Message("CLOSE", t.request_id, {"session": t.session}))
-        if hashlib.sha256(t.data).digest() != t.sha256:
-            t.to(TransferState.FAILED, "the hash of what arrived is not the device's")
-            t.receiver = None
-        else:
+        if hashlib.sha256(t.data).digest() == t.sha256:
             t.to(TransferState.VERIFIED)
             self.finish(t)
+            return
+        # A part that was kept may have rotted; without one the bytes came as the device sent them.
+        kept_part, t.receiver, t.sha256, t.session = t.resumed, None, NO_HASH, None
+        if kept_part:
+            t.note = "the hash of what was held and what came is not the device's: started over"
+            t.to(TransferState.QUEUED, t.note)
+        else:
+            t.to(TransferState.FAILED, "the hash of what arrived is not the device's")
 
     def to_verify(self, t: Transfer, now_s: float) -> None:
         """Everything is stored over there: ask for the read-back."""

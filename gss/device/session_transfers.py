@@ -52,6 +52,7 @@ class TransferDesk:
             )
         if transfer.session is not None:
             self._talk.out.append(Message("PAUSE", transfer.request_id, {"session": transfer.session}))
+        transfer.waits_for_device = False
         transfer.to(TransferState.PAUSED)
 
     def resume(self, transfer_id: int) -> None:
@@ -61,6 +62,7 @@ class TransferDesk:
             raise Conflict(
                 "the transfer cannot be resumed", expected="paused, link_lost or failed", got=transfer.state.value
             )
+        transfer.waits_for_device = False
         transfer.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
@@ -88,9 +90,12 @@ class TransferDesk:
                 self._talk.lose(transfer, "the line is gone", 0.0)
 
     def line_back(self, now_s: float) -> None:
-        """The device has introduced itself: open again what the loss of the line interrupted."""
+        """The device has introduced itself: open again what the loss of the line or a restart interrupted."""
         self.line_is_up = True
         for transfer in self._transfers.values():
+            if transfer.state is TransferState.PAUSED and transfer.waits_for_device:
+                transfer.waits_for_device = False
+                transfer.to(TransferState.QUEUED)
             if transfer.state is TransferState.LINK_LOST:
                 transfer.due_s = now_s
 
@@ -127,7 +132,8 @@ class TransferDesk:
         elif transfer.state is TransferState.OPENING and now_s >= transfer.due_s:
             self._talk.open_again(transfer, now_s)
         elif transfer.state is TransferState.TRANSFERRING:
-            self._talk.keep_moving(transfer, now_s)
+            if not self._talk.adapt(transfer, now_s, take_request_id):
+                self._talk.keep_moving(transfer, now_s)
         elif transfer.state is TransferState.VERIFYING and now_s >= transfer.due_s:
             self._talk.ask_verify(transfer, now_s)
         messages = list(self._talk.out)

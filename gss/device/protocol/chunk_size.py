@@ -9,8 +9,8 @@ LADDER_BYTES = (1024, 512, 256, 128)
 FRAME_OVERHEAD_BYTES = 40
 """Header, CRC, chunk fields and framing round the content of a chunk."""
 
-SURE_AFTER_CHUNKS = 12
-SURE_AFTER_LOSSES = 4
+SURE_AFTER_CHUNKS = 16
+SURE_AFTER_LOSSES = 8
 WORTH_IT = 1.08
 
 

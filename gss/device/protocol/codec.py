@@ -130,7 +130,12 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
             value = bytes.fromhex(value)
         except ValueError:
             raise _bad(item, value) from None
-    if not isinstance(value, bytes) or (item.type == "bytes" and len(value) != item.size):
+    if not isinstance(value, bytes):
+        raise _bad(item, value)
+    if isinstance(item, Argument) and item.type == "bytes" and len(value) < item.size:
+        # What a person gives is as long as it is; the wire's field is filled with zeros.
+        value = value.ljust(item.size, b"\0")
+    if item.type == "bytes" and len(value) != item.size:
         raise _bad(item, value)
     return value
 

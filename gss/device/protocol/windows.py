@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ HEAD = struct.Struct(">HHBB")
 WINDOW = struct.Struct(">HHBB")
 SIDE_RANGE_PX = (5, 31)
 MOST_WINDOWS = 255
-DTYPES = {1: np.dtype(np.uint8), 2: np.dtype(">u2")}
+DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype(np.uint8), 2: np.dtype(">u2")}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -39,7 +40,8 @@ def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns:
     low, high = SIDE_RANGE_PX
     if side_px % 2 == 0 or not low <= side_px <= high:
         raise BadInput("side of star windows", expected=f"odd, {low} – {high}", got=str(side_px))
-    half, found = side_px // 2, []
+    half = side_px // 2
+    found: list[Window] = []
     for col, row in centres[:MOST_WINDOWS]:
         first_col, first_row = max(0, round(col) - half), max(0, round(row) - half)
         past_col, past_row = min(columns, round(col) + half + 1), min(rows, round(row) + half + 1)
@@ -67,7 +69,8 @@ def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
     if pixel_bytes not in DTYPES:
         raise CorruptData("star windows with odd pixels", expected="1 or 2 bytes each", got=str(pixel_bytes))
     pixels = np.zeros((rows, columns), np.uint8 if pixel_bytes == 1 else np.uint16)
-    at, windows = HEAD.size, []
+    at = HEAD.size
+    windows: list[Window] = []
     for _ in range(count):
         if at + WINDOW.size > len(data):
             raise CorruptData("star windows end too early", expected=f"{count} windows", got=f"{len(windows)}")
