@@ -174,11 +174,11 @@ def hint_error_rad(camera: Camera, p: FarMstParameters) -> float:
 
 
 def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bool:
-    """Enough names, and unlikely by accident. The best so far is kept for the reason."""
+    """Enough names, unlikely by accident, and not contradicted by the rest of the field. The best so far is kept for the reason."""
     bound = found.bound(hypotheses)
     if s.best is None or found.count > s.best.count:
         s.best, s.best_bound, s.method = found, bound, method
-    if found.count < _least(s) or bound > s.p.max_false_probability:
+    if found.count < _least(s) or bound > s.p.max_false_probability or found.share < s.p.min_share:
         return False
     s.best, s.best_bound, s.method = found, bound, method
     return True
@@ -199,7 +199,7 @@ def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified:
     """The document's answer: the figure's own names and nothing else."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
-    return Identified(row, len(figure), np.eye(3), float("nan"), float("nan"))
+    return Identified(row, len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
 
 
 def _track(s: _Search) -> bool:
@@ -233,7 +233,7 @@ def _predictions(hint: Hint | None) -> list[Array]:
 def _expected_boresight(hint: Hint, mode: Mode) -> Array:
     """(3,) where the camera should look: the hint's boresight, while tracking carried on at constant rate."""
     if mode is Mode.TRACKING and hint.quaternion is not None:
-        return _predictions(hint)[0][2]
+        return np.asarray(_predictions(hint)[0][2])
     boresight = np.asarray(hint.boresight_icrs, float)
     return np.asarray(boresight / np.linalg.norm(boresight))
 
@@ -268,6 +268,8 @@ def _reason(s: _Search) -> str:
         return f"no figure of the {n} stars fits the catalogue"
     if s.best.count < least:
         return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
+    if s.best.share < s.p.min_share:
+        return f"{s.best.count} of {n} stars identified where the catalogue has {s.best.in_view}: the others contradict"
     if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"
     return (

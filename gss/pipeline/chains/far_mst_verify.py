@@ -25,14 +25,20 @@ ROOM = 1.5
 
 @dataclass(frozen=True)
 class Identified:
-    """``row``: (n,) catalogue rows, −1 without; ``count`` of them; ``cam_from_icrs`` of their fit; ``per_sr``: stars of the
-    bank per steradian in this field; ``chance``: that a random direction meets one."""
+    """``row``: (n,) catalogue rows, −1 without; ``count`` of them, of ``in_view`` stars of the bank in this field, ``per_sr`` per
+    steradian; ``cam_from_icrs`` of their fit; ``chance``: that a random direction meets one."""
 
     row: Rows
     count: int
+    in_view: int
     cam_from_icrs: Array
     per_sr: float
     chance: float
+
+    @property
+    def share(self) -> float:
+        """Identified stars of those that could be: all centroids, or all stars of the bank, whichever are fewer."""
+        return self.count / max(1, min(len(self.row), self.in_view))
 
     def bound(self, hypotheses: float) -> float:
         """Upper bound on the expected number of accidents this good among so many hypotheses."""
@@ -82,7 +88,7 @@ def complete(
     names = _still_near(names, unit_cam, radius, rotation, catalogue.icrs)
     per_sr = max(1, len(in_view)) / _solid_angle_sr(camera)
     chance = chance_within(per_sr, ROOM * float(radius.max()))
-    return Identified(names, int(np.count_nonzero(names >= 0)), rotation, per_sr, chance)
+    return Identified(names, int(np.count_nonzero(names >= 0)), len(in_view), rotation, per_sr, chance)
 
 
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
