@@ -7,126 +7,45 @@ Units are those of the wire and the screen (deg, ms, °C), as the file's header 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass
 
-from gss.domain.errors import BadInput, NotFound
-from gss.domain.limits import Limits
+from gss.device.dictionary_values import (
+    FLOATS,
+    INTEGER_RANGES,
+    Argument,
+    Choice,
+    Conversion,
+    Group,
+    Hazard,
+    Item,
+    Layout,
+    TelemetryField,
+    Value,
+    Values,
+)
+from gss.domain.errors import NotFound
 
-Value = int | float | bool | str | bytes
-Values = Mapping[str, Value]
-
-INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    "u8": (0, 0xFF),
-    "u16": (0, 0xFFFF),
-    "u32": (0, 0xFFFF_FFFF),
-    "i8": (-0x80, 0x7F),
-    "i16": (-0x8000, 0x7FFF),
-    "i32": (-0x8000_0000, 0x7FFF_FFFF),
-}
-FLOATS = ("f32", "f64")
-
-
-class Hazard(StrEnum):
-    """How much a command can hurt. WARNING wants a yes, CRITICAL its name typed."""
-
-    NONE = "none"
-    WATCH = "watch"
-    WARNING = "warning"
-    CRITICAL = "critical"
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One value of an enumeration."""
-
-    name: str
-    value: int
-    hazard: Hazard = Hazard.NONE
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Item:
-    """One value on the wire. ``size``: bytes of ``bytes`` and ``str``. ``choices``: of ``enum``, whose values are the names."""
-
-    name: str
-    type: str
-    size: int = 0
-    unit: str = ""
-    purpose: str = ""
-    choices: tuple[Choice, ...] = ()
-
-    def choice(self, name: str) -> Choice:
-        """The choice of that name; BadInput lists what there is."""
-        for choice in self.choices:
-            if choice.name == name:
-                return choice
-        expected = " | ".join(c.name for c in self.choices)
-        raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
-
-    def choice_name(self, value: int) -> str | None:
-        """Name of a numeric choice, None where the enumeration has no such value."""
-        return next((c.name for c in self.choices if c.value == value), None)
-
-
-@dataclass(frozen=True)
-class Argument(Item):
-    """An argument of a command, inclusive range."""
-
-    minimum: float | None = None
-    maximum: float | None = None
-    default: Value | None = None
-
-    @property
-    def range_text(self) -> str:
-        """ "0 – 255", or the names of the choices."""
-        if self.choices:
-            return " | ".join(c.name for c in self.choices)
-        if self.type == "bool":
-            return "true | false"
-        return f"{self.minimum:g} – {self.maximum:g}" if self.minimum is not None and self.maximum is not None else ""
-
-
-@dataclass(frozen=True)
-class Conversion:
-    """Raw to engineering: Σ cᵢ·rawⁱ. Without coefficients the raw value is the engineering value."""
-
-    coefficients: tuple[float, ...] = ()
-
-    def engineering(self, raw: Value) -> Value:
-        """The value in the field's unit."""
-        if not self.coefficients or not isinstance(raw, int | float):
-            return raw
-        total = 0.0
-        for c in reversed(self.coefficients):
-            total = total * raw + c
-        return total
-
-
-@dataclass(frozen=True)
-class TelemetryField(Item):
-    """One telemetered value. ``stale_after_s`` 0 = never stale. ``page``: where the console shows it."""
-
-    title: str = ""
-    page: str = ""
-    decimals: int = 0
-    conversion: Conversion = field(default_factory=Conversion)
-    limits: Limits = field(default_factory=Limits)
-    stale_after_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Group:
-    """A list: u8 count, then that many times the items."""
-
-    name: str
-    items: tuple[Item, ...]
-    purpose: str = ""
-
-
-Layout = tuple[Item | Group, ...]
+__all__ = [
+    "FLOATS",
+    "INTEGER_RANGES",
+    "Argument",
+    "Choice",
+    "Command",
+    "Conversion",
+    "Dictionary",
+    "EventDefinition",
+    "Group",
+    "Hazard",
+    "Item",
+    "Layout",
+    "LimitSet",
+    "Packet",
+    "Precondition",
+    "Service",
+    "TelemetryField",
+    "Value",
+    "Values",
+]
 
 
 @dataclass(frozen=True)
@@ -152,7 +71,8 @@ class Precondition:
 
 @dataclass(frozen=True)
 class Command:
-    """One command. ``any_dictionary``: the device takes it even when the dictionaries differ."""
+    """One command. ``any_dictionary``: the device takes it even when the dictionaries differ. ``simulator_only``: a real
+    unit answers ``unknown_command``."""
 
     name: str
     code: int
@@ -169,6 +89,17 @@ class Command:
     accept_s: float
     complete_s: float
     any_dictionary: bool
+    simulator_only: bool = False
+
+    def hazard_for(self, arguments: Values) -> tuple[Hazard, str]:
+        """The worst hazard of the command and of the chosen values of its enumerations, with the reason."""
+        worst, reason = self.hazard, self.hazard_reason
+        for argument in self.arguments:
+            chosen = arguments.get(argument.name, argument.default)
+            for choice in argument.choices:
+                if chosen in (choice.name, choice.value) and choice.hazard.rank > worst.rank:
+                    worst, reason = choice.hazard, choice.note or f"{argument.name} = {choice.name}"
+        return worst, reason
 
     def argument(self, name: str) -> Argument:
         """The argument of that name."""
@@ -219,6 +150,14 @@ class Service:
 
 
 @dataclass(frozen=True)
+class LimitSet:
+    """A set of limits that an operator can choose."""
+
+    name: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
 class Dictionary:
     """Everything, with look-up by name and by code. ``hash``: SHA-256 of the canonical content."""
 
@@ -229,6 +168,7 @@ class Dictionary:
     events: tuple[EventDefinition, ...]
     services: tuple[Service, ...]
     hash: bytes
+    limit_sets: tuple[LimitSet, ...] = ()
 
     @property
     def hash_hex(self) -> str:

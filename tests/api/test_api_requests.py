@@ -196,8 +196,8 @@ def test_a_built_catalogue_keeps_request_manifest_and_quality(client):
 
 def test_commands_are_checked_without_a_line(client):
     """A dry run works offline; sending does not, and says why; unknown names and values are told."""
-    check = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1001}}).json()
-    assert any("1 – 1000" in p and "1001" in p for p in check["problems"]), check["problems"]
+    check = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 2001}}).json()
+    assert any("1 – 2000" in p and "2001" in p for p in check["problems"]), check["problems"]
     good = client.post("/api/commands/check", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1000}}).json()
     assert good["size"] == sum(len(bytes.fromhex(g["hex"].replace(" ", ""))) for g in good["bytes"])
     assert [g["argument"] for g in good["bytes"]].count(True) == 1

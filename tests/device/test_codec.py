@@ -80,6 +80,12 @@ def test_argument_limits_are_inclusive(command: Command, argument: Argument) -> 
         with pytest.raises(BadInput, match="no such choice"):
             check_argument(argument, "nonsense")
         return
+    if argument.type == "bytes":
+        assert check_argument(argument, b"\1\2") == b"\1\2".ljust(argument.size, b"\0")
+        assert len(check_argument(argument, bytes(argument.size))) == argument.size
+        with pytest.raises(BadInput, match=f"bytes{argument.size}"):
+            check_argument(argument, bytes(argument.size + 1))
+        return
     low, high = argument.minimum, argument.maximum
     assert low is not None
     assert high is not None
@@ -97,8 +103,8 @@ def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
     """The sentence that the field shows."""
     threshold = DICTIONARY.command("SET_DETECTION").argument("threshold_dn")
     with pytest.raises(BadInput) as caught:
-        check_argument(threshold, 300)
-    assert (caught.value.expected, caught.value.got) == ("1 – 255 DN", "300")
+        check_argument(threshold, 5000)
+    assert (caught.value.expected, caught.value.got) == ("1 – 4095 DN", "5000")
 
 
 @pytest.mark.parametrize("wrong", [True, "12", 12.5, math.nan, math.inf, None, b"\1"])

@@ -36,9 +36,9 @@ def test_hash_depends_on_content_and_not_on_layout() -> None:
     [
         ("code: 2\n    subsystem", "code: 1\n    subsystem", "given twice"),
         ("name: GET_STATUS", "name: HELLO", "given twice"),
-        ("min: 1, max: 1000, default: 250", "min: 1, max: 1000, default: 1250", "default is not allowed"),
-        ("min: 1, max: 1000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
-        ("type: u16, unit: ms, min: 1, max: 1000,", "type: u12, unit: ms, min: 1, max: 1000,", "unknown type"),
+        ("min: 1, max: 2000, default: 250", "min: 1, max: 2000, default: 2250", "default is not allowed"),
+        ("min: 1, max: 2000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
+        ("type: u16, unit: ms, min: 1, max: 2000,", "type: u12, unit: ms, min: 1, max: 2000,", "unknown type"),
         ("enum: mode, default: lost_in_space", "enum: modes, default: lost_in_space", "enum is missing or unknown"),
         ("enum: mode, default: lost_in_space", "enum: mode, default: lost", "default is not allowed"),
         ("{linear: [0.0625, -50.0]}", "{eval: [0.0625, -50.0]}", "unknown conversion"),
@@ -46,6 +46,11 @@ def test_hash_depends_on_content_and_not_on_layout() -> None:
         ("{field: mode, op: ne,", "{field: mode, op: is,", "unknown operator"),
         ("hazard_reason: The bank's", "hazard_reasoning: The bank's", "unknown keys"),
         ("watch: [-15, 45]", "watch: [45, -15]", "limits are crossed"),
+        ("{watch: [null, 60.0]}", "{watches: [null, 60.0]}", "unknown keys"),
+        ("sets: {commissioning: {watch: [null, 60.0]}}", "sets: {training: {}}", "unknown limit set"),
+        ("critical: [-30, 65], persistence: 3", "critical: [-10, 65], persistence: 3", "beyond a more urgent level"),
+        ("persistence: 3}", "persistence: 0}", "persistence counts samples"),
+        ("limit_sets:", "limit_set:", "unknown keys"),
         ("commands:", "commands: [", "not YAML"),
     ],
 )
@@ -63,11 +68,49 @@ def test_hazards_are_where_they_belong() -> None:
     hazards = {c.name: c.hazard for c in d.commands if c.hazard is not Hazard.NONE}
     assert hazards == {
         "RESET": Hazard.WARNING,
+        "CLEAR_LATCHUP": Hazard.WARNING,
+        "SCHEDULE": Hazard.WATCH,
         "ACTIVATE_BANK": Hazard.CRITICAL,
         "ROLLBACK_BANK": Hazard.WARNING,
         "ERASE_BANK": Hazard.CRITICAL,
+        "ACTIVATE_TABLE": Hazard.CRITICAL,
+        "ROLLBACK_TABLE": Hazard.WARNING,
+        "ERASE_TABLE": Hazard.CRITICAL,
     }
-    assert not any(d.command(name).idempotent for name in ("TAKE_IMAGE", "RUN_ITERATION", "RESET", *hazards))
+    once = [name for name in hazards if name != "CLEAR_LATCHUP"]
+    assert not any(d.command(name).idempotent for name in ("TAKE_IMAGE", "RUN_ITERATION", *once))
+
+
+def test_a_value_of_an_enumeration_can_be_the_hazard() -> None:
+    """POWER is harmless switching on and a warning with its reason switching off; the worse of both counts."""
+    d = load_dictionary()
+    power = d.command("POWER")
+    assert power.hazard_for({"rail": "sram", "state": "on"}) == (Hazard.NONE, "")
+    assert power.hazard_for({"rail": "sram", "state": "off"}) == (Hazard.WARNING, "What the unit holds is lost")
+    assert power.hazard_for({"state": 0})[0] is Hazard.WARNING
+    assert power.hazard_for({})[0] is Hazard.NONE
+    activate = d.command("ACTIVATE_BANK")
+    assert activate.hazard_for({"bank": "B"}) == (Hazard.CRITICAL, activate.hazard_reason)
+
+
+def test_limits_follow_the_chosen_set() -> None:
+    """A field without limits for a set keeps its own; persistence is 1 unless the row says more."""
+    d = load_dictionary()
+    fields = {f.name: f for f in d.packet("housekeeping").values}
+    warm, rate = fields["sensor_temperature_c"], fields["rate_deg_s"]
+    assert [s.name for s in d.limit_sets] == ["nominal", "commissioning"]
+    assert (warm.limits.watch, warm.persistence) == ((-15, 45), 3)
+    assert warm.limits_in("nominal") == warm.limits
+    assert warm.limits_in("commissioning").watch == (-25, 55)
+    assert rate.limits_in("commissioning") == rate.limits
+    assert rate.persistence == 1
+
+
+def test_only_a_simulator_has_the_instructors_commands() -> None:
+    """What starts with SIM_ is marked, and nothing else is."""
+    assert {c.name for c in load_dictionary().commands if c.simulator_only} == {
+        c.name for c in load_dictionary().commands if c.name.startswith("SIM_")
+    }
 
 
 def test_names_that_are_not_there_say_what_is() -> None:

@@ -114,6 +114,8 @@ class CommandDesk:
         """All checks before a command is accepted."""
         if command is None:
             raise Refusal("unknown_command", f"code {packet.code}")
+        if command.name not in self.handlers:
+            raise Refusal("unknown_command", f"{command.name} is not on board")
         if packet.prefix != self._dictionary.prefix and not command.any_dictionary:
             raise Refusal("wrong_dictionary", f"device {self._dictionary.prefix:04x}, ground {packet.prefix:04x}")
         try:

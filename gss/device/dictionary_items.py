@@ -1,0 +1,116 @@
+"""The small rows of ``dictionary.yaml``: choices, values, arguments, lists; what cannot work is refused by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gss.device.dictionary import FLOATS, INTEGER_RANGES, Argument, Choice, Group, Hazard, Item, Layout
+from gss.domain.errors import BadInput
+
+SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
+PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
+Row = Mapping[str, Any]
+Enums = dict[str, tuple[Choice, ...]]
+
+
+def read_choices(name: str, rows: Sequence[Row]) -> tuple[Choice, ...]:
+    """An enumeration, each value one byte."""
+    choices = tuple(
+        Choice(str(r["name"]), int(r["value"]), Hazard(r.get("hazard", "none")), str(r.get("note", ""))) for r in rows
+    )
+    unique(f"enum {name}", [c.name for c in choices])
+    unique(f"enum {name}", [c.value for c in choices])
+    if any(not 0 <= c.value <= 0xFF for c in choices):
+        raise BadInput(f"enum {name} does not fit its byte", expected="values 0 – 255")
+    return choices
+
+
+def unique(where: str, keys: Sequence[object]) -> None:
+    """BadInput where a key comes twice."""
+    doubles = {k for k in keys if keys.count(k) > 1}
+    if doubles:
+        raise BadInput(f"{where}: given twice", got=", ".join(map(str, sorted(doubles, key=str))))
+
+
+def known_keys(where: str, row: Row, keys: str) -> None:
+    """BadInput where a row says more than anybody reads."""
+    unknown = set(row) - set(keys.split())
+    if unknown:
+        raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(sorted(unknown)))
+
+
+def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
+    """The arguments that every kind of Item shares."""
+    name, kind = str(row["name"]), str(row["type"])
+    sized = SIZED.fullmatch(kind)
+    if not sized and kind not in PLAIN_TYPES:
+        raise BadInput(f"{where}.{name}: unknown type", expected=" ".join(PLAIN_TYPES) + " bytesN strN", got=kind)
+    if (kind == "enum") != ("enum" in row) or (kind == "enum" and row["enum"] not in enums):
+        raise BadInput(
+            f"{where}.{name}: enum is missing or unknown", expected=", ".join(enums), got=str(row.get("enum"))
+        )
+    return {
+        "name": name,
+        "type": sized[1] if sized else kind,
+        "size": int(sized[2]) if sized else 0,
+        "unit": str(row.get("unit", "")),
+        "purpose": str(row.get("purpose", "")),
+        "choices": enums[row["enum"]] if kind == "enum" else (),
+    }
+
+
+def read_argument(where: str, row: Row, enums: Enums) -> Argument:
+    """An argument: a number needs a range, a default must lie in it."""
+    known_keys(f"{where}.{row.get('name')}", row, "name type enum unit min max default purpose")
+    argument = Argument(
+        **read_item(where, row, enums), minimum=row.get("min"), maximum=row.get("max"), default=row.get("default")
+    )
+    where = f"{where}.{argument.name}"
+    numeric = argument.type in INTEGER_RANGES or argument.type in FLOATS
+    if numeric and (argument.minimum is None or argument.maximum is None):
+        raise BadInput(f"{where}: a number needs min and max")
+    if argument.type in INTEGER_RANGES:
+        low, high = INTEGER_RANGES[argument.type]
+        if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]
+            raise BadInput(
+                f"{where}: range does not fit {argument.type}", expected=f"{low} – {high}", got=argument.range_text
+            )
+    _check_default(where, argument, numeric)
+    return argument
+
+
+def _check_default(where: str, argument: Argument, numeric: bool) -> None:
+    default = argument.default
+    if default is None:
+        return
+    good = True
+    if numeric:
+        good = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]
+    elif argument.choices:
+        good = any(c.name == default for c in argument.choices)
+    elif argument.type == "bool":
+        good = isinstance(default, bool)
+    if not good:
+        raise BadInput(f"{where}: default is not allowed", expected=argument.range_text, got=repr(default))
+
+
+def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
+    """Values and lists in their order."""
+    layout: list[Item | Group] = []
+    for row in rows:
+        if "list" in row:
+            layout.append(Group(str(row["name"]), read_items(f"{where}.{row['name']}", row["list"], enums)))
+        else:
+            layout.append(Item(**read_item(where, row, enums)))
+    unique(where, [entry.name for entry in layout])
+    return tuple(layout)
+
+
+def read_items(where: str, rows: Sequence[Row], enums: Enums) -> tuple[Item, ...]:
+    """The values of one row of a list."""
+    items = tuple(Item(**read_item(where, row, enums)) for row in rows)
+    if any(item.type == "rest" for item in items):
+        raise BadInput(f"{where}: rest cannot be inside a list")
+    return items

@@ -1,0 +1,136 @@
+"""What a value on the wire is: type, unit, range, choices, conversion, limits. The words of dictionary rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from gss.domain.errors import BadInput
+from gss.domain.limits import Limits
+
+Value = int | float | bool | str | bytes
+Values = Mapping[str, Value]
+
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    "u8": (0, 0xFF),
+    "u16": (0, 0xFFFF),
+    "u32": (0, 0xFFFF_FFFF),
+    "i8": (-0x80, 0x7F),
+    "i16": (-0x8000, 0x7FFF),
+    "i32": (-0x8000_0000, 0x7FFF_FFFF),
+}
+FLOATS = ("f32", "f64")
+
+
+class Hazard(StrEnum):
+    """How much a command can hurt. WARNING wants a yes, CRITICAL its name typed."""
+
+    NONE = "none"
+    WATCH = "watch"
+    WARNING = "warning"
+    CRITICAL = "critical"
+
+    @property
+    def rank(self) -> int:
+        """0 for none to 3 for critical."""
+        return list(Hazard).index(self)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One value of an enumeration."""
+
+    name: str
+    value: int
+    hazard: Hazard = Hazard.NONE
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One value on the wire. ``size``: bytes of ``bytes`` and ``str``. ``choices``: of ``enum``, whose values are the names."""
+
+    name: str
+    type: str
+    size: int = 0
+    unit: str = ""
+    purpose: str = ""
+    choices: tuple[Choice, ...] = ()
+
+    def choice(self, name: str) -> Choice:
+        """The choice of that name; BadInput lists what there is."""
+        for choice in self.choices:
+            if choice.name == name:
+                return choice
+        expected = " | ".join(c.name for c in self.choices)
+        raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
+
+    def choice_name(self, value: int) -> str | None:
+        """Name of a numeric choice, None where the enumeration has no such value."""
+        return next((c.name for c in self.choices if c.value == value), None)
+
+
+@dataclass(frozen=True)
+class Argument(Item):
+    """An argument of a command, inclusive range."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+    default: Value | None = None
+
+    @property
+    def range_text(self) -> str:
+        """ "0 – 255", or the names of the choices."""
+        if self.choices:
+            return " | ".join(c.name for c in self.choices)
+        if self.type == "bool":
+            return "true | false"
+        return f"{self.minimum:g} – {self.maximum:g}" if self.minimum is not None and self.maximum is not None else ""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Raw to engineering: Σ cᵢ·rawⁱ. Without coefficients the raw value is the engineering value."""
+
+    coefficients: tuple[float, ...] = ()
+
+    def engineering(self, raw: Value) -> Value:
+        """The value in the field's unit."""
+        if not self.coefficients or not isinstance(raw, int | float):
+            return raw
+        total = 0.0
+        for c in reversed(self.coefficients):
+            total = total * raw + c
+        return total
+
+
+@dataclass(frozen=True)
+class TelemetryField(Item):
+    """One telemetered value. ``stale_after_s`` 0 = never stale. ``page``: where the console shows it. ``persistence``:
+    samples that must agree before a limit counts. ``sets``: limits in force while the set of that name is chosen."""
+
+    title: str = ""
+    page: str = ""
+    decimals: int = 0
+    conversion: Conversion = field(default_factory=Conversion)
+    limits: Limits = field(default_factory=Limits)
+    stale_after_s: float = 0.0
+    persistence: int = 1
+    sets: Mapping[str, Limits] = field(default_factory=dict)
+
+    def limits_in(self, limit_set: str) -> Limits:
+        """Limits while that set is chosen; its own where the set has none for it."""
+        return self.sets.get(limit_set, self.limits)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A list: u8 count, then that many times the items."""
+
+    name: str
+    items: tuple[Item, ...]
+    purpose: str = ""
+
+
+Layout = tuple[Item | Group, ...]
