@@ -46,6 +46,24 @@ def register(subparsers: Subparsers) -> None:
         metavar="YEAR",
         help="Julian year of the star positions (default: the image's own date, else now)",
     )
+    parser.add_argument(
+        "--hint",
+        metavar="RA,DEC,ROLL[,RADIUS]",
+        help="prior attitude and its uncertainty in degrees (with --camera; 5°)",
+    )
+    parser.add_argument(
+        "--sequence",
+        action="store_true",
+        help="the files follow one another: each solution is the hint of the next, and rates are told (with --camera)",
+    )
+    parser.add_argument(
+        "--interval", type=float, metavar="S", help="seconds between the images of a sequence that carry no time"
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="RA,DEC,ROLL|FILE",
+        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON, one object per file and line")
     parser.set_defaults(run=run)
 
@@ -53,13 +71,18 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve each file; the worst outcome decides the exit code."""
     from gss.operations.clock import stopwatch_s
+    from gss.operations.sequence import Sequencer
     from gss.operations.solve import Solver
 
+    if (arguments.hint or arguments.sequence) and arguments.camera is None:
+        raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
     solver = Solver(stopwatch_s=stopwatch_s)
+    sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
+    truths = read_truths(arguments.truth, arguments.files)
     codes = []
     for name in arguments.files:
         try:
-            codes.append(_one(name, arguments, solver))
+            codes.append(_one(name, arguments, solver, sequencer, truths.get(Path(name).name)))
         except GssError as error:
             print(f"gss: {error}", file=sys.stderr)
             codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
@@ -70,9 +93,10 @@ def _worst(codes: Sequence[int]) -> int:
     return next((c for c in (FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT) if c in codes), SOLVED_EXIT)
 
 
-def _one(name: str, arguments: argparse.Namespace, solver: Any) -> int:
+def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any) -> int:
     from gss.operations.clock import utc_now
     from gss.operations.frame_files import read_frame
+    from gss.operations.sequence import truth_record
     from gss.operations.solve import SolveRequest
 
     frame = read_frame(_bytes_of(name), name)
@@ -84,10 +108,62 @@ def _one(name: str, arguments: argparse.Namespace, solver: Any) -> int:
         blind=arguments.blind,
         epoch_jyear=round(epoch, 2),
     )
-    result = solver.solve(frame.pixels, request)
+    result, rate = sequencer.solve(solver, frame.pixels, request, frame.taken_at)
     record = as_record(name, result)
+    if arguments.sequence:
+        record["rate"] = rate
+    if truth is not None:
+        record["truth"] = truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
     print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
+
+
+def prior(text: str | None) -> Any:
+    """The hint of ``--hint``, None without."""
+    from gss.pipeline.identify.near import Hint
+
+    if text is None:
+        return None
+    numbers = _numbers(text, (3, 4), "RA,DEC,ROLL[,RADIUS] in degrees")
+    radius_deg = numbers[3] if len(numbers) == 4 else 5.0
+    if not 0 < radius_deg <= 180:
+        raise BadInput("radius of the hint is out of range", expected="above 0, at most 180°", got=f"{radius_deg:g}°")
+    return Hint(_attitude(numbers), math.radians(radius_deg))
+
+
+def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
+    """True attitudes by file name."""
+    if text is None:
+        return {}
+    if not Path(text).is_file():
+        angles = _attitude(_numbers(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
+        return {Path(name).name: angles for name in files}
+    try:
+        rows = json.loads(Path(text).read_text("utf-8"))
+        return {str(name): _attitude([float(v) for v in row]) for name, row in rows.items()}
+    except (ValueError, TypeError, AttributeError, UnicodeDecodeError) as error:
+        raise BadInput(
+            "unreadable truth", expected="{file name: [RA, DEC, ROLL]} in degrees", got=str(error)
+        ) from error
+
+
+def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(math.isfinite(v) for v in numbers):
+        raise BadInput("unreadable angles", expected=expected, got=text)
+    return numbers
+
+
+def _attitude(angles_deg: Sequence[float]) -> Any:
+    from gss.domain.frames import cam_from_icrs
+
+    ra, dec, roll = angles_deg[:3]
+    if not -90 <= dec <= 90:
+        raise BadInput("declination is out of range", expected="−90° – 90°", got=f"{dec:g}°")
+    return cam_from_icrs(math.radians(ra), math.radians(dec), math.radians(roll))
 
 
 def _bytes_of(name: str) -> bytes:
@@ -166,4 +242,10 @@ def as_text(record: dict[str, Any]) -> str:
         f"field of view {fov}, false-match probability {chance}",
         f"  {record['chain']} chain, {total_ms:.0f} ms",
     ]
+    if record.get("rate"):
+        x, y, z = record["rate"]["deg_s"]
+        lines.append(f"  turns at {record['rate']['speed_deg_s']:.5f}°/s: {x:+.5f} {y:+.5f} {z:+.5f} about x, y, z")
+    if record.get("truth"):
+        truth = record["truth"]
+        lines.append(f"  {truth['verdict']}: {truth['error_arcsec']:.1f}″ off, roll {truth['error_roll_arcsec']:+.0f}″")
     return "\n".join(lines + [f"  {note}" for note in record["notes"]])

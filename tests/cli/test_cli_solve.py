@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import math
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -15,11 +16,13 @@ import pytest
 from astropy.io import fits
 from PIL import Image
 
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.cli import main
 from gss.cli.solve import julian_year, register
-from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
-from gss.domain.rotation import matrix_from_quaternion
-from gss.operations.solve import SolverCache
+from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
+from gss.domain.profiles import PROFILES, profile
+from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
+from gss.operations.solve import CHAINS, SolverCache
 from gss.pipeline.render import render
 
 
@@ -160,3 +163,67 @@ def test_as_a_process(sky_file: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.load(io.BytesIO(done.stdout))["outcome"] == "solved"
+
+
+def test_a_sequence_follows_and_tells_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three images of a camera that turns by 0.1° a second about its y axis: hints are used and the rate comes out."""
+    stars, known, rng = propagate(load_stars(6.0), 2026.0), profile("cubestar"), np.random.default_rng(2)
+    start, names, truths = cam_from_icrs(1.4, 0.1, 0.5), [], {}
+    for k in range(3):
+        turned = rotation_from_vector(np.array([0.0, -math.radians(0.1) * k, 0.0])) @ start
+        drawn = render(stars, known.camera, known.sensor, turned, 0.25, rng)
+        names.append(str(tmp_path / f"{k}.png"))
+        Image.fromarray(drawn.pixels).save(names[-1])
+        truths[f"{k}.png"] = [math.degrees(a) for a in ra_dec_roll_rad(turned)]
+    (tmp_path / "truth.json").write_text(json.dumps(truths))
+    options = ["--camera", "cubestar", "--sequence", "--interval", "1", "--epoch", "2026", "--json"]
+    assert main(["solve", *names, *options, "--truth", str(tmp_path / "truth.json")]) == 0
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert records[0]["rate"] is None
+    for record in records[1:]:
+        assert record["rate"]["deg_s"] == pytest.approx([0.0, 0.1, 0.0], abs=0.02)
+    assert all(r["truth"]["verdict"] in ("correct", "imprecise") for r in records)
+    assert all(r["truth"]["error_arcsec"] < 30 for r in records)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_every_chain_takes_a_hint(chain: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its own camera and a hint within a degree each chain answers with the truth or with nothing."""
+    known = profile(chain) if chain in PROFILES else profile("cubestar")
+    stars = propagate(load_stars(7.5), 2026.0)
+    drawn = render(
+        stars,
+        known.camera,
+        known.sensor,
+        cam_from_icrs(1.45, 0.05, 0.3),
+        known.sensor.exposure_s,
+        np.random.default_rng(4),
+    )
+    file = tmp_path / "one.png"
+    Image.fromarray(drawn.pixels).save(file)
+    options = ["--camera", known.name, "--chain", chain, "--epoch", "2026", "--json"]
+    hint = f"{math.degrees(1.45) + 0.4},{math.degrees(0.05)},{math.degrees(0.3)},1"
+    code = main(
+        [
+            "solve",
+            str(file),
+            *options,
+            "--hint",
+            hint,
+            "--truth",
+            f"{math.degrees(1.45)},{math.degrees(0.05)},{math.degrees(0.3)}",
+        ]
+    )
+    record = json.loads(capsys.readouterr().out)
+    assert (code, record["chain"]) in ((0, chain), (3, chain))
+    if code == 0:
+        assert record["truth"]["verdict"] != "wrong"
+
+
+@pytest.mark.parametrize(
+    "options", [["--hint", "1,2"], ["--hint", "1,200,3"], ["--truth", "x"], ["--sequence", "--interval", "-1"]]
+)
+def test_bad_hints_and_truths_are_told(options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2 and a sentence."""
+    assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", *options]) == 2
+    assert "expected" in capsys.readouterr().err

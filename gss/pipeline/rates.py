@@ -1,0 +1,65 @@
+"""Angular velocity from attitudes: the stellar gyro that Erlank 2013 §7.2 asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.results import Attitude
+
+HALF_TURN_RAD = 3.0
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Mean angular velocity of the camera against ICRS between two images. ``vector_rad_s``: (3,) in the axes of the second
+    camera; ``covariance_rad2_s2``: (3, 3) of it, from the two attitudes' own, NaN where a chain gives none."""
+
+    vector_rad_s: Array
+    covariance_rad2_s2: Array
+    interval_s: float
+
+    @property
+    def speed_rad_s(self) -> float:
+        """Length of the vector."""
+        return float(np.linalg.norm(self.vector_rad_s))
+
+    @property
+    def sigma_rad_s(self) -> tuple[float, float, float]:
+        """Standard deviation per axis."""
+        x, y, z = np.sqrt(np.diag(self.covariance_rad2_s2))
+        return float(x), float(y), float(z)
+
+
+def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
+    """The constant turn that leads from one attitude to the other in ``interval_s``.
+
+    A camera that turns by the vector φ (right-handed, in its own axes) sees the sky turn by −φ:
+    second_from_first = exp(−[φ]×). Turns of more than about 170° between two images cannot be told from their opposite.
+    """
+    if not interval_s > 0:
+        raise BadInput(
+            "two images at the same time have no rate", expected="an interval above 0 s", got=f"{interval_s:g} s"
+        )
+    second_from_first = second.cam_from_icrs @ first.cam_from_icrs.T
+    turned_rad = -_rotation_vector(second_from_first)
+    if np.linalg.norm(turned_rad) > HALF_TURN_RAD:
+        raise BadInput(
+            "the turn between two images is too large to have a direction",
+            expected=f"less than {np.degrees(HALF_TURN_RAD):.0f}°",
+            got=f"{np.degrees(np.linalg.norm(turned_rad)):.0f}°",
+        )
+    carried = second_from_first @ first.covariance_rad2 @ second_from_first.T
+    covariance = (carried + second.covariance_rad2) / interval_s**2
+    return Rate(turned_rad / interval_s, covariance, interval_s)
+
+
+def _rotation_vector(matrix: Array) -> Array:
+    """(3,) vector whose active rotation is the (3, 3) matrix; good to the last digits for small turns."""
+    axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
+    sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
+    angle_rad = float(np.arctan2(sine, cosine))
+    return axis if sine < 1e-12 else axis / sine * angle_rad
