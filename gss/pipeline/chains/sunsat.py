@@ -6,6 +6,8 @@ and what we add against false attitudes, is said for each parameter in ``sunsat_
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gss.domain.angles import Array
@@ -17,7 +19,7 @@ from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.onboard import Detection, Solution
 from gss.pipeline.chains.sunsat_bound import confirmed, false_match_probability, in_view
 from gss.pipeline.chains.sunsat_detect import brightest, dark_rows_dn, find_stars
-from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching
+from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, candidates
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.regions import Pixels
 
@@ -29,6 +31,45 @@ def find_in_frame(pixels: Pixels, parameters: SunsatParameters) -> Detection:
     centroids = found.centroids.take(brightest(found.centroids))
     notes = (found.stopped,) if found.stopped else ()
     return Detection(found.regions, centroids, found.invalid, float(np.median(dark_dn)), notes)
+
+
+def match_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    parameters: SunsatParameters,
+    mode: Mode,
+    hint: Hint | None,
+) -> SunsatMatching:
+    """Names for stars, lost in space or assisted (Jacobs 1995 ch. 3).
+
+    The document takes the brightest eight and the largest group. With acceptance by bound, a group whose attitude does not
+    stand up to it is not the answer: other groups as large are looked at, then the next eight stars, half of them new.
+    """
+    p = parameters
+    every: list[SunsatMatching] = []
+    rounds = p.max_rounds if p.acceptance == "bound" else 1
+    for first in range(0, rounds * p.max_observed // 2, max(1, p.max_observed // 2)):
+        if first and len(centroids) < first + p.min_group:
+            break
+        before = (every[-1].hypotheses, every[-1].operations) if every else (0.0, 0)
+        tried = [
+            replace(m, hypotheses=m.hypotheses + before[0], operations=m.operations + before[1])
+            for m in candidates(centroids, camera, catalogue, p, mode, hint, first)
+        ]
+        if p.acceptance == "document":
+            return tried[0]
+        sure = [m for m in tried if calculate_attitude(m, centroids, camera, catalogue, p, hint).attitude is not None]
+        if sure and _same_attitude(sure):
+            return sure[0]
+        every.append(tried[0])
+    return replace(every[0], operations=every[-1].operations)
+
+
+def _same_attitude(sure: list[SunsatMatching]) -> bool:
+    """Do they name two stars alike?"""
+    names = [set(zip(m.selected.tolist(), m.row[m.selected].tolist(), strict=True)) for m in sure]
+    return all(len(names[0] & other) > 1 for other in names[1:])
 
 
 def calculate_attitude(

@@ -17,7 +17,7 @@ from gss.pipeline.regions import Blobs, Pixels, SearchLimits, SearchResult, regi
 Levels = NDArray[np.floating]
 NO_LIMIT = 1 << 40
 # What the cut at the threshold adds to the error of a star whose peak is the threshold; measured on rendered frames.
-CUT_PX = 0.15
+CUT_PX = 0.1
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def moved(found: Found, first_col: int, first_row: int) -> Found:
 def shapes(blobs: Blobs) -> Shape:
     """Second moments about the middle of the region's base, and the lengths through it (eq. 2.4–2.8).
 
-    The pixels are taken as square: they are to 4 %. "Located along the axis" is within half a pixel of it.
+    The pixels are taken as square: they are to 4 %. "Located along the axis" are the pixels that the axis passes through.
     """
     owner, n = blobs.owner, len(blobs)
     row, col = np.divmod(blobs.index, blobs.columns)
@@ -106,12 +106,13 @@ def shapes(blobs: Blobs) -> Shape:
     direction = 0.5 * np.arctan2(2 * m11, m20 - m02)
     c, s = np.cos(direction)[owner], np.sin(direction)[owner]
     along, across = c * du + s * dv, c * dv - s * du
-    return Shape(_extent(along, across, blobs), _extent(across, along, blobs), direction)
+    half = 0.5 * (np.abs(c) + np.abs(s))
+    return Shape(_extent(along, across, half, blobs), _extent(across, along, half, blobs), direction)
 
 
-def _extent(along: Array, across: Array, blobs: Blobs) -> Array:
+def _extent(along: Array, across: Array, half: Array, blobs: Blobs) -> Array:
     """Distance between the outermost pixels on an axis."""
-    on = np.abs(across) <= 0.5
+    on = np.abs(across) <= half
     high = np.maximum.reduceat(np.where(on, along, -np.inf), blobs.start[:-1])
     low = np.minimum.reduceat(np.where(on, along, np.inf), blobs.start[:-1])
     return np.asarray(np.maximum(0.0, high - low))

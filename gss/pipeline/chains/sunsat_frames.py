@@ -135,9 +135,13 @@ def roll_pitch_yaw_rad(body_from_orbit: Array) -> tuple[float, float, float]:
 
 
 def orbit_from_celestial(raan_rad: float, inclination_rad: float, latitude_rad: float) -> Array:
-    """(3, 3) A_c→o of eq. 1.18: 90° + Ω about z, −i about y′, −90° about x″, ω′ about y‴."""
+    """(3, 3) A_c→o of eq. 1.18: 90° + Ω about z, −i about y′, −90° about x″, −ω′ about y‴.
+
+    The text has +ω′ about y‴. That axis is opposite to the orbit normal (§1.4), about which the satellite goes round with
+    rising ω′, so that with the plus sign it would fly backwards from the node.
+    """
     first = rotation_y(-inclination_rad) @ rotation_z(np.pi / 2 + raan_rad)
-    return np.asarray(rotation_y(latitude_rad) @ rotation_x(-np.pi / 2) @ first)
+    return np.asarray(rotation_y(-latitude_rad) @ rotation_x(-np.pi / 2) @ first)
 
 
 @dataclass(frozen=True)

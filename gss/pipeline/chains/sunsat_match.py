@@ -3,7 +3,7 @@ the uncertainty area round the a-priori boresight when assisted."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.sunsat_detect import magnitudes
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.identify.geometric_voting import Mask, reduced_table
-from gss.pipeline.identify.match_groups import Grouping, GroupLimits, Guides, match_groups
+from gss.pipeline.identify.match_groups import Group, Grouping, GroupLimits, Guides, match_groups
 from gss.pipeline.identify.star_vectors import match_star_vectors
 
 Rows = NDArray[np.intp]
@@ -78,59 +78,71 @@ def prepare(bank: OnboardCatalogue) -> SunsatCatalogue:
     return SunsatCatalogue(bank, Guides(unit, bank.v_mag.astype(float), table), ra, dec)
 
 
-def match_lost_or_assisted(
+def candidates(
     centroids: Centroids,
     camera: Camera,
     catalogue: SunsatCatalogue,
     parameters: SunsatParameters,
     mode: Mode,
     hint: Hint | None,
-) -> SunsatMatching:
-    """The Matching algorithm on the brightest eight."""
+    first: int = 0,
+) -> tuple[SunsatMatching, ...]:
+    """The Matching algorithm on the eight centroids from number ``first`` on: its answer; of several different answers
+    that are as large, where acceptance is by bound, each; or one without stars and with a reason."""
     p = parameters
-    used = centroids.take(np.arange(min(len(centroids), p.max_observed)))
+    used = centroids.take(np.arange(min(len(centroids), first + p.max_observed)))
     unit = camera.unproject(used.pixels)
     v_mag = magnitudes(used.flux_dn, p)
-    allowed = _uncertainty_area(catalogue, camera, p, mode, hint)
-    limits = GroupLimits(p.distance_tolerance_rad, p.magnitude_tolerance_mag, p.min_group, p.clique_budget)
-    if p.matcher == "star_vectors":
-        grouping = match_star_vectors(unit, v_mag, catalogue.guides, allowed, limits)
-    else:
-        g = catalogue.guides
-        table = g.table if allowed.all() else reduced_table(g.table, allowed)
-        grouping = match_groups(unit, v_mag, Guides(g.unit, g.v_mag, table), limits)
-    return _matching(mode, unit, v_mag, grouping, int(np.count_nonzero(allowed)), p)
-
-
-def _matching(
-    mode: Mode, unit: Array, v_mag: Array, grouping: Grouping, searched: int, p: SunsatParameters
-) -> SunsatMatching:
-    row = np.full(len(unit), -1, np.intp)
-    selected = np.empty(0, np.intp)
-    reason = grouping.reason
+    grouping = _grouping(unit[first:], v_mag[first:], camera, catalogue, p, mode, hint)
+    empty = SunsatMatching(
+        mode=mode,
+        unit_cam=unit,
+        v_mag=v_mag,
+        row=np.full(len(unit), -1, np.intp),
+        selected=np.empty(0, np.intp),
+        weight=np.zeros(len(unit)),
+        operations=grouping.operations,
+        hypotheses=float(grouping.pairs),
+        searched=int(np.count_nonzero(_uncertainty_area(catalogue, camera, p, mode, hint))),
+        rivals=len(grouping.largest),
+        pairs=grouping.pairs,
+        reason=grouping.reason,
+    )
     if len(unit) < p.min_group:
         stars = "star" if len(unit) == 1 else "stars"
-        reason = f"{len(unit) or 'no'} {stars} found in the frame; {p.min_group} needed"
-    elif grouping.group is not None and not reason:
-        order = np.argsort(grouping.group.observed)
-        selected = grouping.group.observed[order]
-        row[selected] = grouping.group.guide[order]
-    weight = np.zeros(len(unit))
-    weight[list(widest_pair(unit, selected))] = 1.0
-    return SunsatMatching(
-        mode,
-        unit,
-        v_mag,
-        row,
-        selected,
-        weight,
-        grouping.operations,
-        float(grouping.pairs),
-        searched,
-        grouping.rivals,
-        grouping.pairs,
-        reason,
-    )
+        return (replace(empty, reason=f"{len(unit) or 'no'} {stars} found in the frame; {p.min_group} needed"),)
+    if grouping.group is not None:
+        return (_named(empty, grouping.group, first),)
+    if p.acceptance == "bound" and grouping.largest:
+        return tuple(_named(empty, g, first) for g in grouping.largest)
+    return (empty,)
+
+
+def _grouping(
+    unit: Array,
+    v_mag: Array,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
+    mode: Mode,
+    hint: Hint | None,
+) -> Grouping:
+    allowed = _uncertainty_area(catalogue, camera, p, mode, hint)
+    limits = GroupLimits(p.distance_tolerance_rad, p.magnitude_tolerance_mag, p.min_group, p.clique_budget)
+    g = catalogue.guides
+    if p.matcher == "star_vectors":
+        return match_star_vectors(unit, v_mag, g, allowed, limits)
+    table = g.table if allowed.all() else reduced_table(g.table, allowed)
+    return match_groups(unit, v_mag, Guides(g.unit, g.v_mag, table), limits)
+
+
+def _named(empty: SunsatMatching, group: Group, first: int) -> SunsatMatching:
+    order = np.argsort(group.observed)
+    selected = group.observed[order] + first
+    row, weight = empty.row.copy(), empty.weight.copy()
+    row[selected] = group.guide[order]
+    weight[list(widest_pair(empty.unit_cam, selected))] = 1.0
+    return replace(empty, row=row, selected=selected, weight=weight, reason="")
 
 
 def widest_pair(unit: Array, selected: Rows) -> tuple[int, ...]:

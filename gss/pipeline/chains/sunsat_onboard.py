@@ -14,7 +14,6 @@ from gss.pipeline.chains.sunsat_match import (
     SunsatCatalogue,
     SunsatMatching,
     check_hint,
-    match_lost_or_assisted,
     prepare,
 )
 from gss.pipeline.chains.sunsat_parameters import NAME, SunsatParameters, default_parameters
@@ -62,7 +61,7 @@ class SunsatChain:
         if work.mode is Mode.TRACKING:
             hint = check_hint(work.mode, work.hint)
             return match_tracking(centroids, work.camera, work.catalogue, work.parameters, hint)
-        return match_lost_or_assisted(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
+        return sunsat.match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
     def calculate_attitude(self, matching: SunsatMatching, centroids: Centroids, work: Work) -> Solution:
         return sunsat.calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)

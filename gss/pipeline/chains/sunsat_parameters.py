@@ -32,6 +32,7 @@ SOURCES: dict[str, str] = {
     "distance_tolerance_rad": "Jacobs 1995 Table 3-6 row 4: 150 µrad; other cameras: the same 0.59 pixels",
     "magnitude_tolerance_mag": "Jacobs 1995 Table 3-6 row 4: 0.6",
     "max_observed": "Jacobs 1995 §3.1: eight",
+    "max_rounds": "ours: where eight give no sure answer, the next eight are tried, half of them new; the document tries once",
     "min_group": "Jacobs 1995 §3.3.5: ICLim ends at one, which is three stars",
     "matcher": "match_groups is Jacobs 1995 §3.3, star_vectors §3.2.2 (Baldini)",
     "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound: ours as well, an accidental group must be "
@@ -47,7 +48,7 @@ SOURCES: dict[str, str] = {
     "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
     "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four go",
     "rate_interval_s": "Jacobs 1995 §4: one attitude a second",
-    "noise": "from the profile's sensor; the floor of 0.03 px is the error of a centre of gravity without noise, as measured",
+    "noise": "from the profile's sensor; the floor of 0.02 px is the error of a centre of gravity without noise, as measured",
 }
 
 ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
@@ -84,6 +85,7 @@ class SunsatParameters:
     k_area: float = K_AREA
     magnitude_tolerance_mag: float = 0.6
     max_observed: int = 8
+    max_rounds: int = 4
     min_group: int = 3
     matcher: str = "match_groups"
     acceptance: str = "bound"
@@ -133,7 +135,7 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
     threshold_dn = max(NOISE_SIGMAS * noise_dn, _level_where_faintest_vanishes_dn(sensor, exposure))
     return SunsatParameters(
         threshold_dn=round(threshold_dn, 1),
-        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.03),
+        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.02),
         focal_mm=profile.focal_mm,
         k_illum_lux=_illuminance_per_level_lux(sensor, exposure, round(threshold_dn, 1)),
         distance_tolerance_rad=DOCUMENT_DISTANCE_RAD * profile.camera.pixel_rad / DOCUMENT_PIXEL_RAD,

@@ -10,6 +10,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.results import SolveResult
 from gss.domain.rotation import rotation_x
+from gss.domain.stars import Ids
 from gss.pipeline.chains.sunsat_frames import BODY_FROM_CAM, OrbitElements, euler_123
 
 LIGHT_M_S = 299_792_458.0
@@ -30,7 +31,7 @@ class MatchedVectors:
     catalogue stars in orbit axes, shifted by aberration to where they are seen. ``observed_orbit``: the measured ones
     turned by the given roll, pitch and yaw (eq. 3.4), which lie on the reference as well as these angles are right."""
 
-    hip: Array
+    hip: Ids
     observed_body: Array
     reference_orbit: Array
     observed_orbit: Array

@@ -46,11 +46,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Grouping:
-    """``group`` the winner or None with a ``reason``. ``rivals``: groups of the same size, ``pairs``: matching star pairs
-    (both ways round), ``operations``: table entries and splitting steps."""
+    """``group`` the winner or None with a ``reason``. ``largest``: all groups of that size, best first. ``pairs``: matching
+    star pairs, ``operations``: table entries and splitting steps."""
 
     group: Group | None
-    rivals: int
+    largest: tuple[Group, ...]
     pairs: int
     operations: int
     reason: str
@@ -96,7 +96,7 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
     graph, entries = _joined_matches(unit, v_mag, guides, limits)
     pairs = len(graph.a) // 2
     if not pairs:
-        return Grouping(None, 0, 0, entries, "no pair of stars fits a pair of the catalogue")
+        return Grouping(None, (), 0, entries, "no pair of stars fits a pair of the catalogue")
     spent = _Budget(limits.budget)
     size = largest_possible(graph.confidence())
     while size >= limits.min_group:
@@ -104,13 +104,13 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
         cliques = _cliques(rest, size, spent)
         groups = [g for g in (group_of(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
         if spent.left < 0:
-            return Grouping(None, len(groups), pairs, entries + limits.budget, "groups are too many to be split")
+            return Grouping(None, (), pairs, entries + limits.budget, "groups are too many to be split")
         if groups:
             best, reason = winner(groups)
-            return Grouping(best, len(groups), pairs, entries + limits.budget - spent.left, reason)
+            return Grouping(best, ranked(groups), pairs, entries + limits.budget - spent.left, reason)
         size -= 1
     reason = f"no group of {limits.min_group} stars fits the catalogue"
-    return Grouping(None, 0, pairs, entries + limits.budget - spent.left, reason)
+    return Grouping(None, (), pairs, entries + limits.budget - spent.left, reason)
 
 
 def largest_possible(confidence: Rows) -> int:
@@ -203,13 +203,18 @@ def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
     return bool(seen[widest] * known[widest] < 0)
 
 
+def ranked(groups: list[Group]) -> tuple[Group, ...]:
+    """The largest groups, best quality first."""
+    most = max(len(g) for g in groups)
+    return tuple(sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad))
+
+
 def winner(groups: list[Group]) -> tuple[Group | None, str]:
     """The best of the largest groups, or None and why there are two answers."""
-    most = max(len(g) for g in groups)
-    largest = sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad)
+    largest = ranked(groups)
     best = largest[0]
     own = set(zip(best.observed.tolist(), best.guide.tolist(), strict=True))
     for other in largest[1:]:
         if len(own & set(zip(other.observed.tolist(), other.guide.tolist(), strict=True))) < 2:
-            return None, f"{len(largest)} different groups of {most} stars fit the catalogue"
+            return None, f"{len(largest)} different groups of {len(best)} stars fit the catalogue"
     return best, ""

@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array, separation_rad
-from gss.pipeline.identify.match_groups import Group, Grouping, GroupLimits, Guides, Rows, group_of, mirrored, winner
+from gss.pipeline.identify.match_groups import (
+    Group,
+    Grouping,
+    GroupLimits,
+    Guides,
+    Rows,
+    group_of,
+    mirrored,
+    ranked,
+    winner,
+)
 
 Flags = NDArray[np.bool_]
 
@@ -23,7 +33,7 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
     """
     n = len(unit)
     if n < limits.min_group or not np.isfinite(unit).all():
-        return Grouping(None, 0, 0, 0, f"star vectors need {limits.min_group} stars")
+        return Grouping(None, (), 0, 0, f"star vectors need {limits.min_group} stars")
     fits = (np.abs(v_mag[:, None] - guides.v_mag[None, :]) <= limits.magnitude_mag) & allowed
     vectors = [np.flatnonzero(row) for row in fits]
     first_pairs = int(np.count_nonzero(_partners(vectors[0], vectors[1], unit, 0, 1, guides, limits)))
@@ -31,14 +41,14 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
     found, steps = _constellations(vectors, unit, guides, limits)
     operations = looked + steps
     if steps > limits.budget:
-        return Grouping(None, 0, first_pairs, operations, "constellations are too many to be put together")
+        return Grouping(None, (), first_pairs, operations, "constellations are too many to be put together")
     everyone = np.arange(n)
     groups: list[Group] = [group_of((everyone, rows), unit, guides) for rows in found]
     groups = [g for g in groups if not mirrored(g, unit, guides.unit)]
     if not groups:
-        return Grouping(None, 0, first_pairs, operations, f"no constellation of all {n} stars fits the catalogue")
+        return Grouping(None, (), first_pairs, operations, f"no constellation of all {n} stars fits the catalogue")
     best, reason = winner(groups)
-    return Grouping(best, len(groups), first_pairs, operations, reason)
+    return Grouping(best, ranked(groups), first_pairs, operations, reason)
 
 
 def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, limits: GroupLimits) -> Flags:

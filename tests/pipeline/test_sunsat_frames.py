@@ -1,0 +1,153 @@
+"""Sunsat's coordinates: exact inverses, the handedness of the picture, and what the document says about its orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.catalogue_tools.attitude import BODY_FROM_CAM as CATALOGUE_BODY_FROM_CAM
+from gss.catalogue_tools.attitude import euler_123 as catalogue_euler_123
+from gss.domain.camera import Camera, RadialTilt
+from gss.domain.errors import BadInput
+from gss.domain.frames import orbit_from_icrs, ra_dec_roll_rad
+from gss.domain.profiles import profile
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_angle_rad
+from gss.pipeline.chains.sunsat_frames import (
+    BODY_FROM_CAM,
+    SS_FROM_CAM,
+    OrbitElements,
+    Plate,
+    attitude_angles_rad,
+    cam_from_icrs_of,
+    celestial_from_sphere,
+    corrected_uv,
+    euler_123,
+    orbit_from_celestial,
+    roll_pitch_yaw_rad,
+    sphere_from_celestial,
+    ss_from_uv,
+    uv_from_ss,
+)
+
+CAMERA = profile("sunsat").camera
+PLATE = Plate.of(CAMERA, 25.0)
+RNG = np.random.default_rng(11)
+PIXELS = RNG.uniform((-0.5, -0.5), (751.5, 581.5), (500, 2))
+
+
+def test_plate_has_the_documents_units() -> None:
+    """Jacobs 1995 §1.1: 6.5 x 6.25 µm; the first light pixel's upper corner is at (0.169, 0.08125) mm, the middle at
+    (2.6065, 1.89375) mm."""
+    assert (PLATE.hunit_mm, PLATE.vunit_mm) == pytest.approx((0.0065, 0.00625), abs=1e-15)
+    corner = PLATE.horvert_from_pixels(np.array([[0.5, 0.5]]))[0]
+    np.testing.assert_allclose(corner, [0.169, 0.08125], atol=1e-12)
+    middle = PLATE.horvert_from_pixels(np.array([[375.5, 290.5]]))[0]
+    # The document's own sum (25 + 376) x 0.0065 is 2.6065 and (12 + 291) x 0.00625 is 1.89375.
+    np.testing.assert_allclose(middle, [2.6065, 1.89375], atol=1e-12)
+
+
+def test_every_step_to_the_sky_has_its_exact_inverse() -> None:
+    """Pixels ↔ hor, vert ↔ u, v ↔ star sensor vectors return to 1e-11 of a pixel, and RA, Dec to 1e-14."""
+    back = PLATE.pixels_from_horvert(PLATE.horvert_from_pixels(PIXELS))
+    np.testing.assert_allclose(back, PIXELS, atol=1e-11)
+    uv = PLATE.uv_from_pixels(PIXELS)
+    np.testing.assert_allclose(PLATE.pixels_from_uv(uv), PIXELS, atol=1e-11)
+    np.testing.assert_allclose(uv_from_ss(ss_from_uv(uv, 25.0), 25.0), uv, atol=1e-14)
+    vectors = RNG.normal(size=(200, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    np.testing.assert_allclose(celestial_from_sphere(*sphere_from_celestial(vectors)), vectors, atol=1e-14)
+    assert np.isnan(uv_from_ss(np.array([[0.0, -1.0, 0.0]]), 25.0)).all()
+
+
+def test_uv_path_is_the_cameras_own() -> None:
+    """Centroid in mm, correction of tilt and lens (eq. 6.13–6.20) and eq. 1.6 give the camera's direction to 1e-14."""
+    uv = corrected_uv(PLATE.uv_from_pixels(PIXELS), CAMERA, 25.0)
+    np.testing.assert_allclose(ss_from_uv(uv, 25.0), CAMERA.unproject(PIXELS) @ SS_FROM_CAM.T, atol=1e-14)
+
+
+def test_correction_is_equation_6_13() -> None:
+    """Written out as printed, with φ from +u to +v, on a camera whose tilt is that of the document."""
+    # φ from +u towards +v is 180° − the camera's angle from +x towards +y, because u = −x.
+    camera = Camera(
+        752, 582, 25 / 0.0065, 25 / 0.00625, 380.0, 300.0, RadialTilt(25.0, 0.013, 2.1, (1e-3, -8e-5, -4e-4))
+    )
+    u, v = np.array([1.3, -2.0, 0.4]), np.array([-0.7, 1.1, 1.6])
+    r, phi, phi_max = np.hypot(u, v), np.arctan2(v, u), np.pi - 2.1
+    theta = np.arcsin(np.sin(0.013) * np.cos(phi - phi_max))
+    delta = 1e-3 * r - 8e-5 * r**2 - 4e-4 * r**3
+    r_a = np.cos(theta) * (r - delta) / (1 + r / 25.0 * np.sin(theta))
+    expected = np.stack([r_a * np.cos(phi), r_a * np.sin(phi)], axis=-1)
+    np.testing.assert_allclose(corrected_uv(np.stack([u, v], axis=-1), camera, 25.0), expected, atol=1e-14)
+
+
+def test_the_picture_is_not_mirrored() -> None:
+    """Three stars turn the same way round in the camera, the star sensor, the body and on the sky; drawn with v upwards, as
+    the document draws its detector from the front, the same pixels are a mirror image."""
+    triangle = np.array([[200.0, 150.0], [500.0, 180.0], [330.0, 420.0]])
+    cam = CAMERA.unproject(triangle)
+    ss = ss_from_uv(corrected_uv(PLATE.uv_from_pixels(triangle), CAMERA, 25.0), 25.0)
+    body = cam @ BODY_FROM_CAM.T
+    signs = [np.sign(np.linalg.det(v)) for v in (cam, ss, body)]
+    assert signs == [signs[0]] * 3
+    assert np.linalg.det(SS_FROM_CAM) == pytest.approx(1.0)
+    upside_down = triangle * [1, -1] + [0, 2 * PLATE.centre_row_px]
+    flipped = ss_from_uv(PLATE.uv_from_pixels(upside_down), 25.0)
+    assert np.sign(np.linalg.det(flipped)) == -signs[0]
+
+
+def test_mounting_and_euler_agree_with_the_ground_software() -> None:
+    """Pipeline and catalogue tools, which may not share code, hold the same mounting and the same Euler 1-2-3."""
+    np.testing.assert_allclose(BODY_FROM_CAM, CATALOGUE_BODY_FROM_CAM["sunsat"], atol=1e-15)
+    angles = RNG.uniform(-3, 3, (50, 3))
+    ours = np.stack([euler_123(*a) for a in angles])
+    np.testing.assert_allclose(ours, catalogue_euler_123(angles), atol=1e-14)
+    np.testing.assert_allclose(ours[0].T, Rotation.from_euler("XYZ", angles[0]).as_matrix(), atol=1e-14)
+
+
+def test_orbit_matrix_is_that_of_the_frames() -> None:
+    """Eq. 1.18's four rotations are the orbit axes of §1.4: nadir, velocity, against the normal."""
+    for raan, i, latitude in RNG.uniform(0, 6, (50, 3)):
+        expected = orbit_from_icrs(raan, i, latitude)
+        np.testing.assert_allclose(orbit_from_celestial(raan, i, latitude), expected, atol=1e-14)
+    with pytest.raises(BadInput, match="finite"):
+        OrbitElements(np.nan, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("inclination", "declination"), [(0, -90), (90, 0), (97, 7)])
+def test_boresight_lies_where_the_document_says(inclination: float, declination: float) -> None:
+    """§5.2.1: with yaw 135° inclinations of 0, 90 and 97° put the boresight at Dec −90, 0 and +7° all round the orbit."""
+    for latitude in np.radians([0, 77, 190, 300]):
+        orbit = OrbitElements(1.0, np.radians(inclination), latitude)
+        _, dec, _ = ra_dec_roll_rad(cam_from_icrs_of(orbit, 0.0, 0.0, np.radians(135)))
+        assert np.degrees(dec) == pytest.approx(declination, abs=1e-6)
+
+
+def test_roll_pitch_yaw_come_back() -> None:
+    """Any attitude gives angles that give it back, beyond the ±90° of the document's arcsines too, and inside them the
+    angles are those of eqs. 4.17–4.19."""
+    for _ in range(200):
+        matrix = matrix_from_quaternion(random_quaternion(RNG))
+        assert rotation_angle_rad(euler_123(*roll_pitch_yaw_rad(matrix)), matrix) < 1e-12
+    roll, pitch, yaw = np.radians([8.0, -4.0, 135.0])
+    a = euler_123(roll, pitch, yaw)
+    assert roll_pitch_yaw_rad(a) == pytest.approx((roll, pitch, yaw), abs=1e-14)
+    assert np.arcsin(a[2, 0]) == pytest.approx(pitch, abs=1e-14)
+    assert np.arcsin(-a[2, 1] / np.cos(pitch)) == pytest.approx(roll, abs=1e-14)
+    assert np.pi - np.arcsin(-a[1, 0] / np.cos(pitch)) == pytest.approx(yaw, abs=1e-14)
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_gimbal_lock_still_gives_the_attitude_back(pitch: float) -> None:
+    """At a pitch of ±90° roll and yaw are one angle; yaw is zero and the matrix is the same."""
+    matrix = euler_123(0.4, pitch, 0.7)
+    angles = roll_pitch_yaw_rad(matrix)
+    assert angles[2] == 0.0
+    assert rotation_angle_rad(euler_123(*angles), matrix) < 1e-7
+
+
+def test_attitude_over_an_orbit_comes_back() -> None:
+    """Roll, pitch and yaw of a camera attitude over an orbit are those it was made from."""
+    orbit = OrbitElements(2.0, np.radians(97), 4.0)
+    angles = tuple(np.radians([3.0, -2.0, 131.0]))
+    assert attitude_angles_rad(cam_from_icrs_of(orbit, *angles), orbit) == pytest.approx(angles, abs=1e-12)
