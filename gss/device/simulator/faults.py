@@ -113,21 +113,19 @@ class LineFaults:
 
     def carry(self, data: bytes, now_s: float) -> bytes:
         """Put bytes in at this end, get those that are due at the other: ``apply`` and delay. Order is kept."""
-        spoiled = self.apply(data)
+        return self.late(self.apply(data), now_s)
+
+    def late(self, data: bytes, now_s: float) -> bytes:
+        """Delay alone: bytes go in, those that are due come out."""
         if not self._late and not self.rates.delay_s:
-            return spoiled
-        if spoiled:
-            self.counts.bytes_delayed += len(spoiled)
-            self._late.append((now_s + self.rates.delay_s, spoiled))
+            return data
+        if data:
+            self.counts.bytes_delayed += len(data)
+            self._late.append((now_s + self.rates.delay_s, data))
         due = []
         while self._late and self._late[0][0] <= now_s:
             due.append(self._late.popleft()[1])
         return b"".join(due)
-
-    @property
-    def waiting(self) -> bool:
-        """Are there delayed bytes on their way?"""
-        return bool(self._late)
 
     def lose_all(self) -> None:
         """The line was cut: what was on its way is gone."""

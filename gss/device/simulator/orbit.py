@@ -44,7 +44,8 @@ class Motion(Protocol):
 class Orbit(Protocol):
     """The camera's place: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth itself."""
 
-    grounded: bool
+    @property
+    def grounded(self) -> bool: ...
 
     def state(self, time_s: float) -> tuple[Array, Array]: ...
 

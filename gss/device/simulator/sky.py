@@ -107,7 +107,7 @@ class Sky:
         places, brightness = np.concatenate(icrs), np.concatenate(v_mag)
         if world.aberration:
             places = aberrate(places, world.velocity_c(time_s))
-        seen = [self._near(place, pose) for place in places]
+        seen = places @ pose.cam_from_icrs[2] > self._near_cosine(NEAR_FIELD_RAD)
         return Lights(places[seen], brightness[seen])
 
     def _veil(self, pose: Pose, time_s: float) -> Veil | None:
@@ -135,8 +135,10 @@ class Sky:
         return Veil(e_s, blocked)
 
     def _near(self, icrs: Array, pose: Pose, margin_rad: float = NEAR_FIELD_RAD) -> bool:
-        reach_rad = min(np.pi, self._profile.camera.half_diagonal_rad + margin_rad)
-        return bool(pose.cam_from_icrs[2] @ icrs > np.cos(reach_rad))
+        return bool(pose.cam_from_icrs[2] @ icrs > self._near_cosine(margin_rad))
+
+    def _near_cosine(self, margin_rad: float) -> float:
+        return float(np.cos(min(np.pi, self._profile.camera.half_diagonal_rad + margin_rad)))
 
 
 def moon_points(bodies: Bodies, pixel_rad: float) -> tuple[Array, float]:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from gss.device.simulator.faults import LineFaults
+from gss.device.simulator.faults import LineControl
 from gss.device.simulator.machine import Device
 from gss.domain.errors import Conflict
 
@@ -36,6 +36,10 @@ class Line(Protocol):
 
     def write(self, data: bytes) -> int | None: ...
 
+    def hang_up(self) -> None: ...
+
+    def restore(self) -> None: ...
+
     def close(self) -> None: ...
 
 
@@ -43,39 +47,68 @@ class PtyLine:
     """A pseudo-terminal in raw mode. The far side is kept open here too: a master without it reads EIO for ever."""
 
     def __init__(self, link: Path | None = None) -> None:
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.url = os.ttyname(self._slave)
         self._link = link
-        if link is not None:
-            if link.is_symlink():
-                link.unlink()
-            link.symlink_to(self.url)
-            self.url = str(link)
+        self._handles: tuple[int, int] | None = None
+        self._cut = False
+        self.url = self._open()
+
+    def _open(self) -> str:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self._handles = (master, slave)
+        name = os.ttyname(slave)
+        if self._link is None:
+            return name
+        if self._link.is_symlink():
+            self._link.unlink()
+        self._link.symlink_to(name)
+        return str(self._link)
 
     def wait_handles(self) -> list[int]:
-        return [self._master]
+        return [self._handles[0]] if self._handles else []
 
     def read(self, count: int) -> bytes:
+        if self._handles is None:
+            return b""
         try:
-            return os.read(self._master, count)
+            data = os.read(self._handles[0], count)
         except OSError:
             return b""
+        return b"" if self._cut else data
 
     def write(self, data: bytes) -> int | None:
-        """Bytes taken; 0 when the buffer is full."""
+        """Bytes taken; 0 when the buffer is full, None when the line is cut."""
+        if self._cut or self._handles is None:
+            return None
         try:
-            return os.write(self._master, data)
+            return os.write(self._handles[0], data)
         except OSError:
             return 0
 
-    def close(self) -> None:
-        for handle in (self._master, self._slave):
+    def hang_up(self) -> None:
+        """Cut. With a symlink the port itself vanishes; a nameless one could not come back under its name, so it only
+        falls silent."""
+        self._cut = True
+        if self._link is not None:
+            self._release()
+
+    def restore(self) -> None:
+        """Whole again: a new port behind the same symlink."""
+        self._cut = False
+        if self._handles is None:
+            self.url = self._open()
+
+    def _release(self) -> None:
+        for handle in self._handles or ():
             with contextlib.suppress(OSError):
                 os.close(handle)
+        self._handles = None
         if self._link is not None and self._link.is_symlink():
             self._link.unlink()
+
+    def close(self) -> None:
+        self._release()
 
 
 class TcpLine:
@@ -92,6 +125,7 @@ class TcpLine:
         self._listener.listen(1)
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None
+        self._cut = False
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def wait_handles(self) -> list[int]:
@@ -102,7 +136,7 @@ class TcpLine:
             peer, _ = self._listener.accept()
         except OSError:
             return
-        if self._peer is not None:
+        if self._peer is not None or self._cut:
             peer.close()
             return
         peer.setblocking(False)
@@ -142,26 +176,32 @@ class TcpLine:
             self._drop()
             return None
 
+    def hang_up(self) -> None:
+        """Drop the connection and every new one."""
+        self._cut = True
+        self._drop()
+
+    def restore(self) -> None:
+        """Take connections again."""
+        self._cut = False
+
     def close(self) -> None:
         self._drop()
         self._listener.close()
 
 
 class Terminal:
-    """Moves bytes between a line and a device. ``bytes_per_s`` 0: as fast as it goes. ``clock``: the simulated one."""
+    """Moves bytes between a line and a device. ``bytes_per_s`` 0: as fast as it goes. ``clock``: the simulated one.
+    ``paced`` False lets bytes pass at once, as they must while the clock stands still."""
 
     def __init__(
-        self,
-        line: Line,
-        device: Device,
-        clock: Callable[[], float],
-        bytes_per_s: float,
-        up: LineFaults,
-        down: LineFaults,
+        self, line: Line, device: Device, clock: Callable[[], float], bytes_per_s: float, control: LineControl
     ) -> None:
         self._line, self._device, self._clock, self._rate = line, device, clock, bytes_per_s
-        self._up, self._down = up, down
-        self._pending = b""
+        self._control, self._connected = control, True
+        self.paced = True
+        self._pending = b""  # spoiled, waiting for the line's pace
+        self._out = b""  # due at the far end, waiting for room
         self._blocked_s: float | None = None
         self._read_credit = self._write_credit = 0.0
         self._at_s = clock()
@@ -171,71 +211,99 @@ class Terminal:
         handles = self._line.wait_handles() if self._may_read() else []
         ready, _, _ = select.select([*handles, *(also or [])], [], [], wait_s)
         now_s = self._clock()
+        self._connect_or_cut(now_s)
         self._refill(now_s)
         self._receive(now_s)
         self._device.advance(now_s)
         self._send(now_s)
         return [h for h in (also or []) if h in ready]
 
+    def _connect_or_cut(self, now_s: float) -> None:
+        connected = self._control.connected(now_s)
+        if connected and not self._connected:
+            self._line.restore()
+        elif self._connected and not connected:
+            self._control.down.counts.bytes_lost_disconnected += len(self._pending) + len(self._out)
+            self._pending = self._out = b""
+            self._control.up.lose_all()
+            self._control.down.lose_all()
+            self._line.hang_up()
+        self._connected = connected
+
+    @property
+    def _limited(self) -> bool:
+        return bool(self._rate) and self.paced
+
     def _may_read(self) -> bool:
-        return not self._rate or self._read_credit >= 1
+        return not self._limited or self._read_credit >= 1
 
     def _refill(self, now_s: float) -> None:
         elapsed_s, self._at_s = max(0.0, now_s - self._at_s), now_s
-        if self._rate:
+        if self._limited:
             # After a slow turn the line catches up with what it could have carried, up to a quarter second.
             most = self._rate * max(BURST_S, min(elapsed_s, 0.25))
             self._read_credit = min(self._read_credit + self._rate * elapsed_s, most)
             self._write_credit = min(self._write_credit + self._rate * elapsed_s, most)
 
     def _receive(self, now_s: float) -> None:
-        if self._up.stalled(now_s):
+        if self._control.up.stalled(now_s):
             return
+        arrived = self._control.up.carry(b"", now_s)
+        if arrived:
+            self._device.feed(arrived, now_s)
         while self._may_read():
-            count = min(READ_BYTES, int(self._read_credit)) if self._rate else READ_BYTES
+            count = min(READ_BYTES, int(self._read_credit)) if self._limited else READ_BYTES
             data = self._line.read(count)
-            self._read_credit -= len(data)
+            if self._limited:
+                self._read_credit -= len(data)
             if data:
-                self._device.feed(self._up.apply(data), now_s)
+                self._device.feed(self._control.up.carry(data, now_s), now_s)
             if len(data) < count:
                 return
 
     def _send(self, now_s: float) -> None:
-        if self._down.stalled(now_s):
+        if self._control.down.stalled(now_s):
             return
-        while True:
-            if not self._pending and not self._fetch(now_s):
-                return
-            share = min(len(self._pending), int(self._write_credit)) if self._rate else len(self._pending)
+        self._out += self._control.down.late(b"", now_s)
+        while self._written(now_s) and (self._pending or self._fetch(now_s)):
+            share = min(len(self._pending), int(self._write_credit)) if self._limited else len(self._pending)
             if share <= 0:
                 return
-            taken = self._line.write(self._pending[:share])
-            if taken is None:
-                taken = share
-            if taken == 0:
-                self._wait_or_lose(now_s, share)
-                return
-            self._blocked_s = None
-            self._write_credit -= taken
-            self._pending = self._pending[taken:]
+            if self._limited:
+                self._write_credit -= share
+            self._out += self._control.down.late(self._pending[:share], now_s)
+            self._pending = self._pending[share:]
 
     def _fetch(self, now_s: float) -> bool:
+        """One more frame from the device, as the faults leave it."""
         frame = self._device.next_frame(now_s)
         if frame is not None:
-            self._pending += self._down.apply(frame)
-        return frame is not None and bool(self._pending)
+            self._pending += self._control.down.apply(frame)
+        return frame is not None
 
-    def _wait_or_lose(self, now_s: float, share: int) -> None:
-        """The buffer is full: after a while these bytes are gone, as on a wire that nobody reads."""
-        if self._blocked_s is None:
+    def _written(self, now_s: float) -> bool:
+        """Hand over what is due. False: the buffer is full; after a while those bytes are gone, as on a wire that
+        nobody reads."""
+        if not self._out:
+            return True
+        taken = self._line.write(self._out)
+        if taken is None:
+            taken = len(self._out)
+            self._control.down.counts.bytes_lost_disconnected += 0 if self._connected else taken
+        self._out = self._out[taken:]
+        if not self._out:
+            self._blocked_s = None
+            return True
+        if taken or self._blocked_s is None:
             self._blocked_s = now_s
         elif now_s - self._blocked_s > GIVE_UP_S:
-            self._pending = self._pending[share:]
+            self._out = b""
+        return False
 
     @property
     def busy(self) -> bool:
         """Is there something to write at once?"""
-        return bool(self._pending)
+        return bool(self._pending or self._out)
 
     def close(self) -> None:
         """Let go of the line."""

@@ -1,0 +1,167 @@
+"""The simulator's options: what they are called, and the world they describe."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from gss.catalogue_tools.attitude import BODY_FROM_CAM, ORBIT_LAWS
+from gss.device.simulator.environment import Environment, on_the_ground
+from gss.device.simulator.faults import FaultRates, LineControl
+from gss.device.simulator.motion import EarthPointing, Tumble
+from gss.device.simulator.orbit import CircularOrbit, Inertial, Motion, Orbit, TleOrbit, Zenith
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import PROFILES, CameraProfile
+
+DEFAULT_EPOCH_JYEAR = 2026.0
+MOTION_WORDS = "zenith (default) and nadir: on an orbit, camera to the zenith; the others begin at --attitude"
+FAULT_WORDS = "share of 64-byte pieces"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """All options."""
+    add = parser.add_argument
+    add("--profile", default="cubestar", choices=sorted(PROFILES), help="camera (default cubestar)")
+    add("--state-dir", type=Path, metavar="DIR", help="flash and record live here; without it they last for one run")
+    add("--seed", type=int, default=1, help="noise, detector and faults (default 1)")
+    _add_sky(parser.add_argument_group("sky and motion"))
+    _add_line(parser.add_argument_group("line"))
+    _add_time(parser.add_argument_group("time"))
+
+
+def _add_sky(group: argparse._ArgumentGroup) -> None:
+    add = group.add_argument
+    add(
+        "--sky",
+        default="stars",
+        choices=("stars", "real"),
+        help="real: planets, Moon, Sun, Earth, stray light, defects",
+    )
+    add(
+        "--aberration",
+        action="store_true",
+        help="stars where they appear; results on the ground then differ by up to 26″",
+    )
+    add("--epoch", type=float, metavar="JYEAR", help="Julian year of the sky (default 2026.0, or the TLE's)")
+    add(
+        "--motion",
+        default="zenith",
+        choices=("zenith", "nadir", "inertial", "slew", "tumble", "ground"),
+        help=MOTION_WORDS,
+    )
+    add("--attitude", metavar="RA,DEC,ROLL", help="boresight and roll in degrees; ground: declination is the latitude")
+    add("--rate-deg-s", type=float, default=0.05, help="turn rate of slew and tumble (default 0.05)")
+    add("--tle", type=Path, metavar="FILE", help="orbit from a two-line element set")
+    add("--altitude-km", type=float, default=600.0, help="circular orbit (default 600)")
+    add("--inclination-deg", type=float, default=97.8, help="of the circular orbit (default 97.8)")
+    add("--raan-deg", type=float, default=84.0, help="its ascending node (default 84)")
+    add("--latitude-argument-deg", type=float, default=0.0, help="place on it at the start (default 0)")
+    add("--mounting", default="zenith", choices=ORBIT_LAWS, help="how the camera sits in the body (default zenith)")
+    add("--roll-pitch-yaw", metavar="R,P,Y", help="body against the orbit axes, degrees (default 0,0,0)")
+
+
+def _add_line(group: argparse._ArgumentGroup) -> None:
+    add = group.add_argument
+    place = group.add_mutually_exclusive_group()
+    place.add_argument("--pty", action="store_true", help="pseudo-terminal (default)")
+    place.add_argument("--tcp", type=int, metavar="PORT", help="TCP port on 127.0.0.1; 0 = a free one")
+    add("--symlink", type=Path, metavar="PATH", help="name for the pseudo-terminal")
+    add("--baud", type=int, default=115_200, help="rate of the line, 8N1; 0 = not paced (default 115200)")
+    add("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions, as all faults (default 0)")
+    add("--burst-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} with up to 16 bytes of noise")
+    add("--drop-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} lost (default 0)")
+    add("--duplicate-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} that come twice (default 0)")
+    add("--stall-rate", type=float, default=0.0, metavar="X", help="stalls of half a second per second (default 0)")
+    add("--delay-ms", type=float, default=0.0, metavar="X", help="every byte comes later (default 0)")
+
+
+def _add_time(group: argparse._ArgumentGroup) -> None:
+    add = group.add_argument
+    add("--speed", type=float, default=1.0, metavar="X", help="simulated seconds per second (default 1)")
+    add(
+        "--stepped",
+        action="store_true",
+        help="time stands still until standard input says: step SECONDS | run [X] | pause",
+    )
+    add("--exit-with-stdin", action="store_true", help="end when standard input closes")
+
+
+def make_environment(arguments: argparse.Namespace, camera: CameraProfile) -> Environment:
+    """The world that the options ask for."""
+    orbit, epoch_jyear = _orbit(arguments)
+    motion, orbit = make_motion(arguments, orbit, epoch_jyear)
+    line = LineControl(make_rates(arguments), arguments.seed)
+    world = Environment(camera, motion, epoch_jyear, arguments.seed, orbit=orbit, line=line)
+    if arguments.sky == "real":
+        world.make_real()
+    world.aberration = arguments.aberration
+    return world
+
+
+def make_rates(arguments: argparse.Namespace) -> FaultRates:
+    """The line's faults at the start."""
+    a = arguments
+    return FaultRates(
+        bit_error_rate=a.bit_error_rate,
+        drop_rate=a.drop_rate,
+        duplicate_rate=a.duplicate_rate,
+        stall_rate=a.stall_rate,
+        burst_rate=a.burst_rate,
+        delay_s=a.delay_ms / 1000,
+    )
+
+
+def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
+    """The orbit and the Julian year of time zero."""
+    if arguments.tle is not None:
+        try:
+            text = arguments.tle.read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise NotFound("the TLE file cannot be read", expected="two lines of text", got=str(error)) from None
+        flown = TleOrbit(text, arguments.epoch)
+        return flown, flown.epoch_jyear
+    epoch_jyear = DEFAULT_EPOCH_JYEAR if arguments.epoch is None else arguments.epoch
+    if not 100 <= arguments.altitude_km <= 400_000:
+        raise BadInput("altitude is out of range", expected="100 – 400 000 km", got=f"{arguments.altitude_km:g} km")
+    inclination, node, place = (
+        float(np.radians(angle))
+        for angle in (arguments.inclination_deg, arguments.raan_deg, arguments.latitude_argument_deg)
+    )
+    return CircularOrbit(arguments.altitude_km, inclination, node, place), float(epoch_jyear)
+
+
+def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float) -> tuple[Motion, Orbit]:
+    """Attitude and place. A camera on the ground has a place of its own."""
+    kind = arguments.motion
+    if kind in ("zenith", "nadir") and arguments.attitude is None:
+        return _earth_pointing(arguments, orbit), orbit
+    ra, dec, roll = _angles(arguments.attitude or "84,5,0", "RA,DEC,ROLL")
+    if not -90 <= dec <= 90:
+        raise BadInput("declination is out of range", expected="−90 – 90", got=f"{dec:g}")
+    start: Array = cam_from_icrs(*np.radians([ra, dec, roll]))
+    rate_rad_s = float(np.radians(arguments.rate_deg_s))
+    if kind == "ground":
+        return on_the_ground(start, epoch_jyear)
+    if kind == "tumble":
+        return Tumble.of_rate(start, rate_rad_s), orbit
+    return Inertial(start, np.array([0.0, rate_rad_s if kind == "slew" else 0.0, 0.0])), orbit
+
+
+def _earth_pointing(arguments: argparse.Namespace, orbit: Orbit) -> Motion:
+    body = _angles(arguments.roll_pitch_yaw or "0,0,0", "ROLL,PITCH,YAW")
+    roll, pitch, yaw = (float(np.radians(angle)) for angle in body)
+    if isinstance(orbit, CircularOrbit) and arguments.mounting == "zenith" and not any(body):
+        return Zenith(orbit.altitude_km, orbit.inclination_rad, orbit.raan_rad, orbit.start_rad)
+    return EarthPointing(orbit, BODY_FROM_CAM[arguments.mounting].T, (roll, pitch, yaw))
+
+
+def _angles(text: str, what: str) -> tuple[float, float, float]:
+    try:
+        first, second, third = map(float, text.split(","))
+    except ValueError:
+        raise BadInput("unreadable angles", expected=f"{what} in degrees", got=text) from None
+    return first, second, third
