@@ -15,6 +15,9 @@ from gss.domain.errors import Conflict, NotFound
 KEPT_COMMANDS = 512
 """Finished commands remembered to recognise late and repeated reports."""
 
+WITHDRAWN = "withdrawn"
+"""Reason of a command that was taken back before it was sent; no word of the device."""
+
 ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, Stage.PROGRESS))}
 
 
@@ -94,6 +97,19 @@ class CommandLane:
         record.attempt += 1
         self._queue.appendleft(record)
         return record.to(Stage.QUEUED)
+
+    def withdraw(self, request_id: int, detail: str) -> CommandStage:
+        """Take a queued command back: nothing of it was sent, or nothing more of it will be."""
+        record = self._records.get(request_id)
+        if record is None:
+            raise NotFound("unknown command id", got=str(request_id))
+        if record not in self._queue:
+            raise Conflict("only a queued command can be withdrawn", expected="queued", got=record.stage.value)
+        self._queue.remove(record)
+        if record.attempt > 1:  # it was sent before: its fate is as open as it was
+            record.attempt -= 1
+            return record.to(Stage.UNKNOWN, detail=detail)
+        return record.to(Stage.FAILED, reason=WITHDRAWN, detail=detail)
 
     def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandStage]]:
         """Commands to write now, with their stages."""
