@@ -1,0 +1,220 @@
+"""The triangular feature of a star and the data base of all of them (Liebe 1992, "Star characteristics" and "Including
+uncertainty in the database").
+
+A star is known by the distances to its two nearest neighbours and the angle between them, each rounded down to a class.
+What may be measured in place of the true value is entered as well: positions off by their uncertainty, neighbours too
+faint to be sure of, and neighbours that change order. Image and data base use the same words, hence they are here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+Keys = NDArray[np.uint32]
+Rows = NDArray[np.int32]
+
+DISTANCE_BITS, ANGLE_BITS = 12, 6
+MOST_DISTANCE, MOST_ANGLE = (1 << DISTANCE_BITS) - 1, (1 << ANGLE_BITS) - 1
+NEIGHBOURS = 24
+EXCHANGE_UNCERTAINTIES = 4.0
+
+
+@dataclass(frozen=True)
+class TripletClasses:
+    """How features are rounded. ``uncertainty_rad``: largest error of one star's position; the document takes 3′, distances
+    in classes of twice that, angles in classes of 5°."""
+
+    distance_rad: float
+    angle_rad: float
+    uncertainty_rad: float
+
+    def __post_init__(self) -> None:
+        fits = self.angle_rad * MOST_ANGLE >= np.pi and self.distance_rad * MOST_DISTANCE >= np.pi / 4
+        if not (self.distance_rad > 0 and self.uncertainty_rad > 0 and fits):
+            raise BadInput(
+                "triplet classes are impossible",
+                expected=f"at most {MOST_DISTANCE} distances over 45° and {MOST_ANGLE} angles over 180°",
+                got=f"{np.degrees(self.distance_rad):g}° and {np.degrees(self.angle_rad):g}°",
+            )
+
+    @classmethod
+    def of(cls, uncertainty_rad: float, angle_rad: float = float(np.radians(5.0))) -> TripletClasses:
+        """Distances in classes of twice the uncertainty."""
+        return cls(2 * uncertainty_rad, angle_rad, uncertainty_rad)
+
+    def key(self, first_rad: Array, second_rad: Array, angle_rad: Array) -> Keys:
+        """(n,) class numbers of measured features in one word, first distance highest."""
+        a, b = (np.minimum(np.floor(d / self.distance_rad), MOST_DISTANCE) for d in (first_rad, second_rad))
+        return pack(a.astype(np.int64), b.astype(np.int64), np.floor(angle_rad / self.angle_rad).astype(np.int64))
+
+    def angle_error_rad(self, first_rad: Array, second_rad: Array) -> Array:
+        """Largest error of the angle between neighbours at those distances, by chords: 1.724° in the document's example."""
+        arms = np.maximum(2 * np.sin(np.stack([first_rad, second_rad]) / 2), 1e-12)
+        return np.asarray(np.sum(2 * self.uncertainty_rad / arms, axis=0))
+
+
+def pack(first: NDArray[np.integer], second: NDArray[np.integer], angle: NDArray[np.integer]) -> Keys:
+    """Class numbers as one word: 12 bits, 12 bits, 6 bits."""
+    word = (np.asarray(first) << (DISTANCE_BITS + ANGLE_BITS)) | (np.asarray(second) << ANGLE_BITS) | np.asarray(angle)
+    return word.astype(np.uint32)
+
+
+@dataclass(frozen=True)
+class TripletTable:
+    """m references, sorted by key and then star. ``star``: row of the star list with ``stars`` rows. ``limit_mag``: a star
+    there is seen every second time; brightness is known to the share ``brightness_error``. ``max_rad``: no neighbour is
+    further away."""
+
+    key: Keys
+    star: Rows
+    stars: int
+    classes: TripletClasses
+    limit_mag: float
+    brightness_error: float
+    max_rad: float
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+    def look_up(self, keys: Keys) -> tuple[NDArray[np.intp], Rows]:
+        """For n keys: which of them (index) and which star, one pair per reference met."""
+        low, high = np.searchsorted(self.key, keys, "left"), np.searchsorted(self.key, keys, "right")
+        count = high - low
+        which = np.repeat(np.arange(len(keys)), count)
+        entry = np.arange(len(which)) + np.repeat(low - np.cumsum(count) + count, count)
+        return which, self.star[entry]
+
+
+def certain_mag(limit_mag: float, brightness_error: float) -> float:
+    """Brighter ones are always seen (125 % of the limit)."""
+    return float(limit_mag - 2.5 * np.log10(1 + brightness_error))
+
+
+def faintest_mag(limit_mag: float, brightness_error: float) -> float:
+    """Fainter ones are never seen (75 % of the limit): how deep the star list must go."""
+    return float(limit_mag - 2.5 * np.log10(1 - brightness_error))
+
+
+def features(star: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Distances and angle, (n,) rad, of (n, 3) unit vectors: star, nearest and second nearest neighbour."""
+
+    def arc(to: Array) -> Array:
+        return np.asarray(2 * np.arcsin(np.minimum(1.0, np.linalg.norm(star - to, axis=-1) / 2)))
+
+    def tangent(to: Array) -> Array:
+        return np.asarray(to - np.sum(star * to, axis=-1, keepdims=True) * star)
+
+    p, q = tangent(first), tangent(second)
+    angle = np.arctan2(np.linalg.norm(np.cross(p, q), axis=-1), np.sum(p * q, axis=-1))
+    return arc(first), arc(second), np.asarray(angle)
+
+
+def build_triplets(
+    icrs: NDArray[np.floating],
+    v_mag: NDArray[np.floating],
+    classes: TripletClasses,
+    limit_mag: float,
+    max_rad: float,
+    *,
+    brightness_error: float = 0.25,
+    blend_rad: float = 0.0,
+) -> TripletTable:
+    """The data base over a star list, (n, 3) and (n,). Stars without magnitude (NaN) count as certain.
+
+    ``blend_rad``: closer companions melt into one image, so that the fainter one only may be seen, as the document does
+    with double stars. Both neighbours must lie within ``max_rad``, which a frame can show.
+    """
+    unit = np.asarray(icrs, float)
+    unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
+    mag = np.asarray(v_mag, float)
+    rows = np.flatnonzero(~(mag > faintest_mag(limit_mag, brightness_error)))
+    empty = TripletTable(
+        np.empty(0, np.uint32), np.empty(0, np.int32), len(unit), classes, limit_mag, brightness_error, max_rad
+    )
+    if len(rows) < 3:
+        return empty
+    certain = ~(mag[rows] > certain_mag(limit_mag, brightness_error)) & ~_companions(unit[rows], mag[rows], blend_rad)
+    who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
+    measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
+    which, key = _spread(*measured, classes)
+    pairs = np.unique((key.astype(np.int64) << 32) | rows[who[which]])
+    key, star = (pairs >> 32).astype(np.uint32), (pairs & 0xFFFFFFFF).astype(np.int32)
+    return TripletTable(key, star, len(unit), classes, limit_mag, brightness_error, max_rad)
+
+
+def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
+    """Which stars have a brighter one within ``blend_rad``; of equals the later."""
+    fainter = np.zeros(len(unit), bool)
+    if blend_rad > 0:
+        pairs = cKDTree(unit).query_pairs(2 * np.sin(blend_rad / 2), output_type="ndarray")
+        a, b = pairs[:, 0], pairs[:, 1]
+        fainter[np.where(mag[a] > mag[b], a, b)] = True
+    return fainter
+
+
+def _constellations(
+    unit: Array, certain: NDArray[np.bool_], uncertainty_rad: float, max_rad: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """(star, first neighbour, second neighbour) of every constellation that may be measured.
+
+    As the document's list of twelve for six neighbours shows: the first is any up to the first certain one, the second any
+    up to the second certain one, each also when an error of position could bring it there (Figs. 12, 13), in either order
+    then.
+    """
+    count = min(NEIGHBOURS, len(unit) - 1)
+    chord, near = cKDTree(unit).query(unit, count + 1)
+    chord, near = _without_self(chord, near)
+    distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
+    exchange_rad = EXCHANGE_UNCERTAINTIES * uncertainty_rad
+    seen = np.cumsum(certain[near], axis=1)
+    limit = [
+        np.where((seen >= k).any(axis=1), distance[_rows(distance), np.argmax(seen >= k, axis=1)], np.inf)
+        for k in (1, 2)
+    ]
+    in_reach = distance <= max_rad
+    first = in_reach & (distance <= limit[0][:, None] + exchange_rad)
+    second = in_reach & (distance <= limit[1][:, None] + exchange_rad)
+    ordered = distance[:, :, None] <= distance[:, None, :] + exchange_rad
+    other = ~np.eye(distance.shape[1], dtype=bool)
+    star, i, j = np.nonzero(first[:, :, None] & second[:, None, :] & ordered & other)
+    return star, near[star, i], near[star, j]
+
+
+def _rows(table: Array) -> NDArray[np.intp]:
+    return np.arange(len(table))
+
+
+def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
+    """Neighbour lists without the star itself, which need not come first where two stars are at one place."""
+    own = near == np.arange(len(near))[:, None]
+    own[:, -1] |= ~own.any(axis=1)
+    keep = ~own
+    return chord[keep].reshape(len(near), -1), near[keep].reshape(len(near), -1)
+
+
+def _spread(
+    first_rad: Array, second_rad: Array, angle_rad: Array, classes: TripletClasses
+) -> tuple[NDArray[np.intp], Keys]:
+    """Every class that such a constellation may be measured in: (index of the constellation, key)."""
+    error = classes.angle_error_rad(first_rad, second_rad)
+    most = int(np.floor(np.pi / classes.angle_rad))
+    low = np.clip(np.floor((angle_rad - error) / classes.angle_rad), 0, most).astype(np.int64)
+    high = np.clip(np.floor((angle_rad + error) / classes.angle_rad), 0, most).astype(np.int64)
+    count = high - low + 1
+    which = np.repeat(np.arange(len(low)), count)
+    angle = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + low[which]
+    a, b = (np.floor(d / classes.distance_rad).astype(np.int64)[which] for d in (first_rad, second_rad))
+    step = np.array([-1, 0, 1])
+    a9, b9, c9, which9 = np.broadcast_arrays(
+        a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], which[:, None, None]
+    )
+    # The nearest neighbour is the nearest, whatever the errors.
+    possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MOST_DISTANCE)
+    return which9[possible], pack(a9[possible], b9[possible], c9[possible])

@@ -1,0 +1,218 @@
+"""The chain of the Oersted star imager (Liebe 1992): brightest stars to a fraction of a pixel, triplets, predicted image.
+
+The initial estimate knows stars by the distances to their two nearest neighbours and the angle between them; the predictional
+estimate lays the predicted image over the measured one. What the document leaves open, and what we add against false
+attitudes, is said for each parameter in ``oersted_parameters.SOURCES``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.attitude import weighted_covariance_rad2
+from gss.pipeline.centroid import brightest_first
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.oersted_match import Matching, OerstedCatalogue, match_stars, prepare
+from gss.pipeline.chains.oersted_parameters import NAME, OerstedParameters, default_parameters
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.hyperaccuracy import brightest_pixels, hyperaccurate_centroids, inside_frame
+from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
+from gss.pipeline.track.constant_rate import average_estimates
+from gss.pipeline.track.differential import differential_attitude
+
+# Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. How they divide is ours.
+DETECT_MS, REGION_MS = 250.0, 1.0
+INITIAL_MS, CANDIDATE_MS, PREDICTIONAL_MS, ATTITUDE_MS, STAR_MS = 700.0, 2.5, 120.0, 80.0, 1.0
+MAX_REGIONS = 1000
+
+
+def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: float) -> Detection:
+    """The stars brighter than the limit that the data base is made for, each in its window."""
+    p = parameters
+    black_dn = grid_median_dn(pixels)
+    limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, MAX_REGIONS, True)
+    found = search(pixels, black_dn + p.threshold_dn, limits, 1)
+    stars = found.blobs.take(found.accepted)
+    whole = inside_frame(*brightest_pixels(pixels, stars), pixels.shape, p.window_px // 2)
+    measured = hyperaccurate_centroids(pixels, stars.take(np.flatnonzero(whole)), p.window_px, p.noise, p.saturation_dn)
+    bright = measured.flux_dn >= p.dn_at_mag_0 * 10 ** (-0.4 * limit_mag)
+    rejected = list(found.rejected)
+    for k in found.accepted[~whole].tolist():
+        rejected[k] = "window leaves the frame"
+    for k in found.accepted[whole][~bright].tolist():
+        rejected[k] = f"fainter than V {limit_mag:.1f}"
+    centroids = measured.take(bright)
+    centroids = centroids.take(brightest_first(centroids)[: p.max_centroids])
+    return Detection(
+        region_records(pixels, replace(found, rejected=tuple(rejected)), black_dn, p.max_small_regions),
+        centroids,
+        found.invalid,
+        black_dn,
+        (found.stopped,) if found.stopped else (),
+    )
+
+
+def calculate_attitude(
+    matching: Matching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
+    hint: Hint | None = None,
+) -> Solution:
+    """Least squares over the selected stars by differential correction, and the checks that keep a false attitude from
+    leaving the chain: residuals, the hint, and the false-match bound."""
+    chosen, nan = matching.selected, float("nan")
+    if matching.reason or matching.cam_from_icrs is None:
+        return Solution(None, None, nan, matching.reason)
+    rows, unit = matching.row[chosen], matching.unit_cam[chosen]
+    reference = catalogue.icrs[rows]
+    cam_from_icrs = differential_attitude(unit, reference, matching.cam_from_icrs)
+    if cam_from_icrs is None:
+        return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
+    probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
+    reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, probability)
+    if reason and parameters.proves:
+        return Solution(None, None, probability, reason)
+    quaternion = _averaged(quaternion_from_matrix(cam_from_icrs), matching.mode, hint, parameters)
+    final = matrix_from_quaternion(quaternion)
+    weights = np.ones(len(chosen))
+    covariance = weighted_covariance_rad2(unit, weights, centroids.sigma_px[chosen] * camera.pixel_rad)
+    residual_px = centroids.pixels[chosen] - camera.project(reference @ final.T)
+    matches = Matches(chosen.astype(np.int32), catalogue.stars.hip[rows].astype(np.int32), weights, residual_px)
+    return Solution(Attitude(quaternion, covariance), matches, probability, "")
+
+
+def _averaged(quaternion: Array, mode: Mode, hint: Hint | None, parameters: OerstedParameters) -> Array:
+    """The newest of the last ``averaged`` estimates, smoothed; itself where nothing is averaged."""
+    if mode is not Mode.TRACKING or hint is None or hint.quaternion is None or parameters.averaged == 1:
+        return quaternion
+    return average_estimates([quaternion, hint.quaternion, *hint.earlier][: parameters.averaged])
+
+
+def _objection(
+    matching: Matching,
+    cam_from_icrs: Array,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
+    hint: Hint | None,
+    probability: float,
+) -> str:
+    """Why this attitude should not be believed, or ""."""
+    chosen = matching.selected
+    miss_rad = np.linalg.norm(
+        catalogue.icrs[matching.row[chosen]] @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1
+    )
+    if np.max(miss_rad) > 1.05 * parameters.uncertainty_rad:
+        return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
+    if matching.mode is Mode.ASSISTED and hint is not None:
+        boresight = np.asarray(hint.boresight_icrs, float)
+        off_rad = float(np.arccos(np.clip(boresight @ cam_from_icrs[2] / np.linalg.norm(boresight), -1, 1)))
+        limit_rad = _hint_error_rad(camera, parameters)
+        if off_rad > limit_rad:
+            return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
+    if probability > parameters.max_false_probability:
+        return (
+            f"{len(chosen)} of {len(matching.row)} centroids verified could be accidental: "
+            f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
+        )
+    return ""
+
+
+def _hint_error_rad(camera: Camera, parameters: OerstedParameters) -> float:
+    return max(parameters.assisted_radius_rad - camera.half_diagonal_rad, parameters.uncertainty_rad)
+
+
+def false_match_probability(
+    matching: Matching,
+    cam_from_icrs: Array,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
+) -> float:
+    """Bound on the expected number of accidental identifications with as many stars as this one.
+
+    A triplet that was found says nothing against accident: its stars were chosen because they fit. So every place counts where
+    any pair of centroids could lie on any pair of stars, whether the data base led there or not.
+    """
+    n, k = len(matching.row), len(matching.selected)
+    tolerance = parameters.uncertainty_rad
+    seen = catalogue.icrs[catalogue.seen]
+    in_view = max(1, int(np.count_nonzero(camera.contains(camera.project(seen @ cam_from_icrs.T)))))
+    width_rad, height_rad = camera.fov_rad
+    per_sr = in_view / (4 * np.arcsin(np.sin(width_rad / 2) * np.sin(height_rad / 2)))
+    if matching.mode is Mode.TRACKING:
+        hypotheses = tracking_hypotheses(n, per_sr, tolerance, parameters.capture_rad)
+    else:
+        hypotheses = pair_placements(matching.unit_cam, len(seen), 2 * tolerance)
+        if matching.mode is Mode.ASSISTED:
+            hypotheses *= (1 - np.cos(_hint_error_rad(camera, parameters))) / 2
+    return accidental_bound(hypotheses, k, n, chance_within(per_sr, tolerance))
+
+
+def pair_placements(unit_cam: Array, stars: int, tolerance_rad: float) -> float:
+    """Expected number of ways to lay any two of (n, 3) directions on any two of so many stars all over the sky."""
+    good = unit_cam[np.isfinite(unit_cam).all(axis=1)]
+    i, j = np.triu_indices(len(good), 1)
+    sine = np.linalg.norm(np.cross(good[i], good[j]), axis=1)
+    return float(np.sum(np.maximum(sine, tolerance_rad)) * stars * (stars - 1) * tolerance_rad)
+
+
+class OerstedChain:
+    """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
+
+    name = NAME
+
+    def parameters(
+        self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
+    ) -> OerstedParameters:
+        base = default_parameters(profile, exposure_s)
+        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
+        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
+        radius_rad = base.assisted_radius_rad
+        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
+            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
+        return replace(
+            base,
+            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
+            min_area_px=smallest,
+            max_area_px=max(largest, smallest),
+            assisted_radius_rad=radius_rad,
+        )
+
+    def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> OerstedCatalogue:
+        return prepare(catalogue, profile)
+
+    def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
+        return find_centroids(pixels, work.parameters, work.catalogue.triplets.limit_mag)
+
+    def match_stars(self, centroids: Centroids, work: Work) -> Matching:
+        return match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
+
+    def calculate_attitude(self, matching: Matching, centroids: Centroids, work: Work) -> Solution:
+        return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
+
+    def next_mode(self, mode: Mode, solved: bool) -> Mode:
+        """Two modes: the predictional estimate while it succeeds, else the initial one (Liebe 1992, "Algorithms")."""
+        return Mode.TRACKING if solved else Mode.LOST_IN_SPACE
+
+    def detect_ms(self, pixels: int, detection: Detection) -> float:
+        return DETECT_MS * pixels / (604 * 576) + REGION_MS * (len(detection.regions) + detection.invalid)
+
+    def match_ms(self, matching: Matching) -> float:
+        if matching.mode is Mode.TRACKING:
+            return PREDICTIONAL_MS
+        return INITIAL_MS + CANDIDATE_MS * matching.candidates
+
+    def attitude_ms(self, matching: Matching) -> float:
+        return ATTITUDE_MS + STAR_MS * len(matching.selected)

@@ -1,0 +1,256 @@
+"""Names for centroids as the Oersted star imager finds them: triplets and a vote, or the predicted image (Liebe 1992)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
+from gss.domain.stars import OnboardCatalogue
+from gss.domain.triplets import TripletClasses, TripletTable, build_triplets, faintest_mag
+from gss.pipeline.attitude import svd
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.oersted_parameters import (
+    ANGLE_CLASS_RAD,
+    BLEND_PX,
+    BRIGHTNESS_ERROR,
+    OerstedParameters,
+    detectable_mag,
+    uncertainty_rad,
+)
+from gss.pipeline.identify.triplet_alone import attitudes_of_triplet
+from gss.pipeline.identify.triplet_vote import TripletVote, vote
+from gss.pipeline.track.constant_rate import extrapolate
+from gss.pipeline.track.predictional import Fit, predictional_fit, shrinking_radii_rad
+
+Index = NDArray[np.intp]
+ENOUGH = 5
+FURTHEST_STEP_RAD = float(np.radians(10.0))
+
+
+@dataclass(frozen=True)
+class OerstedCatalogue:
+    """A bank as the imager uses it: the star list with unit vectors at full width (n, 3), the data base of triplets over it, and
+    the rows bright enough to be seen."""
+
+    stars: OnboardCatalogue
+    icrs: Array
+    triplets: TripletTable
+    seen: Index
+
+    def __len__(self) -> int:
+        return len(self.stars)
+
+
+def prepare(
+    catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
+) -> OerstedCatalogue:
+    """The bank with the triplets given, or with those that follow from its stars."""
+    icrs = catalogue.icrs.astype(float)
+    icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
+    if triplets is not None and triplets.stars != len(catalogue):
+        raise BadInput(
+            "the triplet table belongs to another star list",
+            expected=f"{len(catalogue)} stars",
+            got=str(triplets.stars),
+        )
+    if triplets is None:
+        classes = TripletClasses.of(uncertainty_rad(profile), ANGLE_CLASS_RAD)
+        triplets = build_triplets(
+            icrs,
+            catalogue.v_mag,
+            classes,
+            _limit_mag(catalogue, profile),
+            profile.camera.diagonal_rad,
+            brightness_error=BRIGHTNESS_ERROR,
+            blend_rad=BLEND_PX * profile.camera.pixel_rad,
+        )
+    deep = faintest_mag(triplets.limit_mag, triplets.brightness_error)
+    return OerstedCatalogue(catalogue, icrs, triplets, np.flatnonzero(~(catalogue.v_mag > deep)))
+
+
+def _limit_mag(catalogue: OnboardCatalogue, profile: CameraProfile) -> float:
+    """Magnitude down to which stars are used: the bank must reach deeper by the uncertainty of brightness (the document has 1539
+    stars for the 1107 it uses), and the detector must find them. Without magnitudes the profile's limit."""
+    known = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
+    if not len(known):
+        return profile.sensor.faint_limit_mag
+    return min(float(known.max()), detectable_mag(profile)) - faintest_mag(0.0, BRIGHTNESS_ERROR)
+
+
+@dataclass(frozen=True)
+class Matching:
+    """MATCH_STARS. Per centroid, (n,): ``row`` or −1, ``votes`` of other triplets (1 in tracking). ``selected``: centroids for the
+    attitude, empty with a ``reason``; ``cam_from_icrs`` the attitude near which they fit. ``triplets`` measured in the image,
+    ``candidates`` met in the data base, ``compared`` distances looked at."""
+
+    mode: Mode
+    unit_cam: Array
+    row: Index
+    votes: Index
+    selected: Index
+    cam_from_icrs: Array | None
+    triplets: int
+    candidates: int
+    compared: int
+    reason: str
+
+    @property
+    def weight(self) -> Array:
+        """(n,) one for every star: the least distances of the document are not weighted."""
+        return (self.row >= 0).astype(float)
+
+    @property
+    def operations(self) -> int:
+        """References met and distances compared."""
+        return self.candidates + self.compared
+
+    @property
+    def confidence(self) -> float:
+        """Share of the centroids that are identified."""
+        return len(self.selected) / len(self.row) if len(self.row) else 0.0
+
+
+def match_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
+    mode: Mode = Mode.LOST_IN_SPACE,
+    hint: Hint | None = None,
+) -> Matching:
+    """Names for centroids: initial estimate when lost or assisted, predictional estimate in tracking (Liebe 1992, "Algorithms").
+
+    The predicted image also completes the initial estimate, whose triplets leave out the stars near the rim.
+    """
+    _check_hint(mode, hint)
+    unit = camera.unproject(centroids.pixels)
+    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    good = np.flatnonzero(np.isfinite(unit).all(axis=1))
+    if mode is Mode.TRACKING and hint is not None:
+        return _track(unit, good, camera, catalogue, parameters, hint)
+    allowed = _allowed(catalogue, mode, hint, parameters)
+    ballot = vote(unit[good], camera, catalogue.triplets, catalogue.icrs, allowed, 2 * parameters.uncertainty_rad)
+    fit = _initial_fit(unit[good], ballot, camera, catalogue, parameters)
+    votes = np.zeros(len(unit), np.intp)
+    votes[good] = ballot.votes
+    compared = ballot.comparisons + (0 if fit is None else fit.compared)
+    figures = len(ballot.triplet), len(ballot.candidate), compared
+    return _matching(mode, unit, good, fit, votes, figures, parameters)
+
+
+def _check_hint(mode: Mode, hint: Hint | None) -> None:
+    if mode is Mode.LOST_IN_SPACE:
+        return
+    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
+        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
+        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
+
+
+def _allowed(
+    catalogue: OerstedCatalogue, mode: Mode, hint: Hint | None, parameters: OerstedParameters
+) -> NDArray[np.bool_]:
+    if mode is Mode.LOST_IN_SPACE or hint is None:
+        return np.ones(len(catalogue), bool)
+    boresight = np.asarray(hint.boresight_icrs, float)
+    return np.asarray(
+        catalogue.icrs @ (boresight / np.linalg.norm(boresight)) >= np.cos(parameters.assisted_radius_rad)
+    )
+
+
+def _initial_fit(
+    unit: Array, ballot: TripletVote, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters
+) -> Fit | None:
+    """Least squares over the stars the vote named, and over the predicted image from there; where the candidates do not
+    support each other, the best that one of them leads to by itself."""
+    radii = shrinking_radii_rad(2 * parameters.uncertainty_rad, parameters.uncertainty_rad)
+
+    def fit_from(attitude: Array) -> Fit | None:
+        return predictional_fit(unit, catalogue.icrs, catalogue.seen, attitude, radii, camera.half_diagonal_rad)
+
+    known = np.flatnonzero(ballot.row >= 0)
+    best = fit_from(svd(unit[known], catalogue.icrs[ballot.row[known]])) if len(known) >= 2 else None
+    compared = 0 if best is None else best.compared
+    if best is None or len(best.row) < ENOUGH:
+        for k in range(min(parameters.triplets_alone, len(ballot.candidate))):
+            triplet = unit[ballot.triplet[ballot.which[k]]]
+            for attitude in attitudes_of_triplet(
+                triplet, int(ballot.candidate[k]), catalogue.icrs, 2 * parameters.uncertainty_rad
+            ):
+                fit = fit_from(attitude)
+                compared += 0 if fit is None else fit.compared
+                if fit is not None and (best is None or len(fit.row) > len(best.row)):
+                    best = fit
+    return None if best is None else replace(best, compared=compared)
+
+
+def _track(
+    unit: Array, good: Index, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters, hint: Hint
+) -> Matching:
+    """The predicted image at the attitude extrapolated from the last two; at the last one where that does not fit."""
+    radii = shrinking_radii_rad(parameters.capture_rad, parameters.uncertainty_rad)
+    best, compared = None, 0
+    for attitude in predicted_attitudes(hint):
+        fit = predictional_fit(unit[good], catalogue.icrs, catalogue.seen, attitude, radii, camera.half_diagonal_rad)
+        compared += fit.compared if fit is not None else 0
+        if fit is not None and (best is None or len(fit.row) > len(best.row)):
+            best = fit
+    votes = np.zeros(len(unit), np.intp)
+    if best is not None:
+        votes[good[best.measured]] = 1
+    return _matching(Mode.TRACKING, unit, good, best, votes, (0, 0, compared), parameters)
+
+
+def predicted_attitudes(hint: Hint) -> list[Array]:
+    """Attitudes to look at, (3, 3) each: going on at the rate of the last two estimates, and standing still."""
+    if hint.quaternion is None:
+        return []
+    last = matrix_from_quaternion(hint.quaternion)
+    if not hint.earlier:
+        return [last]
+    ahead = extrapolate(hint.quaternion, hint.earlier[0])
+    return [ahead, last] if rotation_angle_rad(ahead, last) <= FURTHEST_STEP_RAD else [last]
+
+
+def _matching(
+    mode: Mode,
+    unit: Array,
+    good: Index,
+    fit: Fit | None,
+    votes: Index,
+    figures: tuple[int, int, int],
+    parameters: OerstedParameters,
+) -> Matching:
+    row, selected = np.full(len(unit), -1, np.intp), np.empty(0, np.intp)
+    if fit is not None:
+        selected = good[fit.measured]
+        row[selected] = fit.row
+    reason = _too_few(len(unit), figures[0], len(selected), parameters.min_verified(mode), mode)
+    return Matching(
+        mode,
+        unit,
+        row,
+        votes,
+        selected if not reason else selected[:0],
+        None if fit is None else fit.cam_from_icrs,
+        *figures,
+        reason,
+    )
+
+
+def _too_few(centroids: int, triplets: int, verified: int, needed: int, mode: Mode) -> str:
+    if centroids == 0:
+        return "no star found in the frame"
+    if verified >= needed:
+        return ""
+    if mode is not Mode.TRACKING and triplets == 0:
+        return f"no triplet among {centroids} centroids lies wholly inside the frame"
+    stars = "centroid" if centroids == 1 else "centroids"
+    return f"{verified} of {centroids} {stars} verified; {needed} needed in {mode.value.replace('_', ' ')} mode"

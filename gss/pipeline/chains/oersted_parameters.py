@@ -1,0 +1,141 @@
+"""The constants of the Oersted star imager's chain, where each comes from, and their values for a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.pipeline.centroid import PixelNoise
+from gss.pipeline.chains.modes import Mode
+
+NAME = "oersted"
+
+SOURCES: dict[str, str] = {
+    "threshold_dn": "ours: five times the noise of a dark pixel above the frame's median; Liebe 1992 names no level, but "
+    "registers 8000 stars and uses the 1100 brightest, so the level only finds stars and brightness chooses them",
+    "dn_at_mag_0": "from the profile's sensor: the flux that makes the limit of brightness out of a magnitude",
+    "brightness_error": "Liebe 1992, 'Inclusion of Magnitude-Uncertainty': 25 %",
+    "uncertainty_rad": "Liebe 1992, 'Inclusion of Position-Uncertainty': 3′ = 1.39 px of its own camera; others: as many pixels",
+    "angle_class_rad": "Liebe 1992, ibid.: 5°",
+    "window_px": "ours: the document's hyperaccuracy technique is not described; 5 x 5 inside a border of one pixel",
+    "min_area_px": "ours: a hot pixel is no star",
+    "max_area_px": "ours: the brightest star covers about fifty pixels",
+    "max_invalid": "ours: as Erlank 2013 §5.3.3, search stops at more than fifty too large regions",
+    "max_centroids": "ours: the richest field of 30° has about fifty stars to V 4.5",
+    "capture_rad": "ours: 0.5°; the document says only that the coarse attitude is known, to 0.1° after the initial estimate",
+    "assisted_radius_rad": "ours: half diagonal + 5°; the document has no mode with a boresight only",
+    "min_verified": "ours: four without knowledge, three with a hint, two in tracking; with acceptance 'document' two",
+    "triplets_alone": "ours: so many candidates are followed one by one where the vote of Liebe 1992 names fewer than five "
+    "stars; 0 is the document",
+    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
+    "acceptance": "ours 'proved': residuals and the false-match bound decide; 'document': whatever the vote or the "
+    "least-distance fit gives is the answer (Liebe 1992 names no test, and Table 2 has its failures)",
+    "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 is none, because frames may "
+    "not come at equal times",
+    "noise": "from the profile's sensor; the floor of 0.045 px is the scatter of stars of V 3 to 4 in "
+    "rendered frames with all stars to V 7, whose light is in the window too",
+}
+
+
+@dataclass(frozen=True)
+class OerstedParameters:
+    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's black level."""
+
+    threshold_dn: float
+    dn_at_mag_0: float
+    uncertainty_rad: float
+    assisted_radius_rad: float
+    saturation_dn: float
+    noise: PixelNoise
+    min_area_px: int = 3
+    max_area_px: int = 200
+    max_invalid: int = 50
+    max_centroids: int = 60
+    window_px: int = 7
+    capture_rad: float = float(np.radians(0.5))
+    triplets_alone: int = 100
+    min_verified_lost: int = 4
+    min_verified_assisted: int = 3
+    min_verified_tracking: int = 2
+    max_false_probability: float = 1e-3
+    acceptance: str = "proved"
+    averaged: int = 1
+    max_small_regions: int = 100
+
+    def __post_init__(self) -> None:
+        if self.acceptance not in ("proved", "document"):
+            raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
+        if not (self.threshold_dn > 0 and self.uncertainty_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
+            raise BadInput(
+                "detection parameters are impossible",
+                expected="threshold and uncertainty above zero, 1 ≤ smallest ≤ largest area",
+                got=f"{self.threshold_dn}, {self.uncertainty_rad}, {self.min_area_px}, {self.max_area_px}",
+            )
+        if self.window_px < 5 or self.window_px % 2 == 0 or self.averaged < 1:
+            raise BadInput(
+                "window or number of averaged estimates is impossible",
+                expected="an odd window of at least 5 px, at least 1 estimate",
+                got=f"{self.window_px}, {self.averaged}",
+            )
+
+    def min_verified(self, mode: Mode) -> int:
+        """Fewest verified stars for an attitude."""
+        if self.acceptance == "document" or mode is Mode.TRACKING:
+            return self.min_verified_tracking
+        return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
+
+    @property
+    def proves(self) -> bool:
+        """Whether the chain checks what it found."""
+        return self.acceptance == "proved"
+
+
+NOISE_SIGMAS = 5.0
+DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
+OWN_PIXEL_RAD = 6.287e-4
+UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / OWN_PIXEL_RAD
+ANGLE_CLASS_RAD = float(np.radians(5.0))
+BRIGHTNESS_ERROR = 0.25
+BLEND_PX = 3.0
+HINT_ERROR_RAD = float(np.radians(5.0))
+FLOOR_PX = 0.045
+FAINTEST_AREA_PX = 6.0
+
+
+def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> OerstedParameters:
+    """Parameters for a camera: the document's numbers as pixels where they are errors of positions."""
+    sensor, camera = profile.sensor, profile.camera
+    exposure = sensor.exposure_s if exposure_s is None else exposure_s
+    noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
+    return OerstedParameters(
+        threshold_dn=max(2.0, float(np.ceil(NOISE_SIGMAS * noise_dn))),
+        dn_at_mag_0=float(sensor.star_e(0.0, exposure)) / sensor.gain_e_per_dn,
+        uncertainty_rad=uncertainty_rad(profile),
+        assisted_radius_rad=camera.half_diagonal_rad + HINT_ERROR_RAD,
+        saturation_dn=_full_dn(profile),
+        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, FLOOR_PX),
+        capture_rad=max(float(np.radians(0.5)), 4 * uncertainty_rad(profile)),
+    )
+
+
+def uncertainty_rad(profile: CameraProfile) -> float:
+    """Largest error of one star's position."""
+    return UNCERTAINTY_PX * profile.camera.pixel_rad
+
+
+def detectable_mag(profile: CameraProfile) -> float:
+    """Magnitude of a star that covers ``FAINTEST_AREA_PX`` above the threshold: 2πσ² ln(peak / threshold)."""
+    sensor = profile.sensor
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    threshold_dn = default_parameters(profile).threshold_dn
+    star_e = spread_px2 * threshold_dn * np.exp(FAINTEST_AREA_PX / spread_px2) * sensor.gain_e_per_dn
+    return float(sensor.magnitude(star_e, sensor.exposure_s))
+
+
+def _full_dn(profile: CameraProfile) -> float:
+    """Where a pixel's value ends: the converter's or the well's, a little below."""
+    s = profile.sensor
+    return min(float(s.saturation_dn), s.bias_dn + s.full_well_e / s.gain_e_per_dn) * 0.99

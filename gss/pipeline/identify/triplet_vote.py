@@ -1,0 +1,99 @@
+"""Names for stars by their triangular features and a vote among the candidates (Liebe 1992, "Initial estimate")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array, separation_rad
+from gss.domain.camera import Camera
+from gss.domain.triplets import TripletTable, features
+
+Index = NDArray[np.intp]
+OUTLINE_PER_SIDE = 64
+
+
+@dataclass(frozen=True)
+class TripletVote:
+    """``row``: (n,) chosen star per measured one, −1 without. ``votes``: (n,) other measured stars that support it.
+    ``triplet``: (t, 3) measured star, nearest, second nearest. ``which``, ``candidate``: (c,) references met, as row of
+    ``triplet`` and row of the star list, best supported first. ``comparisons``: distances compared."""
+
+    row: Index
+    votes: Index
+    triplet: Index
+    which: Index
+    candidate: Index
+    comparisons: int
+
+
+def rim_distance_rad(unit_cam: Array, camera: Camera) -> Array:
+    """(n,) angle to the nearest point of the detector's edge."""
+    outline = camera.outline(OUTLINE_PER_SIDE)
+    return np.asarray(separation_rad(unit_cam[:, None], outline[None]).min(axis=1))
+
+
+def triplets_in_image(unit_cam: Array, camera: Camera) -> tuple[Index, Index, Index]:
+    """(star, nearest, second nearest) of (n, 3) measured directions. A star that is closer to the rim than to its second
+    neighbour is left out: a nearer neighbour may be outside the picture."""
+    none = np.empty(0, np.intp)
+    if len(unit_cam) < 3:
+        return none, none, none
+    distance = separation_rad(unit_cam[:, None], unit_cam[None])
+    np.fill_diagonal(distance, np.inf)
+    near = np.argsort(distance, axis=1, kind="stable")[:, :2]
+    star = np.flatnonzero(distance[np.arange(len(near)), near[:, 1]] <= rim_distance_rad(unit_cam, camera))
+    return star, near[star, 0], near[star, 1]
+
+
+def vote(
+    unit_cam: Array, camera: Camera, table: TripletTable, icrs: Array, allowed: NDArray[np.bool_], tolerance_rad: float
+) -> TripletVote:
+    """Candidates from the data base, those of ``allowed`` rows, and among them the ones whose distances from each other are
+    those measured, within ``tolerance_rad``. The candidate with most support leads; it and its supporters are the answer.
+    """
+    n = len(unit_cam)
+    row, votes, none = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.empty(0, np.intp)
+    star, first, second = triplets_in_image(unit_cam, camera)
+    triplet = np.stack([star, first, second], axis=1)
+    if not len(star):
+        return TripletVote(row, votes, triplet, none, none, 0)
+    which, found = table.look_up(table.classes.key(*features(unit_cam[star], unit_cam[first], unit_cam[second])))
+    keep = np.flatnonzero(allowed[found])
+    which, candidate = which[keep], found[keep].astype(np.intp)
+    centroid = star[which]
+    agree = _agree(unit_cam, centroid, icrs, candidate, tolerance_rad)
+    # One supporter per measured star, however many of its candidates agree.
+    support = np.zeros((len(centroid), n), bool)
+    a, b = np.nonzero(agree)
+    support[a, centroid[b]] = True
+    count = support.sum(axis=1)
+    chosen = _consistent_set(agree, count)
+    row[centroid[chosen]] = candidate[chosen]
+    votes[centroid[chosen]] = count[chosen]
+    order = np.argsort(-count, kind="stable")
+    return TripletVote(row, votes, triplet, which[order], candidate[order], len(keep) * (len(keep) - 1) // 2)
+
+
+def _agree(unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float) -> NDArray[np.bool_]:
+    """(c, c) pairs of candidates for different stars whose distance is the measured one."""
+    here, there = unit_cam[centroid], icrs[candidate]
+    off = np.abs(separation_rad(here[:, None], here[None]) - separation_rad(there[:, None], there[None]))
+    other = (centroid[:, None] != centroid) & (candidate[:, None] != candidate)
+    return np.asarray((off <= tolerance_rad) & other)
+
+
+def _consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
+    """The best supported candidate and, best first, every one that agrees with all taken before."""
+    if not len(count) or not count.max():
+        return np.empty(0, np.intp)
+    leader = int(np.argmax(count))
+    free = agree[leader].copy()
+    kept = [leader]
+    for k in np.argsort(-count, kind="stable").tolist():
+        if free[k]:
+            kept.append(k)
+            free &= agree[k]
+    return np.array(kept, np.intp)
