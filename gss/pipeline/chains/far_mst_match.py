@@ -31,6 +31,7 @@ from gss.pipeline.identify.triad_pyramid import pyramids
 from gss.pipeline.track.rate_match import constant_rate, mutual_nearest
 
 MOST_NAMES_PER_FIGURE = 4
+ORDER = (Mode.LOST_IN_SPACE, Mode.ASSISTED, Mode.TRACKING)
 NONE = np.empty(0, np.intp)
 
 
@@ -178,14 +179,18 @@ def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bo
     bound = found.bound(hypotheses)
     if s.best is None or found.count > s.best.count:
         s.best, s.best_bound, s.method = found, bound, method
-    if found.count < _least(s) or bound > s.p.max_false_probability or found.share < s.p.min_share:
+    if found.count < _least(s) or bound > s.p.max_false_probability or found.share < _least_share(s):
         return False
     s.best, s.best_bound, s.method = found, bound, method
     return True
 
 
 def _least(s: _Search) -> int:
-    return s.p.min_identified[{Mode.LOST_IN_SPACE: 0, Mode.ASSISTED: 1, Mode.TRACKING: 2}[s.mode]]
+    return s.p.min_identified[ORDER.index(s.mode)]
+
+
+def _least_share(s: _Search) -> float:
+    return s.p.min_share[ORDER.index(s.mode)]
 
 
 def _off_hint(s: _Search, found: Identified) -> bool:
@@ -268,7 +273,7 @@ def _reason(s: _Search) -> str:
         return f"no figure of the {n} stars fits the catalogue"
     if s.best.count < least:
         return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
-    if s.best.share < s.p.min_share:
+    if s.best.share < _least_share(s):
         return f"{s.best.count} of {n} stars identified where the catalogue has {s.best.in_view}: the others contradict"
     if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"

@@ -51,7 +51,7 @@ SOURCES: dict[str, str] = {
     "max_false_probability": "ours: largest accepted bound",
     "min_identified": "ours: four without knowledge, three with a hint, two in tracking",
     "min_share": "ours: a camera whose scale is off fits a small group by accident of its neighbours; a third of what could be "
-    "identified must be",
+    "identified must be, less in tracking",
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
 }
 
@@ -89,7 +89,7 @@ class FarMstParameters:
     acceptance: str = "bound"
     max_false_probability: float = 1e-3
     min_identified: tuple[int, int, int] = (4, 3, 2)
-    min_share: float = 0.34
+    min_share: tuple[float, float, float] = (0.34, 0.34, 0.15)
     max_small_regions: int = 100
     dark_dn: Array | None = field(default=None, compare=False, repr=False)
 

@@ -1,0 +1,142 @@
+"""FAR-MST's directory and reduced catalogue against brute force and against the document's own figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.field import Disc
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sin2_directory import figures, pair_directory
+from gss.catalogue_tools.uniform_density import merge_doubles, reduce_catalogue, square_field, survey_attitudes
+from gss.domain.errors import BadInput
+from gss.domain.stars import StarTable
+from gss.pipeline.identify.sin2_directory import sin2_directory
+
+
+def test_both_directories_are_the_brute_force_list() -> None:
+    """The ground's pairs are all pairs under the limit, and the processor's directory from the bank's distances is equal."""
+    stars = load_stars(3.5)
+    made = pair_directory(stars, 0.5)
+    i, j = np.triu_indices(len(stars), 1)
+    cosine = np.einsum("ij,ij->i", stars.icrs[i], stars.icrs[j])
+    assert len(made) == np.count_nonzero(cosine >= np.cos(0.5))
+    across = np.cross(stars.icrs[made.first], stars.icrs[made.second])
+    np.testing.assert_allclose(made.sin2, np.sum(across**2, axis=1), atol=1e-14)
+    on_board = sin2_directory(distance_table(stars, 0.0, 0.5), len(stars))
+    np.testing.assert_array_equal(made.first, on_board.first)
+    np.testing.assert_array_equal(made.sin2, on_board.sin2)
+
+
+def test_ranges_of_both_directories_are_exact() -> None:
+    """400 random intervals, ends on table values among them, give exactly what comparing every value gives."""
+    stars = load_stars(3.5)
+    made = pair_directory(stars, 0.6)
+    on_board = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
+    rng = np.random.default_rng(1)
+    low = rng.uniform(-0.02, 0.34, 400)
+    low[::4] = rng.choice(made.sin2, 100)
+    high = low + rng.exponential(3e-3, 400)
+    high[1::4] = np.maximum(low[1::4], rng.choice(made.sin2, 100))
+    start, end = on_board.ranges(low, high)
+    for k in range(400):
+        inside = np.flatnonzero((made.sin2 >= low[k]) & (made.sin2 <= high[k]))
+        assert np.array_equal(np.arange(start[k], end[k]), inside)
+        assert np.array_equal(np.arange(len(made))[made.rows_between(low[k], high[k])], inside)
+
+
+def test_the_sorted_table_is_nearly_a_straight_line() -> None:
+    """sin²θ is a nearly straight line over the sorted table (Huffman 2006 §5.5.4): 5 % bow at most for 30°."""
+    report = figures(pair_directory(load_stars(4.4), np.radians(30)), len(load_stars(4.4)))
+    assert report.bow_sin2 < 0.05
+    assert report.size_bytes == 12 * report.pairs
+
+
+def test_a_right_angle_is_the_limit() -> None:
+    """Pairs beyond 90°, which sin² cannot tell, are refused by both builders."""
+    stars = load_stars(2.0)
+    with pytest.raises(BadInput, match="90"):
+        pair_directory(stars, 2.0)
+    with pytest.raises(BadInput, match="90"):
+        sin2_directory(distance_table(stars, 0.0, 2.5), len(stars))
+
+
+def test_an_empty_directory_has_no_ranges() -> None:
+    """No pair, no hit, no error."""
+    nothing = sin2_directory(distance_table(load_stars(0.0), 0.0, 1e-6), 4)
+    start, end = nothing.ranges(np.array([0.1]), np.array([0.2]))
+    assert (len(nothing), int(start[0]), int(end[0])) == (0, 0, 0)
+
+
+def test_the_brightest_of_each_field_are_kept() -> None:
+    """By brute force over every pointing, the eight brightest inside and no others are kept."""
+    stars = load_stars(4.5)
+    attitudes = survey_attitudes(np.radians(12))
+    shape = square_field(np.radians(36))
+    reduced = reduce_catalogue(stars, shape, attitudes, 8)
+    expected = np.zeros(len(stars), bool)
+    for rotation in attitudes:
+        inside = np.flatnonzero(shape.inside(stars.icrs @ rotation.T))
+        expected[inside[np.argsort(stars.v_mag[inside], kind="stable")][:8]] = True
+    np.testing.assert_array_equal(reduced.kept, expected)
+    for k in (0, 40, len(attitudes) - 1):
+        count = np.count_nonzero(shape.inside(stars.icrs[reduced.kept] @ attitudes[k].T))
+        assert reduced.per_field[k] == count
+    assert reduced.per_field.min() >= 8
+
+
+def test_the_documents_540_stars_come_out_for_a_36_degree_square() -> None:
+    """Eight brightest per 36° square of V < 6: about 540 of 5 060 stars (Huffman 2006 §5.5.4; dossier §3.17: 546)."""
+    stars = load_stars(6.0)
+    reduced = reduce_catalogue(stars, square_field(np.radians(36)), survey_attitudes(np.radians(2)), 8)
+    assert abs(int(reduced.kept.sum()) - 540) < 30
+    assert abs(len(stars) - 5060) < 80
+
+
+def test_a_circle_may_stand_for_the_field() -> None:
+    """In every disc the stars kept are the four brightest or, where there are fewer, all."""
+    stars, radius_rad = load_stars(3.0), np.radians(20)
+    attitudes = survey_attitudes(np.radians(15))
+    reduced = reduce_catalogue(stars, Disc(radius_rad), attitudes, 4)
+    everywhere = np.count_nonzero(attitudes[:, 2] @ stars.icrs.T >= np.cos(radius_rad), axis=1)
+    assert np.all(reduced.per_field >= np.minimum(everywhere, 4))
+    assert reduced.share_below(4) == pytest.approx(np.mean(everywhere < 4))
+    assert 0 < reduced.kept.sum() < len(stars)
+
+
+def test_survey_pointings_leave_no_gap() -> None:
+    """No direction is further from a pointing than the step."""
+    at = survey_attitudes(np.radians(5))[:, 2]
+    rng = np.random.default_rng(3)
+    anywhere = rng.normal(size=(2000, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    assert np.degrees(np.arccos(np.max(anywhere @ at.T, axis=1).min())) < 5
+    with pytest.raises(BadInput, match="step"):
+        survey_attitudes(0.0)
+
+
+def _two(m1: float, m2: float, apart_rad: float) -> StarTable:
+    stars = load_stars(3.0).take(np.arange(2))
+    icrs = np.array([[1.0, 0, 0], [np.cos(apart_rad), np.sin(apart_rad), 0]])
+    return replace(stars, icrs=icrs, v_mag=np.array([m1, m2]))
+
+
+@pytest.mark.parametrize(
+    ("m1", "m2", "together", "weight"), [(3, 3, 2.2474, 0.5), (2, 4, 1.8403, 0.8632), (1, 5, 0.9731, 0.9755)]
+)
+def test_doubles_add_their_light(m1: float, m2: float, together: float, weight: float) -> None:
+    """Magnitude and place of a merged pair are those of eqs. 6.1 and 6.2 in base 10."""
+    merged = merge_doubles(_two(m1, m2, 1e-3), 2e-3)
+    assert len(merged) == 1
+    assert merged.v_mag[0] == pytest.approx(together, abs=1e-4)
+    assert np.arctan2(merged.icrs[0, 1], merged.icrs[0, 0]) == pytest.approx((1 - weight) * 1e-3, rel=1e-3)
+
+
+def test_stars_apart_stay_apart() -> None:
+    """Beyond the separation nothing is merged, and with none asked for the table is the same."""
+    assert len(merge_doubles(_two(3, 3, 1e-3), 5e-4)) == 2
+    stars = load_stars(4.0)
+    assert merge_doubles(stars, 0.0) is stars
