@@ -1,0 +1,282 @@
+"""Sunsat's tracking: the field on the sphere, windows, three stars, predictor, and sequences among false stars."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import decode, encode
+from gss.domain.angles import Array, ra_dec_from_unit
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.domain.rotation import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    random_quaternion,
+    rotation_angle_rad,
+    rotation_from_vector,
+)
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, Work, solve
+from gss.pipeline.chains.sunsat_match import SunsatCatalogue
+from gss.pipeline.chains.sunsat_onboard import SunsatChain
+from gss.pipeline.chains.sunsat_track import expected_stars, uncertainty_px
+from gss.pipeline.render import FalseStar, render
+from gss.pipeline.score import assess
+from gss.pipeline.track.predictor import predict, predict_angles_rad, predict_attitude, rotation_vector_rad
+from gss.pipeline.track.sphere_field import edge_dec_rad, sphere_field, stars_inside
+from gss.pipeline.track.three_stars import Candidates, ThreeStars, by_boxes
+
+PROFILE = profile("sunsat")
+CAMERA, SENSOR = PROFILE.camera, PROFILE.sensor
+CHAIN = SunsatChain()
+PARAMETERS = CHAIN.parameters(PROFILE, None, Commanded(), Mode.TRACKING)
+PINHOLE = Camera.from_fov(752, 582, np.radians(11.17))
+
+
+@lru_cache
+def _catalogue() -> SunsatCatalogue:
+    stars = load_stars(6.0)
+    image = encode(stars, distance_table(stars, np.radians(0.25), CAMERA.diagonal_rad), "sunsat", "sunsat")
+    return CHAIN.prepare(decode(image, stars.hip), PROFILE)
+
+
+POINTINGS = {
+    "plain": (1.2, 0.4, 0.3, 0, 0),
+    "across zero": (0.01, -0.5, 1.1, 2, 0),
+    "across zero, other side": (2 * np.pi - 0.01, 0.9, 2.0, 2, 0),
+    "north pole": (2.0, np.pi / 2 - 0.02, 0.7, 1, 1),
+    "south pole": (4.0, -np.pi / 2 + 0.01, 0.7, 1, -1),
+    "exactly the pole": (0.0, np.pi / 2, 0.0, 1, 1),
+    "near the pole, not over it": (3.0, np.pi / 2 - 0.12, 0.0, 0, 0),
+}
+
+
+@pytest.mark.parametrize("name", POINTINGS)
+def test_field_on_the_sphere_is_the_projection(name: str) -> None:
+    """Stars between the great circles of the field's edges are those that the camera sees, at poles and across RA 0, and the
+    zero crossings tell the cases apart (Fig. 4-3)."""
+    ra, dec, roll, crossings, pole = POINTINGS[name]
+    attitude = cam_from_icrs(ra, dec, roll)
+    field = sphere_field(PINHOLE.corners() @ attitude)
+    assert (field.zero_crossings, field.pole) == (crossings, pole)
+    rng = np.random.default_rng(1)
+    sky = attitude[2] + rng.normal(0, 0.08, (4000, 3))
+    sky /= np.linalg.norm(sky, axis=1, keepdims=True)
+    ra_rad, dec_rad = ra_dec_from_unit(sky)
+    inside = stars_inside(field, ra_rad, dec_rad)
+    np.testing.assert_array_equal(np.sort(inside), np.flatnonzero(PINHOLE.contains(PINHOLE.project(sky @ attitude.T))))
+    reach = np.mod(ra_rad[inside] - field.first_ra_rad, 2 * np.pi)
+    assert np.all(np.diff(reach) >= 0)
+    if not pole:
+        assert reach.max() < np.pi
+
+
+def test_field_on_the_sphere_holds_anywhere() -> None:
+    """Three hundred random attitudes: the same stars as by projection."""
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        attitude = matrix_from_quaternion(random_quaternion(rng))
+        sky = attitude[2] + rng.normal(0, 0.08, (300, 3))
+        sky /= np.linalg.norm(sky, axis=1, keepdims=True)
+        inside = stars_inside(sphere_field(PINHOLE.corners() @ attitude), *ra_dec_from_unit(sky))
+        seen = np.flatnonzero(PINHOLE.contains(PINHOLE.project(sky @ attitude.T)))
+        np.testing.assert_array_equal(np.sort(inside), seen)
+
+
+def test_great_circle_passes_through_its_points() -> None:
+    """App. B: at the right ascensions of the two points and between, declinations lie in their plane."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        a, b = rng.normal(size=(2, 3))
+        ra, dec = ra_dec_from_unit(np.stack([a, b]))
+        np.testing.assert_allclose(edge_dec_rad(np.cross(a, b), ra), dec, atol=1e-12)
+
+
+def test_predictor_has_the_documents_weights() -> None:
+    """Eq. 4.22 is exact for a parabola up to a constant, eq. 4.23 for a line, and one sample stays."""
+    assert predict(np.array([3.0, 2.0, 1.0])) == pytest.approx(2.5 * 3 - 2 * 2 + 0.5 * 1)
+    assert predict(np.array([5.0, 3.0])) == pytest.approx(7.0)
+    assert predict(np.array([5.0])) == pytest.approx(5.0)
+    line = np.array([4.0, 3.0, 2.0, 1.0])
+    assert predict(line) == pytest.approx(5.0)
+    angles = np.radians([[179.5], [178.0], [176.5]])
+    wrapped = (angles + np.radians([[2.0], [2.0], [2.0]]) + np.pi) % (2 * np.pi) - np.pi
+    assert np.sin(predict_angles_rad(wrapped) - np.radians(183.0)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_attitude_is_predicted_at_any_pointing() -> None:
+    """A constant rate of 0.24°/s is continued to 1e-12 rad from two and from three attitudes, and a vector comes back."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        start, rate = matrix_from_quaternion(random_quaternion(rng)), rng.normal(0, 0.003, 3)
+        q = [quaternion_from_matrix(rotation_from_vector(-rate * k) @ start) for k in range(4)]
+        for earlier in ((q[1],), (q[1], q[0])):
+            predicted = predict_attitude(q[2], earlier)
+            assert rotation_angle_rad(predicted, matrix_from_quaternion(q[3])) < 1e-12
+        assert rotation_angle_rad(predict_attitude(q[2], ()), matrix_from_quaternion(q[2])) < 1e-12
+        vector = rng.normal(0, 1, 3)
+        np.testing.assert_allclose(rotation_vector_rad(rotation_from_vector(vector)), vector, atol=1e-12)
+        np.testing.assert_allclose(rotation_vector_rad(start), Rotation.from_matrix(start).as_rotvec(), atol=1e-9)
+
+
+def test_predictor_beats_the_last_attitude_as_the_document_says() -> None:
+    """§4.1.8: at 0.1°/s per axis the last attitude is up to ten pixels off; the prediction is below a tenth."""
+    rate = np.radians([0.1, 0.1, 0.1])
+    q = [quaternion_from_matrix(rotation_from_vector(-rate * k)) for k in range(4)]
+    stars = CAMERA.unproject(np.array([[20.0, 20.0], [700.0, 500.0]])) @ matrix_from_quaternion(q[3])
+    truth = CAMERA.project(stars @ matrix_from_quaternion(q[3]).T)
+    last = np.linalg.norm(CAMERA.project(stars @ matrix_from_quaternion(q[2]).T) - truth, axis=1)
+    predicted = np.linalg.norm(CAMERA.project(stars @ predict_attitude(q[2], (q[1], q[0])).T) - truth, axis=1)
+    assert 8 < last.max() < 12
+    assert predicted.max() < 0.1
+
+
+def test_boxes_spread_the_stars() -> None:
+    """One star of each box before a second of any, the leftmost of a box first (§4.1.4)."""
+    pixels = np.array([[10, 10], [20, 10], [700, 10], [10, 570], [380, 290], [30, 12]], float)
+    assert by_boxes(pixels, 752, 582).tolist() == [0, 2, 4, 3, 1, 5]
+
+
+def _three(columns: list[list[int]], seed: int = 0) -> ThreeStars:
+    rng = np.random.default_rng(seed)
+    unit = np.column_stack([rng.uniform(-0.1, 0.1, (12, 2)), np.ones(12)])
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    test = ThreeStars(unit, unit.copy(), 1e-4)
+    for reference, observed in enumerate(columns):
+        test.add(Candidates(reference, np.array(observed, np.intp)))
+    return test
+
+
+def test_three_stars_that_keep_their_distances_are_taken() -> None:
+    """Among several candidates per reference star the true three are found (Tables 4-1, 4-2)."""
+    assert _three([[0], [8, 1], [9, 2, 10]]).found == [(0, 0), (1, 1), (2, 2)]
+
+
+def test_a_high_sigma_star_brings_in_the_fourth() -> None:
+    """§4.1.4.1: with one wrong star the two right ones are kept in mind and a fourth completes the set."""
+    test = _three([[0], [7], [2]])
+    assert test.found == []
+    assert test.pair == [(0, 0), (2, 2)]
+    assert test.add(Candidates(3, np.array([3], np.intp)))
+    assert test.found == [(0, 0), (2, 2), (3, 3)]
+
+
+def test_the_seventh_star_drops_the_first_four() -> None:
+    """Six wrong columns, then three right ones: the set is found from the latest, and old columns are gone."""
+    test = _three([[9], [10], [11], [9], [10], [11]])
+    assert len(test.columns) == 6
+    test.add(Candidates(6, np.array([6], np.intp)))
+    assert [c.reference for c in test.columns] == [4, 5, 6]
+    test.add(Candidates(7, np.array([7], np.intp)))
+    assert test.add(Candidates(8, np.array([8], np.intp)))
+
+
+def test_one_star_is_not_two() -> None:
+    """The same observed star never stands for two reference stars."""
+    assert _three([[0], [0], [0]]).found == []
+
+
+def _hint(rotation: Array, off_rad: Array | float = 0.0) -> Hint:
+    return Hint.from_quaternion(
+        quaternion_from_matrix(rotation_from_vector(np.asarray(off_rad) * np.ones(3)) @ rotation)
+    )
+
+
+def test_windows_are_where_stars_will_be() -> None:
+    """Expected stars lie in the frame, and their windows have the sizes of eq. 4.20–4.21: 53 pixels for another sensor's
+    attitude, two and more for our own."""
+    rotation = cam_from_icrs(1.4, 0.1, 0.0)
+    first = expected_stars(CAMERA, _catalogue(), PARAMETERS, _hint(rotation))
+    assert len(first) >= 10
+    assert CAMERA.contains(first.pixels).all()
+    assert first.radius_px.min() >= 53 + 5
+    assert first.streak is None
+    turned = replace(
+        _hint(rotation), earlier=(quaternion_from_matrix(rotation_from_vector(np.array([0, 0.002, 0])) @ rotation),)
+    )
+    later = expected_stars(CAMERA, _catalogue(), PARAMETERS, turned)
+    assert later.radius_px.max() < 20
+    assert later.streak is not None
+    # 2 mrad across 3846 px a second, half a second of exposure.
+    assert np.median([s.length_px for s in later.streak]) == pytest.approx(0.002 * 3846 * 0.5, rel=0.05)
+    assert uncertainty_px(CAMERA, _catalogue(), PARAMETERS, turned) == pytest.approx(2.0, abs=1.5)
+
+
+def _sequence(
+    seed: int, steps: int, start: Array, discs: int = 0, points: int = 0, rate: float = 0.0007
+) -> Counter[str]:
+    """Verdicts of a tracking sequence that starts from an attitude 0.3° off per axis; a lost frame starts again."""
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(-rate, rate, 3)
+    verdicts: Counter[str] = Counter()
+    known: list[Array] = []
+    for k in range(steps):
+        rotation = rotation_from_vector(-turn * k) @ start
+        spots = [FalseStar(*rng.uniform((0, 0), (751, 581)), v_mag=rng.uniform(2.5, 6)) for _ in range(points)]
+        frame = render(load_stars(6.5), CAMERA, SENSOR, rotation, 0.5, rng, rate_rad_s=turn, false_stars=spots)
+        pixels = _with_discs(frame.pixels, rng, discs)
+        hint = Hint.from_quaternion(known[0], tuple(known[1:3])) if known else _hint(rotation, np.radians(0.3))
+        result = solve(CHAIN, pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
+        verdicts[assess(result, frame.truth, CAMERA).verdict.value] += 1
+        known = [result.attitude.quaternion, *known][:3] if result.attitude else []
+    return verdicts
+
+
+def _with_discs(pixels: Array, rng: np.random.Generator, count: int) -> Array:
+    """False stars of about 100 pixels each, as the document's simulation had them (§4.3)."""
+    out = pixels.astype(int)
+    row, col = np.indices((13, 13)) - 6
+    disc = (row**2 + col**2 <= 5.64**2).astype(int)
+    for _ in range(count):
+        c, r = rng.integers(0, 752 - 13), rng.integers(0, 582 - 13)
+        out[r : r + 13, c : c + 13] += disc * int(rng.integers(4, 25))
+    return np.clip(out, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["none", "discs", "points"])
+def test_tracking_survives_a_hundred_false_stars(kind: str) -> None:
+    """§4.3: with 100 false stars per frame tracking goes on, only occasionally starting again; no attitude is wrong."""
+    verdicts: Counter[str] = Counter()
+    for seed in range(4):
+        start = matrix_from_quaternion(random_quaternion(np.random.default_rng(100 + seed)))
+        false = {"discs": (100, 0), "points": (0, 100)}.get(kind, (0, 0))
+        verdicts += _sequence(seed, 12, start, *false)
+    assert verdicts["wrong"] == 0
+    assert verdicts["correct"] >= 43
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(0.0, 0.3), (2 * np.pi - 1e-3, -0.9), (1.0, np.pi / 2), (5.0, -np.pi / 2)])
+def test_tracking_works_at_poles_and_across_zero(ra: float, dec: float) -> None:
+    """Every frame of a sequence through a pole or across RA 0 is solved right."""
+    verdicts = _sequence(7, 8, cam_from_icrs(ra, dec, 0.4))
+    assert verdicts["wrong"] == 0
+    assert verdicts["correct"] + verdicts["imprecise"] == 8
+
+
+def test_tracking_needs_an_attitude() -> None:
+    """Without a hint, or with a boresight only, tracking is refused."""
+    frame = np.full((582, 752), 12, np.uint8)
+    for hint in (None, Hint(np.array([0.0, 0.0, 1.0]))):
+        with pytest.raises(BadInput, match="tracking needs a hint"):
+            solve(CHAIN, frame, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
+
+
+def test_a_false_attitude_to_start_from_gives_none() -> None:
+    """Tracking from an attitude somewhere else in the sky never gives an attitude."""
+    rng = np.random.default_rng(8)
+    for _ in range(25):
+        frame = render(load_stars(6.5), CAMERA, SENSOR, matrix_from_quaternion(random_quaternion(rng)), 0.5, rng)
+        elsewhere = Hint.from_quaternion(random_quaternion(rng))
+        result = solve(CHAIN, frame.pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, elsewhere))
+        assert result.attitude is None
+        assert result.reason
