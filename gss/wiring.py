@@ -9,9 +9,12 @@ from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.orbits import jyear_of
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
+from gss.operations.alarms import AlarmService
+from gss.operations.authority import AuthorityService
 from gss.operations.banks import BankService
 from gss.operations.build_catalogue import CatalogueService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
+from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
@@ -20,6 +23,7 @@ from gss.operations.link import LinkService
 from gss.operations.reception import Reception
 from gss.operations.replay import ReplayService
 from gss.operations.rerun_viewer import RerunViewer
+from gss.operations.schedule import ScheduleService
 from gss.operations.solve import Solver, SolverCache
 from gss.operations.status import StatusService
 from gss.operations.telemetry import TelemetryService
@@ -48,6 +52,10 @@ class Services:
     viewer: RerunViewer
     database: Database
     replay: ReplayService
+    alarms: AlarmService
+    authority: AuthorityService
+    history: CommandHistory
+    schedule: ScheduleService
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -55,6 +63,7 @@ class Services:
         self.jobs.start()
         self.transfers.start()
         self.commands.start()
+        self.alarms.start()
         self.link.start()
         self.status.start()
         if self.settings.device:
@@ -86,8 +95,12 @@ def build(settings: Settings) -> Services:
     stars = load_stars()
     dictionary = load_dictionary()
     link = LinkService(dictionary, database, bus, settings.data / "captures", utc_now, monotonic_s)
-    commands = CommandService(link, database, bus, utc_now)
+    authority = AuthorityService(database, bus, utc_now)
+    commands = CommandService(link, database, bus, utc_now, authority)
+    schedule = ScheduleService(link, commands, bus, utc_now)
     telemetry = TelemetryService(dictionary, database, bus, utc_now)
+    telemetry.contact = lambda: link.contact_id
+    alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
     transfers = TransferService(link, database, bus, utc_now)
     solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
@@ -96,8 +109,15 @@ def build(settings: Settings) -> Services:
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, stars, utc_now)
     replay = ReplayService(frames, banks, bus, stopwatch_s)
     reception = Reception(link, commands, telemetry, transfers, frames, banks, replay, stars, bus, utc_now)
-    link.handlers += [telemetry.handle, commands.handle, transfers.handle, reception.handle]
-    status = StatusService(link, telemetry, banks, bus, utc_now, settings.user)
+    link.handlers += [
+        telemetry.handle,
+        commands.handle,
+        transfers.handle,
+        reception.handle,
+        alarms.handle,
+        schedule.handle,
+    ]
+    status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     return Services(
         settings,
@@ -115,4 +135,8 @@ def build(settings: Settings) -> Services:
         viewer,
         database,
         replay,
+        alarms,
+        authority=authority,
+        history=CommandHistory(database),
+        schedule=schedule,
     )

@@ -13,11 +13,14 @@ from fastapi.responses import HTMLResponse
 from gss import __version__
 from gss.api import errors, security, stream
 from gss.api.routers import (
+    alarms,
+    authority,
     catalogues,
     commands,
     events,
     frames,
     jobs,
+    limits,
     link,
     rerun,
     sky,
@@ -58,9 +61,12 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
     security.install(app)
     api = APIRouter(prefix="/api")
     for module in (
+        authority,
         link,
         commands,
         telemetry,
+        limits,
+        alarms,
         frames,
         solutions,
         catalogues,

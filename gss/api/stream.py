@@ -18,12 +18,15 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "link": present.link.link,
     "telemetry": present.telemetry.latest,
     "command": present.commands.command,
+    "authority": present.authority.authority,
     "transfer": present.records.transfer,
     "frame": lambda frame: present.frames.frame(frame, None),
     "solution": present.frames.solution,
     "job": present.records.job,
     "event": present.records.event,
     "cycle": present.telemetry.cycle,
+    "limits": lambda change: change,
+    "alarm": present.alarms.alarm,
 }
 BACKFILL = 500
 PING_S = 10.0

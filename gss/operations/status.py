@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from datetime import datetime
 
+from gss.operations.alarms import SIGNAL, AlarmService
+from gss.operations.authority import AuthorityService
 from gss.operations.banks import BankService, BankView, days_left
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
@@ -67,6 +69,7 @@ class Header:
     alarms: list[Alarm]
     contact_id: int | None
     user: str
+    authority: str | None
     utc: datetime
 
 
@@ -74,10 +77,18 @@ class StatusService:
     """Looks at link, telemetry and banks once a second."""
 
     def __init__(
-        self, link: LinkService, telemetry: TelemetryService, banks: BankService, bus: EventBus, now: Now, user: str
+        self,
+        link: LinkService,
+        telemetry: TelemetryService,
+        banks: BankService,
+        alarms: AlarmService,
+        bus: EventBus,
+        now: Now,
+        user: str,
+        authority: AuthorityService,
     ) -> None:
-        self._link, self._telemetry, self._banks = link, telemetry, banks
-        self._bus, self._now, self._user = bus, now, user
+        self._link, self._telemetry, self._banks, self._latched = link, telemetry, banks, alarms
+        self._bus, self._now, self._user, self._authority = bus, now, user, authority
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
@@ -97,8 +108,9 @@ class StatusService:
 
     def _run(self) -> None:
         while not self._stop.wait(TICK_S):
+            self._latched.tick()
             self._bus.publish("link", self.header())
-            self._bus.publish("telemetry", self._telemetry.values())
+            self._bus.publish("telemetry", (self._telemetry.values(), self._latched.of_field()))
 
     def header(self) -> Header:
         """The state now."""
@@ -130,6 +142,7 @@ class StatusService:
             alarms=alarms,
             contact_id=self._link.contact_id,
             user=self._user,
+            authority=self._authority.holder(),
             utc=self._now(),
         )
 
@@ -153,10 +166,11 @@ class StatusService:
     def _alarms(self, rx: DirectionState, match: bool | None, banks: list[BankView]) -> list[Alarm]:
         found = self._line_alarms(rx, match)
         if self._link.connected:
-            found |= self._limit_alarms() | self._bank_alarms(banks)
+            found |= self._bank_alarms(banks)
         now = self._now()
         self._since = {key: self._since.get(key, now) for key in found}
         alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in found.items()]
+        alarms += self._latched_alarms("silent" in found)
         return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
 
     def _line_alarms(self, rx: DirectionState, match: bool | None) -> Found:
@@ -171,12 +185,14 @@ class StatusService:
             found["dictionary"] = ("warning", "Dictionary differs from the device's")
         return found
 
-    def _limit_alarms(self) -> Found:
-        return {
-            f"limit-{value.definition.name}": (value.state, f"{value.definition.title} out of limits")
-            for value in self._telemetry.values()
-            if value.packet == "housekeeping" and value.state in ("watch", "warning", "critical")
-        }
+    def _latched_alarms(self, silent: bool) -> list[Alarm]:
+        """Open alarms that are on no shelf; a silent line is said once."""
+        views = [v for v in self._latched.opened() if not v.shelved]
+        return [
+            Alarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
+            for v in views
+            if not (silent and (v.row.packet, v.row.field) == SIGNAL)
+        ]
 
     def _bank_alarms(self, banks: list[BankView]) -> Found:
         found: Found = {}

@@ -1,14 +1,29 @@
-"""Telemetry packets: batches in, spans out."""
+"""Telemetry packets: batches in, blocks of a span out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
+from typing import Any, NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from gss.store.engine import Database
 from gss.store.models import TelemetryPacket
+
+BLOCK_ROWS = 4000
+
+
+class Row(NamedTuple):
+    """One packet of a span. ``values``: of the names asked for, in their order."""
+
+    received: datetime
+    id: int
+    packet: str
+    device_time_s: float
+    contact_id: int | None
+    values: tuple[Any, ...]
 
 
 def add_batch(session: Session, packets: Sequence[TelemetryPacket]) -> None:
@@ -16,17 +31,44 @@ def add_batch(session: Session, packets: Sequence[TelemetryPacket]) -> None:
     session.add_all(packets)
 
 
-def span(
-    session: Session, packet: str, fields: Sequence[str], start: datetime, end: datetime
-) -> list[tuple[datetime, list[float | None]]]:
-    """(received, values) of the given numeric fields, oldest first, both ends included."""
-    columns = [TelemetryPacket.values[name].as_float() for name in fields]
+def rows(
+    database: Database,
+    packet: str,
+    names: Sequence[str],
+    start: datetime,
+    end: datetime,
+    *,
+    contact_id: int | None = None,
+    block: int = BLOCK_ROWS,
+) -> Iterator[Row]:
+    """The packets of a span, oldest first, both ends included; never more than ``block`` of them in memory, and no
+    transaction stays open between two blocks."""
+    columns = [TelemetryPacket.values[name] for name in names]
     query = (
-        select(TelemetryPacket.received, *columns)
-        .where(TelemetryPacket.packet == packet, TelemetryPacket.received >= start, TelemetryPacket.received <= end)
-        .order_by(TelemetryPacket.received)
+        select(
+            TelemetryPacket.received,
+            TelemetryPacket.id,
+            TelemetryPacket.device_time_s,
+            TelemetryPacket.contact_id,
+            *columns,
+        )
+        .where(TelemetryPacket.packet == packet, TelemetryPacket.received <= end)
+        .order_by(TelemetryPacket.received, TelemetryPacket.id)
+        .limit(block)
     )
-    return [(row[0], list(row[1:])) for row in session.execute(query)]
+    if contact_id is not None:
+        query = query.where(TelemetryPacket.contact_id == contact_id)
+    at, row_id = start, -1
+    while True:
+        later = TelemetryPacket.received > at
+        same = (TelemetryPacket.received == at) & (TelemetryPacket.id > row_id)
+        with database.unit_of_work() as session:
+            found = session.execute(query.where(TelemetryPacket.received >= at, later | same)).all()
+        for row in found:
+            yield Row(row[0], row[1], packet, row[2], row[3], tuple(row[4:]))
+        if len(found) < block:
+            return
+        at, row_id = found[-1][0], found[-1][1]
 
 
 def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:
@@ -38,3 +80,37 @@ def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:
         .limit(limit)
     )
     return list(session.scalars(query))
+
+
+def page(
+    session: Session,
+    packet: str | None,
+    start: datetime | None,
+    end: datetime | None,
+    limit: int,
+    before_id: int | None,
+    contact_id: int | None = None,
+) -> list[TelemetryPacket]:
+    """Packets newest first, a page at a time: ``before_id`` is the last id of the page before."""
+    query = select(TelemetryPacket).order_by(TelemetryPacket.id.desc()).limit(limit)
+    wanted = (
+        (TelemetryPacket.packet, packet, "__eq__"),
+        (TelemetryPacket.contact_id, contact_id, "__eq__"),
+        (TelemetryPacket.received, start, "__ge__"),
+        (TelemetryPacket.received, end, "__le__"),
+        (TelemetryPacket.id, before_id, "__lt__"),
+    )
+    for column, value, compare in wanted:
+        if value is not None:
+            query = query.where(getattr(column, compare)(value))
+    return list(session.scalars(query))
+
+
+def counts(session: Session, contact_id: int) -> dict[str, int]:
+    """Number of stored packets of each kind of a contact."""
+    query = (
+        select(TelemetryPacket.packet, func.count(TelemetryPacket.id))
+        .where(TelemetryPacket.contact_id == contact_id)
+        .group_by(TelemetryPacket.packet)
+    )
+    return {name: int(number) for name, number in session.execute(query)}

@@ -22,11 +22,12 @@ from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.operations import overlay, pictures, raw_capture
+from gss.operations.archive import Thinner
 from gss.operations.onboard_results import OnboardRecord, onboard_result
 from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, read_capture
 from gss.operations.replay import compare
 from gss.operations.sky import bodies
-from gss.operations.telemetry import TelemetryService, plain, thin
+from gss.operations.telemetry import TelemetryService, plain
 
 
 def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path):
@@ -59,11 +60,20 @@ def test_thinning_keeps_every_spike_and_short_series_whole():
     """The extremes of each bin survive, in time order."""
     t, y = [float(k) for k in range(10_000)], [0.0] * 10_000
     y[4321], y[8765] = 9.0, -9.0
-    thin_t, thin_y = thin(t, list(y), 200)
+
+    def thin(t, y, points):
+        thinner = Thinner(t[0], t[-1], points)
+        for sample in zip(t, y, strict=True):
+            thinner.take(*sample)
+        assert thinner.samples == len(t)
+        return thinner.result()
+
+    thin_t, thin_y, thinned = thin(t, y, 200)
+    assert thinned
     assert len(thin_t) <= 200
     assert thin_t == sorted(thin_t)
     assert (max(thin_y), min(thin_y)) == (9.0, -9.0)
-    assert thin([1.0], [2.0], 10) == ([1.0], [2.0])
+    assert thin([1.0], [2.0], 10) == ([1.0], [2.0], False)
 
 
 def test_what_json_cannot_hold_becomes_none():
@@ -90,9 +100,11 @@ def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
         return next(v.state for v in telemetry.values() if v.definition.name == name and v.packet == "housekeeping")
 
     assert state("supply_3v3_v") == "never"
-    telemetry.handle([housekeeping(supply_3v3_v=3.45, stars_matched=1)])
+    for _ in range(3):
+        telemetry.handle([housekeeping(supply_3v3_v=3.45, stars_matched=1)])
     assert (state("supply_3v3_v"), state("stars_matched"), state("mode")) == ("watch", "warning", "ok")
-    telemetry.handle([housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False)])
+    for _ in range(2):
+        telemetry.handle([housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False)])
     assert (state("supply_3v3_v"), state("stars_matched")) == ("critical", "stale")
     telemetry.handle([housekeeping(supply_3v3_v=math.nan)])
     assert state("supply_3v3_v") == "never"
@@ -105,12 +117,13 @@ def test_history_answers_for_a_span_and_names_what_is_wrong(telemetry, clock):
     for k in range(3):
         telemetry.handle([housekeeping(supply_3v3_v=3.0 + k)])
         clock.forward(1)
-    ((field, t, y),) = telemetry.history(["supply_3v3_v"], clock() - timedelta(seconds=9), clock(), 100)
-    assert (field.unit, y, len(t)) == ("V", [3.0, 4.0, 5.0], 3)
+    history = telemetry.archive.history
+    (series,) = history(["supply_3v3_v"], clock() - timedelta(seconds=9), clock(), 100)
+    assert (series.definition.unit, series.y, len(series.t)) == ("V", [3.0, 4.0, 5.0], 3)
     with pytest.raises(NotFound, match="unknown telemetry field"):
-        telemetry.history(["warp"], clock() - timedelta(1), clock(), 10)
+        history(["warp"], clock() - timedelta(1), clock(), 10)
     with pytest.raises(BadInput, match="span is empty"):
-        telemetry.history(["mode"], clock(), clock(), 10)
+        history(["mode"], clock(), clock(), 10)
 
 
 def test_stretch_shows_stars_and_inverts():

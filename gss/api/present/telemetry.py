@@ -1,4 +1,4 @@
-"""Values, their states, and the cycle's timing."""
+"""Values, their states and limits, and the cycle's timing."""
 
 from __future__ import annotations
 
@@ -7,16 +7,36 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from gss.api.schemas.telemetry import CycleOut, LatestOut, ValueOut
+from gss.api.schemas.telemetry import (
+    ChoiceOut,
+    CycleOut,
+    GivenLimitsOut,
+    LatestOut,
+    LimitOut,
+    LimitSetOut,
+    LimitsOut,
+    PacketOut,
+    SeriesOut,
+    ValueOut,
+)
+from gss.device.dictionary import TelemetryField
+from gss.operations.archive import Series
+from gss.operations.limit_book import LimitBook
 from gss.operations.telemetry import FieldValue
+from gss.operations.value_words import formatted, kind, raw_text
+from gss.store.models import TelemetryPacket
+
+Told = tuple[Sequence[FieldValue], Mapping[tuple[str, str], int]]
+"""Values, and the id of the open alarm of each field that has one."""
 
 
-def latest(values: Sequence[FieldValue]) -> LatestOut:
+def latest(told: Told) -> LatestOut:
     """All fields with their states."""
-    return LatestOut(values=[value(v) for v in values])
+    values, alarms = told
+    return LatestOut(values=[value(v, alarms.get((v.packet, v.definition.name))) for v in values])
 
 
-def value(v: FieldValue) -> ValueOut:
+def value(v: FieldValue, alarm_id: int | None = None) -> ValueOut:
     """One field."""
     shown = v.value.hex() if isinstance(v.value, bytes) else v.value
     raw = v.raw if isinstance(v.raw, int | float) else None
@@ -29,30 +49,82 @@ def value(v: FieldValue) -> ValueOut:
         packet=v.packet,
         title=v.definition.title,
         page=v.definition.page,
+        kind=kind(v.definition),  # type: ignore[arg-type]  # the operations' words are the schema's, here and below
         raw=_finite(raw),
+        raw_text=raw_text(v.definition, v.raw),
         value=_finite(shown) if isinstance(shown, float) else shown,
-        formatted=_formatted(shown, v.definition.decimals),
+        formatted=formatted(shown, v.definition.decimals),
         unit=v.definition.unit,
-        state=v.state,  # type: ignore[arg-type]  # the service's words are the schema's
+        state=v.state,  # type: ignore[arg-type]
+        sample_state=v.sample_state,  # type: ignore[arg-type]
         text=text,
         at=v.at,
         age_s=v.age_s,
+        alarm_id=alarm_id,
     )
-
-
-def _formatted(shown: Any, decimals: int) -> str:
-    if shown is None:
-        return "–"
-    if isinstance(shown, bool):
-        return "yes" if shown else "no"
-    if isinstance(shown, float | int):
-        text = f"{shown:.{decimals}f}" if isinstance(shown, float) else str(shown)
-        return text.replace("-", "−")
-    return str(shown)
 
 
 def _finite(x: float | None) -> float | None:
     return x if x is not None and math.isfinite(x) else None
+
+
+def series(s: Series) -> SeriesOut:
+    """One field over a span."""
+    definition = s.definition
+    choices = [ChoiceOut(name=c.name, value=c.value) for c in definition.choices]
+    if definition.type == "bool":
+        choices = [ChoiceOut(name="no", value=0), ChoiceOut(name="yes", value=1)]
+    return SeriesOut(
+        name=s.key,
+        unit=definition.unit,
+        t=s.t,
+        y=s.y,
+        packet=s.packet,
+        title=definition.title,
+        kind=kind(definition),  # type: ignore[arg-type]
+        choices=choices,
+        samples=s.samples,
+        thinned=s.thinned,
+    )
+
+
+def packet(row: TelemetryPacket) -> PacketOut:
+    """One stored packet."""
+    return PacketOut.model_validate(row)
+
+
+def limits(book: LimitBook) -> LimitsOut:
+    """All limits in force."""
+    sets = [LimitSetOut(name=name, note=note) for name, note in book.sets]
+    return LimitsOut(set=book.chosen, sets=sets, fields=[limit(book, *where) for where in book.fields()])
+
+
+def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
+    """The limits in force for one field."""
+    rule, given = book.rule(packet, field), book.given(field)
+    return LimitOut(
+        key=f"{packet}.{field.name}",
+        packet=packet,
+        name=field.name,
+        title=field.title,
+        unit=field.unit,
+        page=field.page,
+        decimals=field.decimals,
+        persistence=rule.persistence,
+        watch=rule.limits.watch,
+        warning=rule.limits.warning,
+        critical=rule.limits.critical,
+        origin=rule.origin,  # type: ignore[arg-type]
+        changed_by=rule.changed_by,
+        changed=rule.changed,
+        note=rule.note,
+        dictionary=GivenLimitsOut(
+            watch=given.limits.watch,
+            warning=given.limits.warning,
+            critical=given.limits.critical,
+            persistence=given.persistence,
+        ),
+    )
 
 
 def cycle(timed: tuple[datetime, Mapping[str, Any]]) -> CycleOut:

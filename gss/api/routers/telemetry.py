@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
+from fastapi.responses import StreamingResponse
 from pydantic import AfterValidator
 
 from gss.api import present
-from gss.api.deps import App
-from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, SeriesOut
+from gss.api.deps import LARGEST_ID, App, ContactId
+from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
+from gss.operations.telemetry_export import FORMATS, export
 
 router = APIRouter(prefix="/telemetry", tags=["telemetry"])
 
@@ -20,28 +22,58 @@ def _with_zone(value: datetime) -> datetime:
 
 
 Moment = Annotated[datetime, AfterValidator(_with_zone)]
+Fields = Annotated[list[str], Query(min_length=1, max_length=20)]
+ExportFields = Annotated[list[str], Query(min_length=1, max_length=200)]
 
 
 @router.get("/latest")
 def latest(app: App) -> LatestOut:
     """Every field with its state now."""
-    return present.telemetry.latest(app.telemetry.values())
+    return present.telemetry.latest((app.telemetry.values(), app.alarms.of_field()))
 
 
 @router.get("/history")
 def history(
     app: App,
-    name: Annotated[list[str], Query(min_length=1, max_length=20)],
+    name: Fields,
     start: Moment,
     end: Moment,
     points: Annotated[int, Query(ge=10, le=20000)] = 600,
 ) -> HistoryOut:
-    """Several fields over one span, thinned so that no spike is lost."""
-    series = [
-        SeriesOut(name=field.name, unit=field.unit, t=t, y=y)
-        for field, t, y in app.telemetry.history(name, start, end, points)
-    ]
-    return HistoryOut(start=start, end=end, series=series)
+    """Several fields (``name`` or ``packet.name``) over one span, thinned so that no spike is lost."""
+    series = app.telemetry.archive.history(name, start, end, points)
+    return HistoryOut(start=start, end=end, series=[present.telemetry.series(s) for s in series])
+
+
+@router.get("/packets")
+def packets(
+    app: App,
+    packet: Annotated[str | None, Query(max_length=60)] = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
+    contact: ContactId = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    before_id: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+) -> list[PacketOut]:
+    """Stored packets whole, newest first, a page at a time."""
+    rows = app.telemetry.archive.packets(packet, start, end, limit, before_id, contact)
+    return [present.telemetry.packet(row) for row in rows]
+
+
+@router.get("/export", response_class=StreamingResponse)
+def export_telemetry(
+    app: App,
+    field: ExportFields,
+    start: Moment,
+    end: Moment,
+    format: Literal["csv", "parquet"] = "csv",
+    form: Literal["converted", "raw", "formatted"] = "converted",
+) -> StreamingResponse:
+    """All samples of some fields over a span as a file, a block at a time."""
+    pieces = export(app.telemetry.archive, field, start, end, form=form, file_format=format)
+    name = f"telemetry-{start:%Y%m%dT%H%M%SZ}-{end:%Y%m%dT%H%M%SZ}.{format}"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
 
 
 @router.get("/cycles")

@@ -1,27 +1,37 @@
-"""Telemetry values, now and then."""
+"""Telemetry values, now and then, and their limits."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from gss.api.schemas.base import Out, Utc
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+
+Kind = Literal["number", "enum", "bool", "text", "bytes"]
+LevelWord = Literal["ok", "watch", "warning", "critical"]
 
 
 class ValueOut(Out):
-    """Latest value of one field. ``state`` already includes staleness; the page never computes it."""
+    """Latest value of one field. ``state`` already includes persistence and staleness; the page never computes it.
+    ``sample_state``: of this sample alone. ``raw_text``: as on the wire, in hexadecimal."""
 
     name: str
     packet: str
     title: str
     page: str
+    kind: Kind
     raw: float | int | None
+    raw_text: str
     value: float | int | str | None
     formatted: str
     unit: str
     state: Literal["ok", "watch", "warning", "critical", "stale", "never"]
+    sample_state: Literal["ok", "watch", "warning", "critical", "never"]
     text: str
     at: Utc | None
     age_s: float | None
+    alarm_id: int | None = None
 
 
 class LatestOut(Out):
@@ -30,13 +40,27 @@ class LatestOut(Out):
     values: list[ValueOut]
 
 
+class ChoiceOut(Out):
+    """What a number of a series means."""
+
+    name: str
+    value: int
+
+
 class SeriesOut(Out):
-    """History of one field, thinned to at most the asked number of points (min and max of each bin kept)."""
+    """History of one field, thinned to at most the asked number of points (min and max of each bin kept).
+    ``choices``: words of an enumeration or a yes/no value, whose numbers are in ``y``."""
 
     name: str
     unit: str
     t: list[float]
     y: list[float | None]
+    packet: str
+    title: str
+    kind: Kind
+    choices: list[ChoiceOut]
+    samples: int
+    thinned: bool
 
 
 class HistoryOut(Out):
@@ -45,6 +69,18 @@ class HistoryOut(Out):
     start: Utc
     end: Utc
     series: list[SeriesOut]
+
+
+class PacketOut(Out):
+    """One stored packet with all its values and lists."""
+
+    id: int
+    packet: str
+    received: Utc
+    device_time_s: float
+    contact_id: int | None
+    request_id: int
+    values: dict[str, Any]
 
 
 class CycleOut(Out):
@@ -58,3 +94,72 @@ class CycleOut(Out):
     match_ms: float
     attitude_ms: float
     total_ms: float
+
+
+RangeOut = tuple[float | None, float | None]
+
+
+class GivenLimitsOut(Out):
+    """Limits as the dictionary (with the set in force) has them."""
+
+    watch: RangeOut
+    warning: RangeOut
+    critical: RangeOut
+    persistence: int
+
+
+class LimitOut(Out):
+    """Limits in force for one field. ``origin``: dictionary, set (of the chosen limit set) or operator."""
+
+    key: str
+    packet: str
+    name: str
+    title: str
+    unit: str
+    page: str
+    decimals: int
+    persistence: int
+    watch: RangeOut
+    warning: RangeOut
+    critical: RangeOut
+    origin: Literal["dictionary", "set", "operator"]
+    changed_by: str
+    changed: Utc | None
+    note: str
+    dictionary: GivenLimitsOut
+
+
+class LimitSetOut(Out):
+    """A limit set of the dictionary."""
+
+    name: str
+    note: str
+
+
+class LimitsOut(Out):
+    """The set in force, and the limits of everything that can have some."""
+
+    set: str
+    sets: list[LimitSetOut]
+    fields: list[LimitOut]
+
+
+class LimitSetIn(In):
+    """Which limit set is to be in force."""
+
+    name: str = Field(max_length=60)
+    note: str = Field(default="", max_length=500)
+
+
+Bound = float | int | None
+RangeIn = list[Bound]
+
+
+class LimitIn(In):
+    """An operator's own limits: [low, high] of each level, null for none. ``persistence`` null: as the dictionary says."""
+
+    watch: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    warning: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    critical: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    persistence: int | None = Field(default=None, ge=1, le=255)
+    note: str = Field(default="", max_length=500)

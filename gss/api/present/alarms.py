@@ -1,0 +1,23 @@
+"""Alarms."""
+
+from __future__ import annotations
+
+from gss.api.schemas.alarms import AlarmRow
+from gss.operations.alarms import AlarmView
+
+NAMES = (
+    "id packet field state worst value limit_text limit_set raised cleared acknowledged acknowledged_by shelved_until shelved_by "
+    "note closed"
+)
+
+
+def alarm(view: AlarmView) -> AlarmRow:
+    """One alarm."""
+    return AlarmRow(
+        **{name: getattr(view.row, name) for name in NAMES.split()},
+        title=view.title,
+        level=view.level.value,
+        unit=view.unit,
+        text=view.text,
+        shelved=view.shelved,
+    )

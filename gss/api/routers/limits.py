@@ -1,0 +1,45 @@
+"""Limits of telemetry: the set in force, and an operator's own."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api import present
+from gss.api.deps import App
+from gss.api.schemas.telemetry import LimitIn, LimitOut, LimitSetIn, LimitsOut
+from gss.domain.limits import Limits, Range
+
+router = APIRouter(prefix="/telemetry/limits", tags=["telemetry"])
+
+
+@router.get("")
+def read_limits(app: App) -> LimitsOut:
+    """The limits in force."""
+    return present.telemetry.limits(app.telemetry.limits)
+
+
+@router.put("/set")
+def choose_set(app: App, body: LimitSetIn) -> LimitsOut:
+    """Put another limit set in force."""
+    app.telemetry.limits.choose(body.name, user=app.settings.user, note=body.note)
+    return present.telemetry.limits(app.telemetry.limits)
+
+
+@router.put("/{key}")
+def override(app: App, key: str, body: LimitIn) -> LimitOut:
+    """An operator's own limits for a field ``packet.name``; they hold in every set until they are taken back."""
+    limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
+    app.telemetry.limits.override(key, limits, body.persistence, user=app.settings.user, note=body.note)
+    return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))
+
+
+def _range(pair: list[float | int | None]) -> Range:
+    low, high = pair
+    return low, high
+
+
+@router.delete("/{key}")
+def restore(app: App, key: str) -> LimitOut:
+    """Take an operator's own limits back."""
+    app.telemetry.limits.restore(key, user=app.settings.user)
+    return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))

@@ -1,0 +1,159 @@
+"""Which limits are in force: the dictionary's, those of the chosen limit set, or an operator's own. Every change is on record."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from gss.device.dictionary import FLOATS, INTEGER_RANGES, Dictionary, TelemetryField
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.limits import PERSISTENCE_MAX, Limits, Range
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.store import choices as store
+from gss.store.engine import Database
+
+SET_NAME = "limit_set"
+PREFIX = "limits."
+LIMITED_TYPES = (*INTEGER_RANGES, *FLOATS, "bool")
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Limits in force for one field. ``origin``: dictionary, set or operator; who, when and why only for the operator's."""
+
+    limits: Limits
+    persistence: int
+    origin: str = "dictionary"
+    changed_by: str = ""
+    changed: datetime | None = None
+    note: str = ""
+
+
+class LimitBook:
+    """Answers which rule holds for a field; an operator's own limits hold in every set until they are taken back."""
+
+    def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
+        self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
+        self._lock = threading.Lock()
+        self._own: dict[str, Rule] = {}
+        self._set = self.sets[0][0] if self.sets else ""
+        self.changed_hooks: list[Callable[[str | None], None]] = []
+        self._load()
+
+    def _load(self) -> None:
+        with self._database.unit_of_work() as session:
+            rows = store.read(session, SET_NAME) + store.read(session, PREFIX)
+        for row in rows:
+            if row.name == SET_NAME and row.value.get("name") in dict(self.sets):
+                self._set = row.value["name"]
+            elif row.name.startswith(PREFIX):
+                self._own[row.name.removeprefix(PREFIX)] = _rule(row.value, row.user, row.changed)
+
+    @property
+    def sets(self) -> list[tuple[str, str]]:
+        """(name, note) of each limit set of the dictionary."""
+        return [(s.name, s.note) for s in self._dictionary.limit_sets]
+
+    @property
+    def chosen(self) -> str:
+        """Name of the limit set in force."""
+        return self._set
+
+    def rule(self, packet: str, field: TelemetryField) -> Rule:
+        """The rule in force."""
+        own = self._own.get(f"{packet}.{field.name}")
+        return own or self.given(field)
+
+    def given(self, field: TelemetryField) -> Rule:
+        """The rule without the operator's own."""
+        of_set = field.sets.get(self._set)
+        if of_set is not None:
+            return Rule(of_set, field.persistence, "set")
+        return Rule(field.limits, field.persistence)
+
+    def choose(self, name: str, *, user: str, note: str = "") -> None:
+        """Another limit set from now on."""
+        if name not in dict(self.sets):
+            raise NotFound("no such limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
+        with self._lock:
+            self._write(SET_NAME, {"name": name, "note": note}, user)
+            before, self._set = self._set, name
+        self._tell(None, f"{user} put the limit set {name} in force, before it was {before}", note)
+
+    def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
+        """An operator's own limits for a field ``packet.name``; BadInput where they contradict themselves."""
+        packet, field = self.find(key)
+        count = field.persistence if persistence is None else persistence
+        if not 1 <= count <= PERSISTENCE_MAX:
+            raise BadInput("persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(count))
+        value = {level.value: list(bounds) for level, bounds in limits.checked().levels}
+        with self._lock:
+            before = self.rule(packet, field)
+            changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
+            rule = Rule(limits, count, "operator", user, changed, note)
+            self._own[key] = rule
+        self._tell(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
+        return rule
+
+    def restore(self, key: str, *, user: str) -> Rule:
+        """Take the operator's own limits of a field back."""
+        packet, field = self.find(key)
+        with self._lock:
+            with self._database.unit_of_work() as session:
+                known = store.forget(session, PREFIX + key)
+            self._own.pop(key, None)
+        rule = self.rule(packet, field)
+        if known:
+            self._tell(key, f"{user} gave {key} its limits of the dictionary back: {words(rule)}", "")
+        return rule
+
+    def find(self, key: str) -> tuple[str, TelemetryField]:
+        """(packet, field) of a key ``packet.name`` that can have limits."""
+        packet, _, name = key.partition(".")
+        for field in self._dictionary.packet(packet).values:
+            if field.name == name:
+                if field.type not in LIMITED_TYPES:
+                    raise BadInput("only numbers and yes/no values have limits", got=f"{key}, {field.type}")
+                return packet, field
+        raise NotFound("unknown telemetry field", expected="packet.name", got=key)
+
+    def fields(self) -> list[tuple[str, TelemetryField]]:
+        """(packet, field) of everything that can have limits."""
+        return [(p.name, f) for p in self._dictionary.telemetry for f in p.values if f.type in LIMITED_TYPES]
+
+    def _write(self, name: str, value: dict[str, Any], user: str) -> datetime:
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            store.write(session, name, value, now, user)
+        return now
+
+    def _tell(self, key: str | None, text: str, note: str) -> None:
+        for hook in self.changed_hooks:
+            hook(key)
+        self._bus.record("limits", "watch", f"{text}: {note}" if note else text, key=key, limit_set=self._set)
+        self._bus.publish("limits", {"set": self._set, "key": key})
+
+
+def _rule(value: dict[str, Any], user: str, changed: datetime) -> Rule:
+    limits = Limits(*(_range(value.get(level)) for level in ("watch", "warning", "critical")))
+    return Rule(limits, int(value.get("persistence", 1)), "operator", user, changed, str(value.get("note", "")))
+
+
+def _range(pair: Any) -> Range:
+    low, high = pair or (None, None)
+    return low, high
+
+
+def words(rule: Rule) -> str:
+    """Limits as a line of the record: "watch −15 … 45, critical … 65, 3 samples"."""
+    parts = [
+        f"{level} {'' if low is None else f'{low:g} '}…{'' if high is None else f' {high:g}'}"
+        for level, (low, high) in reversed(rule.limits.levels)
+        if low is not None or high is not None
+    ]
+    count = f"{rule.persistence} sample{'s' if rule.persistence > 1 else ''}"
+    return ", ".join([*parts, count]) if parts else "no limits"

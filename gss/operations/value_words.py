@@ -1,0 +1,88 @@
+"""A telemetered value in its three forms: as on the wire, in its unit, and as an operator reads it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from gss.device.dictionary import FLOATS, INTEGER_RANGES, Item, TelemetryField
+from gss.device.protocol.codec import STRUCT
+
+NOTHING = "–"
+
+
+def kind(field: Item) -> str:
+    """number, enum, bool, text or bytes."""
+    if field.type in INTEGER_RANGES or field.type in FLOATS:
+        return "number"
+    if field.type in ("enum", "bool"):
+        return field.type
+    return "text" if field.type in ("str", "text") else "bytes"
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: bytes in hex, not-a-number and infinities as None."""
+    if isinstance(value, bytes):
+        return value.hex()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def formatted(value: Any, decimals: int) -> str:
+    """With the dictionary's decimals and a true minus sign; yes and no; a dash for what is not known."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return NOTHING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, float | int):
+        text = f"{value:.{decimals}f}" if isinstance(value, float) else str(value)
+        return text.replace("-", "−")
+    return str(value)
+
+
+def raw_text(field: Item, raw: Any) -> str:
+    """As on the wire: whole numbers in hexadecimal of their width, floats as numbers, bytes in hexadecimal."""
+    if raw is None:
+        return NOTHING
+    if isinstance(raw, bytes):
+        return raw.hex()
+    if isinstance(raw, float):
+        return f"{raw:g}" if math.isfinite(raw) else "not a number"
+    if isinstance(raw, int) and field.type in STRUCT:
+        size = STRUCT[field.type].size
+        return f"0x{int(raw) & ((1 << 8 * size) - 1):0{2 * size}X}"
+    return str(raw)
+
+
+def number(field: Item, value: Any) -> float | None:
+    """A stored value as a point of a plot: enumerations by their number, yes as 1; None for what is no number."""
+    if isinstance(value, str):
+        return next((float(c.value) for c in field.choices if c.name == value), None)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def raw_of(field: Item, value: Any) -> Any:
+    """The raw value that a stored engineering value came from; None where it cannot be told.
+
+    Conversions are monotonous over the range of their type, so the raw value is found by bisection and proved by
+    converting it again.
+    """
+    if value is None:
+        return None
+    if field.type == "enum":
+        return next((c.value for c in field.choices if c.name == value), None)
+    conversion = field.conversion if isinstance(field, TelemetryField) else None
+    if conversion is None or not conversion.coefficients:
+        return value
+    if field.type not in INTEGER_RANGES:
+        return None
+    low, high = INTEGER_RANGES[field.type]
+    rising = float(conversion.engineering(high)) > float(conversion.engineering(low))
+    while low < high:
+        middle = (low + high) // 2
+        if (float(conversion.engineering(middle)) >= value) == rising or conversion.engineering(middle) == value:
+            high = middle
+        else:
+            low = middle + 1
+    return low if conversion.engineering(low) == value else None

@@ -1,0 +1,44 @@
+"""Alarms: the open ones, the past ones."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Alarm
+
+
+def add(session: Session, alarm: Alarm) -> Alarm:
+    """Store an alarm and give it its id."""
+    session.add(alarm)
+    session.flush()
+    return alarm
+
+
+def get(session: Session, alarm_id: int) -> Alarm:
+    """The alarm of that id."""
+    row = session.get(Alarm, alarm_id)
+    if row is None:
+        raise NotFound("no such alarm", got=str(alarm_id))
+    return row
+
+
+def still_open(session: Session) -> list[Alarm]:
+    """Alarms that are not closed, oldest first."""
+    return list(session.scalars(select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)))
+
+
+def newest(session: Session, limit: int) -> list[Alarm]:
+    """Newest first, closed ones too."""
+    return list(session.scalars(select(Alarm).order_by(Alarm.id.desc()).limit(limit)))
+
+
+def between(session: Session, start: datetime, end: datetime) -> list[Alarm]:
+    """Alarms that were open at some time of a span, oldest first."""
+    query = (
+        select(Alarm).where(Alarm.raised <= end, Alarm.closed.is_(None) | (Alarm.closed >= start)).order_by(Alarm.id)
+    )
+    return list(session.scalars(query))
