@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Depends, Path, Query, Request
+from fastapi import Depends, Header, Path, Query, Request
 
+from gss.operations.authority import checked_user
 from gss.wiring import Services
 
 
 def _services(request: Request) -> Services:
     services: Services = request.app.state.services
     return services
+
+
+def _user(app: Annotated[Services, Depends(_services)], x_gss_user: Annotated[str, Header()] = "") -> str:
+    """Until there is signing in: a name in the header X-GSS-User, else the server's own."""
+    return checked_user(x_gss_user or app.settings.user)
 
 
 LARGEST_ID = 2**31 - 1
@@ -21,3 +27,6 @@ ContactId = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
 """Optional filter by contact."""
 
 App = Annotated[Services, Depends(_services)]
+
+User = Annotated[str, Depends(_user)]
+"""Who asks."""

@@ -2,16 +2,60 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import Select, String, cast, func, or_, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
 from gss.store.models import Command, CommandStage
 
+BATCH = 500
 OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which commands. ``start`` ≤ created < ``end``; ``text`` anywhere in name, arguments, detail, note or values; None, ""
+    and () leave out nothing."""
+
+    start: datetime | None = None
+    end: datetime | None = None
+    names: Sequence[str] = ()
+    results: Sequence[str] = ()
+    user: str = ""
+    source: str = ""
+    contact_id: int | None = None
+    run_id: int | None = None
+    text: str = ""
+
+    def apply(self, query: Select[Any]) -> Select[Any]:
+        """The query with these conditions."""
+        conditions: list[Any] = []
+        if self.start is not None:
+            conditions.append(Command.created >= self.start)
+        if self.end is not None:
+            conditions.append(Command.created < self.end)
+        if self.names:
+            conditions.append(Command.name.in_(self.names))
+        if self.results:
+            conditions.append(Command.result.in_(self.results))
+        for column, wanted in (
+            (Command.user, self.user or None),
+            (Command.source, self.source or None),
+            (Command.contact_id, self.contact_id),
+            (Command.run_id, self.run_id),
+        ):
+            if wanted is not None:
+                conditions.append(column == wanted)
+        if self.text:
+            columns = (Command.name, cast(Command.arguments, String), Command.detail, Command.resolved_note)
+            searched = (*columns, cast(Command.values, String))
+            conditions.append(or_(*(c.icontains(self.text, autoescape=True) for c in searched)))
+        return query.where(*conditions)
 
 
 def add(
@@ -24,6 +68,7 @@ def add(
     arguments: dict[str, Any],
     user: str,
     source: str,
+    run_id: int | None = None,
 ) -> Command:
     """A command that has just been queued."""
     row = Command(
@@ -40,6 +85,7 @@ def add(
         attempts=1,
         resolved_note="",
         values={},
+        run_id=run_id,
     )
     row.stages = [CommandStage(stage="queued", at=now, detail="")]
     session.add(row)
@@ -62,10 +108,37 @@ def by_request(session: Session, request_id: int) -> Command | None:
 
 def newest(session: Session, limit: int, contact_id: int | None = None) -> list[Command]:
     """Newest commands first."""
-    query = select(Command).order_by(Command.id.desc()).limit(limit)
-    if contact_id is not None:
-        query = query.where(Command.contact_id == contact_id)
-    return list(session.scalars(query))
+    return page(session, Filter(contact_id=contact_id), limit)
+
+
+def page(session: Session, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
+    """Newest first, those with an id below ``before``."""
+    query = wanted.apply(select(Command)).order_by(Command.id.desc()).limit(limit)
+    return list(session.scalars(query if before is None else query.where(Command.id < before)))
+
+
+def every(session: Session, wanted: Filter) -> Iterator[Command]:
+    """All that fit, oldest first, read in batches."""
+    last = 0
+    while True:
+        query = wanted.apply(select(Command)).where(Command.id > last).order_by(Command.id).limit(BATCH)
+        rows = list(session.scalars(query))
+        yield from rows
+        if len(rows) < BATCH:
+            return
+        last = rows[-1].id
+        session.expunge_all()
+
+
+def facets(session: Session) -> dict[str, list[str]]:
+    """What has occurred: names, users, results, sources, each sorted."""
+    columns = {"names": Command.name, "users": Command.user, "results": Command.result, "sources": Command.source}
+    return {key: sorted(session.scalars(select(column).distinct())) for key, column in columns.items()}
+
+
+def of_unknown_fate(session: Session, limit: int) -> list[Command]:
+    """Commands of which nobody knows whether they ran, newest first."""
+    return page(session, Filter(results=("unknown",)), limit)
 
 
 def last_request_id(session: Session) -> int:

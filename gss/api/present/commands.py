@@ -19,16 +19,20 @@ from gss.api.schemas.commands import (
 )
 from gss.device.dictionary import Command as Definition
 from gss.device.dictionary import Dictionary
-from gss.operations.commanding import Check, PreconditionState
+from gss.operations.command_checks import Check, PreconditionState, simulator_only
+from gss.operations.command_record import CommandView
+from gss.operations.schedule import schedulable
 from gss.store.models import Command
 
 STAGES = ("queued", "released", "sent", "accepted", "started", "progress", "completed")
-ENDED = ("completed", "rejected", "failed", "unknown", "resolved")
+ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 TEXT_LENGTH = 120
 
 
-def dictionary(d: Dictionary, preconditions: Mapping[str, Sequence[PreconditionState]]) -> DictionaryOut:
-    """The whole dictionary with the present state of its preconditions."""
+def dictionary(
+    d: Dictionary, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
+) -> DictionaryOut:
+    """The dictionary with the commands that the device can take and the present state of their preconditions."""
     fields = [
         FieldDefinitionOut(
             name=f.name,
@@ -45,8 +49,8 @@ def dictionary(d: Dictionary, preconditions: Mapping[str, Sequence[PreconditionS
         for packet in d.telemetry
         for f in packet.values
     ]
-    commands = [definition(c, preconditions.get(c.name, ())) for c in d.commands]
-    return DictionaryOut(hash=d.hash_hex, commands=commands, telemetry=fields)
+    shown = [definition(c, preconditions.get(c.name, ())) for c in commands]
+    return DictionaryOut(hash=d.hash_hex, commands=shown, telemetry=fields)
 
 
 def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDefinitionOut:
@@ -60,7 +64,7 @@ def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDef
             min=a.minimum,
             max=a.maximum,
             default=None if isinstance(a.default, bytes) else a.default,
-            choices=[ChoiceOut(name=x.name, value=x.value, hazard=str(x.hazard), note=x.note) for x in a.choices],
+            choices=[ChoiceOut(name=x.name, value=x.value, hazard=x.hazard.value, note=x.note) for x in a.choices],
         )
         for a in c.arguments
     ]
@@ -78,6 +82,8 @@ def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDef
         preconditions=[precondition(s) for s in states],
         accept_within_s=c.accept_s,
         complete_within_s=c.complete_s,
+        simulator_only=simulator_only(c),
+        schedulable=schedulable(c),
     )
 
 
@@ -88,20 +94,29 @@ def precondition(state: PreconditionState) -> PreconditionOut:
 
 def check(result: Check, argument_names: Sequence[str]) -> CheckOut:
     """A dry run."""
-    groups = [
-        ByteGroupOut(label=label, hex=data.hex(" "), argument=label in argument_names) for label, data in result.groups
-    ]
-    size = sum(len(data) for _, data in result.groups)
     return CheckOut(
         problems=list(result.problems),
         preconditions=[precondition(s) for s in result.preconditions],
-        bytes=groups,
-        size=size,
+        bytes=byte_groups(result.groups, argument_names),
+        size=sum(len(data) for _, data in result.groups),
+        hazard=result.risk.hazard.value,
+        hazard_reason=result.risk.reason,
+        confirm_name=result.risk.name,
+        role=result.role,
+        idempotent=result.idempotent,
+        authority=result.holder,
+        allowed=not result.problems,
     )
 
 
-def command(row: Command) -> CommandOut:
+def byte_groups(groups: Sequence[tuple[str, bytes]], argument_names: Sequence[str]) -> list[ByteGroupOut]:
+    """A packet's bytes by what they mean."""
+    return [ByteGroupOut(label=label, hex=data.hex(" "), argument=label in argument_names) for label, data in groups]
+
+
+def command(view: CommandView) -> CommandOut:
     """A command with its stage lights."""
+    row = view.row
     duration_s = (row.finished - row.created).total_seconds() if row.finished else None
     return CommandOut(
         id=row.id,
@@ -109,7 +124,7 @@ def command(row: Command) -> CommandOut:
         request_id=row.request_id,
         name=row.name,
         arguments=row.arguments,
-        text=_arguments_text(row.arguments),
+        text=arguments_text(row.arguments),
         user=row.user,
         source=row.source,
         created=row.created,
@@ -122,10 +137,15 @@ def command(row: Command) -> CommandOut:
         attempts=row.attempts,
         resolved_note=row.resolved_note,
         values=row.values,
+        run_id=row.run_id,
+        idempotent=view.idempotent,
+        needs_operator=row.result == "unknown" and not view.idempotent,
+        can_retry=view.can_retry,
     )
 
 
-def _arguments_text(arguments: Mapping[str, Any]) -> str:
+def arguments_text(arguments: Mapping[str, Any]) -> str:
+    """Arguments as an operator reads them, in one short line."""
     text = ", ".join(f"{name.rsplit('_', 1)[0] if '_' in name else name} {value}" for name, value in arguments.items())
     return text if len(text) <= TEXT_LENGTH else text[: TEXT_LENGTH - 1] + "…"
 
@@ -141,7 +161,7 @@ def _stages(row: Command) -> list[StageOut]:
             state = "passed" if name in at else "skipped"
         if k == reached and row.result not in ENDED:
             state = "now"
-        if k == reached + 1 and row.result in ("rejected", "failed"):
+        if k == reached + 1 and row.result in ("rejected", "failed", "withdrawn"):
             state = "failed"
         if k == reached + 1 and row.result in ("unknown", "resolved"):
             state = "unknown"

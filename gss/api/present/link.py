@@ -22,7 +22,6 @@ def link(header: Header) -> LinkOut:
         active_bank=active,
         alarms=[AlarmOut.model_validate(a) for a in header.alarms],
         role="operator",
-        authority=header.user,
     )
 
 

@@ -2,85 +2,132 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from itertools import chain
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import App, ContactId, RowId
-from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, ResolveIn
+from gss.api.deps import App, ContactId, RowId, User
+from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
+from gss.operations.command_history import Filter
+from gss.store.models import Command
+from gss.wiring import Services
 
 router = APIRouter(tags=["commands"])
 Limit = Annotated[int, Query(ge=1, le=1000)]
+Words = Annotated[list[str], Query(max_length=60)]
+Word = Annotated[str, Query(max_length=60)]
+SearchText = Annotated[str, Query(max_length=200)]
+
+
+def _filter(
+    start: datetime | None = None,
+    end: datetime | None = None,
+    name: Words = [],  # noqa: B006 - the framework copies it
+    result: Words = [],  # noqa: B006
+    user: Word = "",
+    source: Word = "",
+    contact: ContactId = None,
+    run: ContactId = None,
+    text: SearchText = "",
+) -> Filter:
+    """Which commands of the history; a moment without a zone is UTC."""
+    return Filter(_utc(start), _utc(end), tuple(name), tuple(result), user, source, contact, run, text)
+
+
+def _utc(moment: datetime | None) -> datetime | None:
+    return moment if moment is None or moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+Wanted = Annotated[Filter, Depends(_filter)]
+
+
+def _shown(app: Services, row: Command) -> CommandOut:
+    return present.commands.command(app.commands.view(row))
+
+
+def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingResponse:
+    first = next(pieces)  # a bad filter is told before the answer has begun
+    headers = {"Content-Disposition": f"attachment; filename={name}"}
+    return StreamingResponse(chain([first], pieces), media_type=media_type, headers=headers)
 
 
 @router.get("/dictionary")
 def read_dictionary(app: App) -> DictionaryOut:
-    """All commands and telemetry, with the present state of the commands' preconditions."""
-    d = app.link.dictionary
-    return present.commands.dictionary(d, {c.name: app.commands.preconditions(c) for c in d.commands})
+    """All commands that the device can take and all telemetry, with the present state of the commands' preconditions."""
+    shown = app.commands.visible()
+    return present.commands.dictionary(
+        app.link.dictionary, shown, {c.name: app.commands.preconditions(c) for c in shown}
+    )
 
 
 @router.get("/commands")
-def list_commands(app: App, limit: Limit = 100, contact: ContactId = None) -> list[CommandOut]:
-    """Newest first."""
-    return [present.commands.command(row) for row in app.commands.newest(limit, contact)]
+def list_commands(app: App, wanted: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
+    """Newest first; ``before``: those with a smaller id, for the next page."""
+    return [present.commands.command(app.commands.view(row)) for row in app.history.page(wanted, limit, before)]
 
 
-@router.get("/commands.csv", response_class=Response)
-def export_commands(app: App, limit: Limit = 1000) -> Response:
-    """The history as a table, newest first."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer)
-    writer.writerow(
-        ["id", "request_id", "utc", "user", "source", "command", "arguments", "result", "detail", "duration_s"]
-    )
-    for row in app.commands.newest(limit, None):
-        c = present.commands.command(row)
-        created = c.model_dump(mode="json")["created"]
-        writer.writerow(
-            [c.id, c.request_id, created, c.user, c.source, c.name, c.text, c.result, c.detail, c.duration_s]
-        )
-    headers = {"Content-Disposition": "attachment; filename=commands.csv"}
-    return Response(buffer.getvalue(), media_type="text/csv", headers=headers)
+@router.get("/commands.csv", response_class=StreamingResponse)
+def export_commands(app: App, wanted: Wanted) -> StreamingResponse:
+    """Everything that fits the filter as a table, oldest first."""
+    return _file(app.history.csv(wanted), "text/csv", "commands.csv")
+
+
+@router.get("/commands.json", response_class=StreamingResponse)
+def export_commands_json(app: App, wanted: Wanted) -> StreamingResponse:
+    """The same as JSON."""
+    return _file(app.history.json(wanted), "application/json", "commands.json")
+
+
+@router.get("/commands/facets")
+def read_facets(app: App) -> FacetsOut:
+    """Names, users, results and sources that occur."""
+    return FacetsOut(**app.history.facets())
 
 
 @router.post("/commands/check")
-def check_command(app: App, body: CommandIn) -> CheckOut:
-    """Dry run: the bytes, the preconditions, the problems. Nothing is sent."""
-    result = app.commands.check(body.name, body.arguments)
+def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
+    """Dry run: the bytes, the hazard, the preconditions, the problems. Nothing is sent."""
+    result = app.commands.check(body.name, body.arguments, user=user)
     names = [a.name for a in app.link.dictionary.command(body.name).arguments]
     return present.commands.check(result, names)
 
 
 @router.post("/commands/abort", status_code=201)
-def abort(app: App) -> CommandOut:
+def abort(app: App, user: User) -> CommandOut:
     """ABORT, ahead of everything."""
-    return present.commands.command(app.commands.abort(user=app.settings.user, source="abort"))
+    return _shown(app, app.commands.abort(user=user, source="abort"))
 
 
 @router.post("/commands", status_code=201)
-def send_command(app: App, body: CommandIn) -> CommandOut:
+def send_command(app: App, body: CommandIn, user: User) -> CommandOut:
     """Queue a command."""
-    row = app.commands.send(body.name, body.arguments, confirm=body.confirm, user=app.settings.user, source="form")
-    return present.commands.command(row)
+    return _shown(app, app.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form"))
 
 
 @router.get("/commands/{command_id}")
 def read_command(app: App, command_id: RowId) -> CommandOut:
     """One command."""
-    return present.commands.command(app.commands.get(command_id))
+    return _shown(app, app.commands.get(command_id))
 
 
 @router.post("/commands/{command_id}/retry")
-def retry_command(app: App, command_id: RowId) -> CommandOut:
+def retry_command(app: App, command_id: RowId, user: User) -> CommandOut:
     """The same bytes with the same id, only while unknown."""
-    return present.commands.command(app.commands.retry(command_id, user=app.settings.user))
+    return _shown(app, app.commands.retry(command_id, user=user))
+
+
+@router.post("/commands/{command_id}/withdraw")
+def withdraw_command(app: App, command_id: RowId, user: User) -> CommandOut:
+    """Take a command back that still waits in the queue."""
+    return _shown(app, app.commands.withdraw(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/resolve")
-def resolve_command(app: App, command_id: RowId, body: ResolveIn) -> CommandOut:
+def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User) -> CommandOut:
     """Settle an unknown command with a note."""
-    return present.commands.command(app.commands.resolve(command_id, body.note, user=app.settings.user))
+    return _shown(app, app.commands.resolve(command_id, body.note, user=user))

@@ -9,6 +9,7 @@ from pydantic import Field
 from gss.api.schemas.base import In, Out, Utc
 
 StageName = Literal["queued", "released", "sent", "accepted", "started", "progress", "completed"]
+HazardName = Literal["none", "watch", "warning", "critical"]
 StageState = Literal["passed", "now", "failed", "unknown", "to_come", "skipped"]
 
 
@@ -17,7 +18,7 @@ class ChoiceOut(Out):
 
     name: str
     value: int
-    hazard: str
+    hazard: HazardName
     note: str
 
 
@@ -49,7 +50,7 @@ class CommandDefinitionOut(Out):
     code: int
     subsystem: str
     purpose: str
-    hazard: Literal["none", "watch", "warning", "critical"]
+    hazard: HazardName
     hazard_reason: str
     idempotent: bool
     role: str
@@ -58,6 +59,8 @@ class CommandDefinitionOut(Out):
     preconditions: list[PreconditionOut]
     accept_within_s: float
     complete_within_s: float
+    simulator_only: bool
+    schedulable: bool
 
 
 class FieldDefinitionOut(Out):
@@ -100,12 +103,21 @@ class ByteGroupOut(Out):
 
 
 class CheckOut(Out):
-    """What would be sent, and what stands in the way."""
+    """What would be sent, and what stands in the way. ``confirm_name``: what must be typed where the hazard is critical;
+    for SCHEDULE the name of the command it carries. ``authority``: who holds it. ``allowed``: nothing but the confirmation
+    is missing."""
 
     problems: list[str]
     preconditions: list[PreconditionOut]
     bytes: list[ByteGroupOut]
     size: int
+    hazard: HazardName
+    hazard_reason: str
+    confirm_name: str
+    role: str
+    idempotent: bool
+    authority: str | None
+    allowed: bool
 
 
 class StageOut(Out):
@@ -117,7 +129,8 @@ class StageOut(Out):
 
 
 class CommandOut(Out):
-    """A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown."""
+    """A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
+    ``needs_operator``: its fate is unknown and doing it twice would matter. ``can_retry``: the same id may be sent again."""
 
     id: int
     contact_id: int | None
@@ -137,9 +150,22 @@ class CommandOut(Out):
     attempts: int
     resolved_note: str
     values: dict[str, Any]
+    run_id: int | None
+    idempotent: bool
+    needs_operator: bool
+    can_retry: bool
 
 
 class ResolveIn(In):
     """How an operator settles an unknown command."""
 
     note: str = Field(min_length=1, max_length=500)
+
+
+class FacetsOut(Out):
+    """What occurs in the history, for the menus of its filter."""
+
+    names: list[str]
+    users: list[str]
+    results: list[str]
+    sources: list[str]

@@ -1,0 +1,35 @@
+"""Command authority: who holds it, taking, releasing, breaking."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api import present
+from gss.api.deps import App, User
+from gss.api.schemas.authority import AuthorityOut, BreakIn
+
+router = APIRouter(tags=["authority"])
+
+
+@router.get("/authority")
+def read_authority(app: App, user: User) -> AuthorityOut:
+    """Who may command, and who could before."""
+    return present.authority.authority(app.authority.state(), user)
+
+
+@router.post("/authority/take")
+def take_authority(app: App, user: User) -> AuthorityOut:
+    """Take it while nobody holds it."""
+    return present.authority.authority(app.authority.take(user), user)
+
+
+@router.post("/authority/release")
+def release_authority(app: App, user: User) -> AuthorityOut:
+    """Give it back."""
+    return present.authority.authority(app.authority.release(user), user)
+
+
+@router.post("/authority/break")
+def break_authority(app: App, user: User, body: BreakIn) -> AuthorityOut:
+    """Take it from its holder, with a reason."""
+    return present.authority.authority(app.authority.break_(user, body.reason), user)

@@ -1,0 +1,123 @@
+"""What stands between an operator and a command: conditions, hazards, confirmation, simulator-only commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gss.device.dictionary import Command, Dictionary, Hazard, Value
+from gss.device.protocol.codec import decode
+from gss.device.session_events import HelloReceived
+from gss.domain.errors import BadInput, Conflict, GssError
+
+YES = "yes"
+SCHEDULE = "SCHEDULE"
+ORDER = tuple(Hazard)
+
+
+@dataclass(frozen=True)
+class PreconditionState:
+    """A condition, whether it holds (None: not known), and the value that decides it."""
+
+    text: str
+    met: bool | None
+    value: str
+
+
+@dataclass(frozen=True)
+class Risk:
+    """How much a command can hurt with these arguments, why, and the name that confirms it."""
+
+    hazard: Hazard
+    reason: str
+    name: str
+
+    @property
+    def needs_confirmation(self) -> bool:
+        """Does somebody have to say yes or type a name?"""
+        return self.hazard in (Hazard.WARNING, Hazard.CRITICAL)
+
+
+@dataclass(frozen=True)
+class Check:
+    """Dry run: ``groups`` are (label, bytes) of the packet before framing; empty where the arguments are bad.
+    ``holder``: of command authority. ``problems``: what stands in the way; the confirmation is not among them."""
+
+    problems: tuple[str, ...]
+    preconditions: tuple[PreconditionState, ...]
+    groups: tuple[tuple[str, bytes], ...]
+    risk: Risk
+    role: str
+    idempotent: bool
+    holder: str | None
+
+
+def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> Risk:
+    """The worst of the command's hazard and of the chosen values'; SCHEDULE hurts as much as what it carries."""
+    hazard, reason = _hazard_for(command, arguments)
+    own = Risk(hazard, reason, command.name)
+    inner = scheduled(dictionary, arguments) if command.name == SCHEDULE else None
+    if inner is None:
+        return own
+    carried = risk_of(dictionary, *inner)
+    if ORDER.index(carried.hazard) > ORDER.index(own.hazard):
+        return Risk(carried.hazard, f"When its time comes: {carried.reason}", carried.name)
+    return own
+
+
+def _hazard_for(command: Command, arguments: Mapping[str, Any]) -> tuple[Hazard, str]:
+    # TODO(H): drop once the dictionary has it
+    if hasattr(command, "hazard_for"):
+        return command.hazard_for(arguments)  # type: ignore[no-any-return]
+    return command.hazard, command.hazard_reason
+
+
+def simulator_only(command: Command) -> bool:
+    """TODO(H): drop once the dictionary has it"""
+    return bool(getattr(command, "simulator_only", False))
+
+
+def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Command, dict[str, Value]] | None:
+    """The command that SCHEDULE (or a schedule_entry) carries with its arguments; None where it cannot be decoded."""
+    try:
+        command = dictionary.command_of_code(int(arguments["command_code"]))
+        payload = arguments["payload"]
+        data = bytes.fromhex(payload) if isinstance(payload, str) else bytes(payload)
+        if command is None:
+            return None
+        return command, decode(command.arguments, data[: int(arguments["length"])]).values
+    except (GssError, KeyError, ValueError, TypeError):
+        return None
+
+
+def check_confirmation(risk: Risk, confirm: str) -> None:
+    """A critical command wants its name typed, a warning one a yes; BadInput otherwise."""
+    if risk.hazard is Hazard.CRITICAL and confirm != risk.name:
+        raise BadInput(f"{risk.name} is critical and was not confirmed", expected=f"the name {risk.name} typed")
+    if risk.hazard is Hazard.WARNING and confirm not in (YES, risk.name):
+        raise BadInput(f"{risk.name} was not confirmed", expected="a yes: " + risk.reason)
+
+
+def precondition_states(command: Command, housekeeping: Mapping[str, Value] | None) -> tuple[PreconditionState, ...]:
+    """Each condition of a command with its present state."""
+    states = []
+    for condition in command.preconditions:
+        value = None if housekeeping is None else housekeeping.get(condition.field)
+        states.append(PreconditionState(condition.text, condition.met(housekeeping), words(value)))
+    return tuple(states)
+
+
+def check_unit(command: Command, hello: HelloReceived | None) -> None:
+    """Commands of a simulator only go to a device that says it is one."""
+    if not simulator_only(command) or (hello is not None and hello.simulated):
+        return
+    got = "no device has answered yet" if hello is None else f"{hello.serial or hello.device_model} is real"
+    raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
+
+
+def words(value: Any) -> str:
+    """A telemetry value as an operator reads it."""
+    if value is None:
+        return "not received"
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value).replace("_", " ")

@@ -1,0 +1,85 @@
+"""The history of commands: searched, and written out exactly as it was searched."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.operations.clock import iso_z
+from gss.store import commands as store
+from gss.store.commands import Filter
+from gss.store.engine import Database
+from gss.store.models import Command
+
+__all__ = ["CommandHistory", "Filter"]
+
+COLUMNS = (
+    *("id", "request_id", "created", "finished", "duration_s", "user", "source", "contact_id", "run_id", "name"),
+    *("arguments", "result", "detail", "late", "attempts", "resolved_note", "values", "stages"),
+)
+
+
+class CommandHistory:
+    """Reads what was commanded and what became of it."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def page(self, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
+        """Newest first; ``before``: only those with a smaller id."""
+        _check(wanted)
+        with self._database.unit_of_work() as session:
+            return store.page(session, wanted, limit, before)
+
+    def facets(self) -> dict[str, list[str]]:
+        """The names, users, results and sources that occur."""
+        with self._database.unit_of_work() as session:
+            return store.facets(session)
+
+    def csv(self, wanted: Filter) -> Iterator[str]:
+        """All that fit, oldest first, as lines of a table; arguments, values and stages as JSON in their cell."""
+        yield _line(COLUMNS)
+        for facts in self.records(wanted):
+            yield _line([_cell(facts[name]) for name in COLUMNS])
+
+    def json(self, wanted: Filter) -> Iterator[str]:
+        """All that fit, oldest first, as a JSON array in pieces."""
+        opening = "[\n"
+        for facts in self.records(wanted):
+            yield opening + json.dumps(facts, ensure_ascii=False)
+            opening = ",\n"
+        yield "[]\n" if opening == "[\n" else "\n]\n"
+
+    def records(self, wanted: Filter) -> Iterator[dict[str, Any]]:
+        """The same as plain values."""
+        _check(wanted)
+        with self._database.unit_of_work() as session:
+            for row in store.every(session, wanted):
+                yield _facts(row)
+
+
+def _check(wanted: Filter) -> None:
+    if wanted.start is not None and wanted.end is not None and wanted.end <= wanted.start:
+        raise BadInput("the span is empty", expected="a start before the end", got=f"{wanted.start} … {wanted.end}")
+
+
+def _facts(row: Command) -> dict[str, Any]:
+    facts = {name: getattr(row, name) for name in COLUMNS if name not in ("duration_s", "stages")}
+    facts["created"], facts["finished"] = iso_z(row.created), iso_z(row.finished) if row.finished else None
+    facts["duration_s"] = round((row.finished - row.created).total_seconds(), 3) if row.finished else None
+    facts["stages"] = [{"stage": s.stage, "at": iso_z(s.at), "detail": s.detail} for s in row.stages]
+    return {name: facts[name] for name in COLUMNS}
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else value
+
+
+def _line(cells: Any) -> str:
+    buffer = io.StringIO()
+    csv.writer(buffer).writerow(cells)
+    return buffer.getvalue()

@@ -1,0 +1,164 @@
+"""The record of commands: a row for each, and every report of its life beside it."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from gss.device.session_commands import WITHDRAWN
+from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.store import commands as store
+from gss.store.engine import Database
+from gss.store.models import Command
+from gss.store.models import CommandStage as StageRow
+
+
+@dataclass(frozen=True)
+class CommandView:
+    """A command's row, whether doing it twice does no harm, and whether the same id may be sent again now."""
+
+    row: Command
+    idempotent: bool
+    can_retry: bool
+
+
+CompletedHook = Callable[[str, Mapping[str, Any], Mapping[str, Any]], None]
+ORPHANS = 32
+
+
+class CommandRecorder:
+    """Writes rows and stages, and tells of each change."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now, view: Callable[[Command], CommandView]) -> None:
+        self._database, self._bus, self._now, self._view = database, bus, now, view
+        self.completed_hooks: list[CompletedHook] = []
+        self.changed_hooks: list[Callable[[Command], None]] = []
+        self._orphans: OrderedDict[int, list[CommandStage]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(
+        self,
+        request_id: int,
+        name: str,
+        arguments: Mapping[str, Any],
+        user: str,
+        source: str,
+        contact_id: int | None,
+        run_id: int | None,
+    ) -> Command:
+        """The row of a command that is about to be queued."""
+        with self._database.unit_of_work() as session:
+            row = store.add(
+                session,
+                self._now(),
+                contact_id=contact_id,
+                request_id=request_id,
+                name=name,
+                arguments=dict(arguments),
+                user=user,
+                source=source,
+                run_id=run_id,
+            )
+        self._bus.publish("command", self._view(row))
+        return row
+
+    @staticmethod
+    def lose(row: Command, at: datetime, detail: str) -> None:
+        """A row whose command was under way when the server stopped."""
+        row.result, row.detail = "unknown", detail
+        row.stages.append(StageRow(stage="unknown", at=at, detail=detail))
+
+    def refuse(self, command_id: int, detail: str) -> Command:
+        """It could not be queued after all."""
+        return self._end(command_id, "rejected", detail)
+
+    def withdrawn(self, command_id: int, stage: CommandStage) -> Command:
+        """It was taken back; a retry that was taken back is as unknown as before."""
+        if stage.stage is Stage.UNKNOWN:
+            return self._change(command_id, self._stage("unknown", stage.detail), result="unknown", detail=stage.detail)
+        return self._end(command_id, WITHDRAWN, stage.detail)
+
+    def _end(self, command_id: int, result: str, detail: str) -> Command:
+        stage = self._stage(result, detail)
+        return self._change(command_id, stage, result=result, detail=detail, finished=stage.at)
+
+    def requeue(self, command_id: int, detail: str) -> Command:
+        """A retry waits in the queue."""
+        return self._change(command_id, self._stage("queued", detail), result="queued")
+
+    def resolve(self, command_id: int, note: str) -> Command:
+        """An operator knows better."""
+        return self._change(command_id, None, result="resolved", resolved_note=note, finished=self._now())
+
+    def _stage(self, name: str, detail: str) -> StageRow:
+        return StageRow(stage=name, at=self._now(), detail=detail)
+
+    # --- reports ------------------------------------------------------------------------------------------------
+
+    def follow(self, event: CommandStage) -> None:
+        """A stage of a command. One without a row is kept a while: its row may come late, as ABORT's does."""
+        if event.stage is Stage.QUEUED:
+            return
+        with self._lock:
+            self._orphans.setdefault(event.request_id, []).append(event)
+            self._orphans.move_to_end(event.request_id)
+            while len(self._orphans) > ORPHANS:
+                self._orphans.popitem(last=False)
+        self.catch_up(event.request_id)
+
+    def catch_up(self, request_id: int) -> None:
+        """Write the stages that came before their row."""
+        with self._database.unit_of_work() as session:
+            found = store.by_request(session, request_id)
+        if found is None:
+            return  # HELLO and other commands of the session itself never get a row
+        with self._lock:
+            events = self._orphans.pop(request_id, [])
+        for event in events:
+            self._write(found.id, event)
+
+    def _write(self, command_id: int, event: CommandStage) -> None:
+        with self._database.unit_of_work() as session:
+            found = store.get(session, command_id)
+        detail = " ".join(word for word in (event.reason, event.detail) if word)
+        stage = self._stage(str(event.stage), detail)
+        values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
+        if found.result == "resolved":
+            values.pop("result")  # the operator's word stands; what came late is on the record beside it
+        if detail or event.stage in FINAL_STAGES:
+            values["detail"] = detail  # an end without words takes back what was said while the fate was unknown
+        if event.late:
+            values["late"] = True
+        if event.stage in FINAL_STAGES:
+            values["finished"] = stage.at
+        if event.stage is Stage.COMPLETED:
+            values["values"] = {k: v.hex() if isinstance(v, bytes) else v for k, v in event.values.items()}
+        row = self._change(found.id, stage, **values)
+        self._tell(row, event)
+
+    def _tell(self, row: Command, event: CommandStage) -> None:
+        if event.stage is Stage.UNKNOWN:
+            self._bus.record("command", "warning", f"{row.name}: no report in time, fate unknown", command_id=row.id)
+        if event.late and event.stage in FINAL_STAGES:
+            self._bus.record("command", "watch", f"{row.name}: {event.stage} after all, late", command_id=row.id)
+        if event.stage is Stage.COMPLETED:
+            for hook in self.completed_hooks:
+                hook(row.name, row.arguments, event.values)
+
+    def _change(self, command_id: int, stage: StageRow | None, **values: Any) -> Command:
+        with self._database.unit_of_work() as session:
+            row = store.get(session, command_id)
+            for name, value in values.items():
+                setattr(row, name, value)
+            if stage is not None:
+                row.stages.append(stage)
+        self._bus.publish("command", self._view(row))
+        for hook in self.changed_hooks:
+            hook(row)
+        return row
