@@ -24,6 +24,11 @@ class Column:
     packet: str
     field: Item | Group
 
+    @property
+    def is_bool(self) -> bool:
+        """Yes or no: a database without such a type gives 1 and 0 back."""
+        return isinstance(self.field, Item) and self.field.type == "bool"
+
 
 @dataclass(frozen=True)
 class Series:
@@ -145,7 +150,7 @@ class Archive:
         for row in heapq.merge(*streams, key=lambda r: (r.received, r.id)):
             values: list[object] = [None] * len(columns)
             for k, value in zip(places[row.packet], row.values, strict=True):
-                values[k] = value
+                values[k] = bool(value) if value is not None and columns[k].is_bool else value
             yield row, values
 
     def _checked(self, keys: Sequence[str], start: datetime, end: datetime) -> list[Column]:

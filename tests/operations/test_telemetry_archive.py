@@ -1,0 +1,206 @@
+"""The archive: any field over any span, thinned without losing a spike, and exported as it is on the screen."""
+
+from __future__ import annotations
+
+import csv
+import io
+from datetime import timedelta
+
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import event
+
+from gss.device.dictionary_file import load_dictionary
+from gss.device.session_events import Telemetry
+from gss.domain.errors import BadInput, NotFound
+from gss.operations.archive import Thinner
+from gss.operations.telemetry import TelemetryService
+from gss.operations.telemetry_export import export
+from gss.operations.value_words import formatted, raw_of, raw_text
+from gss.store import telemetry as store
+
+DICTIONARY = load_dictionary()
+MODES = ("standby", "lost_in_space", "tracking")
+
+
+@pytest.fixture
+def telemetry(database, bus, clock):
+    """Ten seconds of housekeeping and an attitude packet every second one."""
+    service = TelemetryService(DICTIONARY, database, bus, clock)
+    for k in range(10):
+        clock.forward(1)
+        fields = {
+            "supply_3v3_v": 0.001 * (3300 + k),
+            "mode": MODES[k % 3],
+            "cycle_running": k > 4,
+            "latchups": k,
+            "catalogue_sha256": bytes([k] * 32),
+        }
+        packets = [Telemetry("housekeeping", 100.0 + k, 0, fields, fields)]
+        if k % 2:
+            lists = {"items": ({"col_px": 1.5, "row_px": 2.5, "flux_dn": 9.0, "peak_dn": 7, "area_px": 4},)}
+            packets.append(Telemetry("centroids", 100.0 + k, 0, {}, {"frame_number": k}, lists))
+        service.handle(packets)
+    return service
+
+
+def span(clock):
+    """All that was stored."""
+    return clock() - timedelta(hours=1), clock() + timedelta(hours=1)
+
+
+samples = st.lists(st.one_of(st.none(), st.floats(-1e6, 1e6)), min_size=1, max_size=400)
+
+
+@given(samples, st.integers(10, 60))
+def test_thinning_keeps_order_bound_and_both_extremes(values, points):
+    """Never more than asked for; the smallest and the largest value are always there; what fits is untouched."""
+    thinner = Thinner(0.0, float(len(values)), points)
+    for t, y in enumerate(values):
+        thinner.take(float(t), y)
+    t, y, thinned = thinner.result()
+    assert len(t) == len(y) <= points
+    assert t == sorted(t)
+    assert thinned == (len(values) > points)
+    assert all(values[int(at)] == value for at, value in zip(t, y, strict=True))
+    known = [v for v in values if v is not None]
+    if known:
+        kept = [v for v in y if v is not None]
+        assert (min(kept), max(kept)) == (min(known), max(known))
+
+
+def test_enumerations_and_yes_no_are_plotted_by_number_of_any_packet(telemetry, clock):
+    """mode as its wire number, a bool as 0 and 1, a field of another packet by its full key."""
+    mode, running, frame = telemetry.archive.history(
+        ["mode", "housekeeping.cycle_running", "centroids.frame_number"], *span(clock), 100
+    )
+    assert mode.y == [0, 1, 3, 0, 1, 3, 0, 1, 3, 0]
+    assert running.y == [0] * 5 + [1] * 5
+    assert (frame.packet, frame.y) == ("centroids", [1, 3, 5, 7, 9])
+    for key, message in (("catalogue_sha256", "can be plotted"), ("centroids.items", "can be plotted")):
+        with pytest.raises(BadInput, match=message):
+            telemetry.archive.history([key], *span(clock), 100)
+    with pytest.raises(NotFound):
+        telemetry.archive.history(["attitude.warp"], *span(clock), 100)
+    with pytest.raises(BadInput, match="each field once"):
+        telemetry.archive.history(["mode", "mode"], *span(clock), 100)
+
+
+def test_a_long_span_is_read_in_blocks_of_bounded_size(telemetry, database, bus, clock):
+    """No statement brings more rows than a block, and the samples at the seams are neither lost nor doubled."""
+    same = clock()
+    fields = {"latchups": 77}
+    telemetry.handle(
+        [Telemetry("housekeeping", 1.0, 0, fields, fields)] * 7
+    )  # seven with one time: a seam between equals
+    sizes: list[int] = []
+
+    def count(_connection, cursor, statement, *_rest) -> None:
+        sizes.append(statement.count("LIMIT"))
+
+    event.listen(database.engine, "before_cursor_execute", count)
+    rows = list(store.rows(database, "housekeeping", ["latchups"], same - timedelta(hours=1), same, block=3))
+    event.remove(database.engine, "before_cursor_execute", count)
+    assert [r.values[0] for r in rows] == [*range(10), *[77] * 7]
+    assert len({r.id for r in rows}) == 17
+    assert len(sizes) == 6
+    assert set(sizes) == {1}
+
+
+def read_csv(pieces) -> list[dict[str, str]]:
+    """Rows of an export."""
+    return list(csv.DictReader(io.StringIO(b"".join(pieces).decode(), newline="")))
+
+
+KEYS = [
+    "supply_3v3_v",
+    "mode",
+    "cycle_running",
+    "latchups",
+    "catalogue_sha256",
+    "centroids.frame_number",
+    "centroids.items",
+]
+
+
+@pytest.mark.parametrize("form", ["converted", "raw", "formatted"])
+def test_csv_and_parquet_hold_the_same(telemetry, clock, form):
+    """Two formats, one content, whichever form; times too."""
+    options = {"form": form}
+    rows = read_csv(export(telemetry.archive, KEYS, *span(clock), file_format="csv", **options))
+    data = b"".join(export(telemetry.archive, KEYS, *span(clock), file_format="parquet", **options))
+    table = pq.read_table(io.BytesIO(data)).to_pylist()
+    assert len(rows) == len(table) == 15
+    for row, other in zip(rows, table, strict=True):
+        assert row["received"] == other["received"].isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        for key in KEYS:
+            value = other[key]
+            shown = "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+            assert row[key] == shown
+
+
+def test_an_export_is_what_the_screen_shows(telemetry, clock):
+    """The newest row, formatted, is the value of the page; raw and converted are those of the packet."""
+    shown = {v.definition.name: v for v in telemetry.values() if v.packet == "housekeeping"}
+    by_form = {
+        form: read_csv(export(telemetry.archive, KEYS[:4], *span(clock), form=form, file_format="csv"))[-1]
+        for form in ("converted", "raw", "formatted")
+    }
+    for key in KEYS[:4]:
+        assert by_form["formatted"][key] == formatted(shown[key].value, shown[key].definition.decimals)
+    assert by_form["converted"]["supply_3v3_v"] == "3.309"
+    assert (by_form["raw"]["supply_3v3_v"], by_form["raw"]["mode"]) == ("3309", "0")
+
+
+def test_what_is_wrong_with_an_export_is_said_before_it_starts(telemetry, clock):
+    """Unknown format, form, field; empty span."""
+    start, end = span(clock)
+    for keys, a, b, form, kind in (
+        (["mode"], start, end, "converted", "xls"),
+        (["mode"], start, end, "pretty", "csv"),
+        (["mode"], end, start, "raw", "csv"),
+        ([], start, end, "raw", "csv"),
+    ):
+        with pytest.raises(BadInput):
+            export(telemetry.archive, keys, a, b, form=form, file_format=kind)
+    with pytest.raises(NotFound):
+        export(telemetry.archive, ["warp"], start, end, form="raw", file_format="csv")
+
+
+def test_an_empty_span_is_an_empty_file_with_its_columns(telemetry, clock):
+    """A header, a schema, no rows."""
+    start, end = clock() + timedelta(days=1), clock() + timedelta(days=2)
+    assert read_csv(export(telemetry.archive, KEYS, start, end, form="raw", file_format="csv")) == []
+    data = b"".join(export(telemetry.archive, KEYS, start, end, form="raw", file_format="parquet"))
+    table = pq.read_table(io.BytesIO(data))
+    assert table.num_rows == 0
+    assert table.column_names[4:] == KEYS
+
+
+@pytest.mark.parametrize(
+    ("key", "raws"),
+    [
+        ("sensor_temperature_c", (0, 1, 1607, 65535)),
+        ("processor_temperature_c", (0, 900, 40000, 65535)),
+        ("mode", (0, 3)),
+    ],
+)
+def test_raw_values_are_found_again_exactly(key, raws):
+    """Linear and polynomial conversions and enumerations give their number back; a value that no number gives has none."""
+    field = next(f for f in DICTIONARY.packet("housekeeping").values if f.name == key)
+    for raw in raws:
+        value = field.choice_name(raw) if field.choices else field.conversion.engineering(raw)
+        assert raw_of(field, value) == raw
+    if not field.choices:
+        assert raw_of(field, 12.345678) is None
+        assert raw_text(field, 1607) == "0x0647"
+
+
+def test_packets_are_paged_newest_first(telemetry):
+    """Whole packets with their lists; a page goes on where the last one ended."""
+    first = telemetry.archive.packets("centroids", None, None, 2, None)
+    second = telemetry.archive.packets("centroids", None, None, 9, first[-1].id)
+    assert [r.values["frame_number"] for r in [*first, *second]] == [9, 7, 5, 3, 1]
+    assert first[0].values["items"][0]["col_px"] == 1.5
