@@ -70,7 +70,7 @@ def reduce_catalogue(stars: StarTable, shape: FieldShape | Disc, attitudes: Arra
 def _blocks(
     unit: Array, shape: FieldShape | Disc, attitudes: Array
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Per block of attitudes: field numbers, ascending, the rows of ``unit`` inside, ascending in each field, and how many fields."""
+    """Per block of attitudes: field numbers, ascending, the rows of ``unit`` inside, ascending in each, and how many fields."""
     tree, found = cKDTree(unit), []
     reach = 2 * np.sin(min(shape.half_diagonal_rad if isinstance(shape, FieldShape) else shape.radius_rad, np.pi) / 2)
     for start in range(0, len(attitudes), BLOCK):

@@ -47,11 +47,10 @@ def match_figure(figure: tuple[int, ...], baselines: Baselines, unit_cam: Array,
 
 @lru_cache(maxsize=64)
 def figures(stars: int, vertices: int) -> tuple[tuple[int, ...], ...]:
-    """All figures of ``vertices`` imaged stars (brightest first), narrow ranges of brightness first and no star in many
-    figures running.
+    """All figures of ``vertices`` imaged stars (brightest first), narrow ranges of brightness first, so that a star leaves soon.
 
-    The document's loops (§5.5.2) exclude stars in turn; as printed they are ambiguous. This is Mortari's order for
-    triads, (i, i + dj, i + dj + dk), carried on to any number.
+    The document's loops (§5.5.2) exclude stars in turn; as printed they are ambiguous. These are Mortari's triads
+    (i, i + dj, i + dj + dk) carried on to any number, ordered by the widest step.
     """
     gaps = sorted(combinations(range(1, stars), vertices - 1), key=lambda gap: (gap[-1:], gap))
     return tuple((i, *(i + g for g in gap)) for gap in gaps for i in range(stars - (gap[-1] if gap else 0)))

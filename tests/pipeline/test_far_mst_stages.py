@@ -1,0 +1,189 @@
+"""FAR-MST's stages between pixels and centroids, against literal versions and against the document's figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import profile
+from gss.pipeline.chains.far_mst_centroid import document_sigma_px
+from gss.pipeline.chains.far_mst_detect import clusters, find_centroids, median_dark_dn, prefiltered
+from gss.pipeline.chains.far_mst_parameters import default_parameters, least_count, limiting_magnitude
+from gss.pipeline.render import spots
+
+PROFILE = profile("far_mst")
+PARAMETERS = default_parameters(PROFILE)
+PIXELS = 1280 * 1024
+
+
+def _mask(seed: int, share: float, shape: tuple[int, int] = (61, 83)) -> np.ndarray:
+    return np.random.default_rng(seed).random(shape) < share
+
+
+@pytest.mark.parametrize("count", [7, 9, 13])
+def test_the_sliding_filter_counts_the_25_pixels(count: int) -> None:
+    """A lit pixel stays when at least so many of the 5x5 round it are lit, the frame's outside being dark (scipy's count)."""
+    lit = _mask(1, 0.4)
+    around = ndimage.convolve(lit.astype(int), np.ones((5, 5), int), mode="constant")
+    np.testing.assert_array_equal(prefiltered(lit, "sliding", count), lit & (around >= count))
+
+
+def test_the_block_filter_counts_each_block_once() -> None:
+    """Blocks of a fixed grid stay or go as a whole; those cut off by the edge have fewer pixels to count."""
+    lit = _mask(2, 0.45)
+    expected = np.zeros_like(lit)
+    for r in range(0, 61, 5):
+        for c in range(0, 83, 5):
+            block = lit[r : r + 5, c : c + 5]
+            expected[r : r + 5, c : c + 5] = block & (block.sum() >= 11)
+    np.testing.assert_array_equal(prefiltered(lit, "block", 11), expected)
+    assert prefiltered(lit, "none", 11) is lit
+
+
+def test_clusters_are_the_eight_connected_components() -> None:
+    """scipy's labels with eight neighbours, in raster order; a frame's row ends do not touch the next row's start."""
+    for share in (0.05, 0.2, 0.5):
+        lit = _mask(3, share)
+        label, count = ndimage.label(lit, np.ones((3, 3), int))
+        blobs = clusters(lit)
+        assert len(blobs) == count
+        for k in range(count):
+            mine = blobs.index[blobs.start[k] : blobs.start[k + 1]]
+            assert len(set(label.ravel()[mine].tolist())) == 1
+        firsts = blobs.index[blobs.start[:-1]]
+        assert np.all(np.diff(firsts) > 0)
+    assert len(clusters(np.zeros((5, 5), bool))) == 0
+
+
+def test_noise_survives_as_often_as_binomials_say() -> None:
+    """Of pure noise at 1 σ, 5 645 of 208 000 pixels pass nine of 25 and 22 pass thirteen (dossier §3.3, computed there)."""
+    noise = np.random.default_rng(4).normal(size=(1024, 1280)) > 1.0
+    assert np.count_nonzero(noise) == pytest.approx(207_953, rel=0.01)
+    assert np.count_nonzero(prefiltered(noise, "sliding", 9)) == pytest.approx(5645, rel=0.1)
+    assert np.count_nonzero(prefiltered(noise, "sliding", 13)) < 80
+
+
+@pytest.mark.parametrize(("sigma", "count"), [(1.0, 15), (1.5, 11), (2.0, 7), (3.0, 3)])
+def test_the_least_count_lets_less_than_one_pixel_through(sigma: float, count: int) -> None:
+    """The count is the smallest for which less than one pixel of pure noise passes; a simulated frame agrees."""
+    assert least_count(sigma, PIXELS) == count
+    noise = np.random.default_rng(5).normal(size=(1024, 1280)) > sigma
+    assert np.count_nonzero(prefiltered(noise, "sliding", count)) <= 6
+
+
+def test_the_dark_frame_is_the_median_of_a_sequence() -> None:
+    """A star that moves through five frames leaves no trace in the dark frame; hot pixels stay and are subtracted."""
+    rng = np.random.default_rng(6)
+    fixed = rng.uniform(20, 24, (64, 64))
+    fixed[10, 10] = 500.0
+    frames = []
+    for k in range(5):
+        frame = fixed + rng.normal(0, 1, fixed.shape)
+        frame[30, 10 * k + 5] += 300
+        frames.append(np.rint(frame).astype(np.uint16))
+    dark = median_dark_dn(frames)
+    assert np.abs(dark - fixed).max() < 3
+    with pytest.raises(BadInput, match="dark"):
+        median_dark_dn([])
+
+
+def test_a_dark_frame_removes_a_pattern() -> None:
+    """A gradient that drowns the stars without a dark frame is gone with it; one of another size is refused."""
+    rng = np.random.default_rng(7)
+    at = np.array([[50.3, 60.7], [150.2, 90.1], [100.0, 30.0]])
+    light = spots(128, 200, at, np.full(3, 4000.0), 1.25) / 10
+    slope = np.linspace(0, 200, 200)[None] + np.zeros((128, 1))
+    frame = np.rint(light + slope + 20 + rng.normal(0, 4, slope.shape)).astype(np.uint16)
+    found = find_centroids(frame, replace(PARAMETERS, dark_dn=slope + 20)).centroids
+    assert len(found) == 3
+    order = np.argsort(found.col_px)
+    np.testing.assert_allclose(found.pixels[order], at[np.argsort(at[:, 0])], atol=0.4)
+    with pytest.raises(BadInput, match="dark frame"):
+        find_centroids(frame, replace(PARAMETERS, dark_dn=np.zeros((3, 3))))
+
+
+def _scene(seed: int, electrons: float, count: int = 60, sigma_px: float = 1.25) -> tuple[np.ndarray, np.ndarray]:
+    """Equal stars on a loose grid at random places within their pixels, the chain's own noise."""
+    rng = np.random.default_rng(seed)
+    col, row = np.meshgrid(np.arange(20, 390, 41), np.arange(20, 290, 43))
+    at = (np.column_stack([col.ravel(), row.ravel()]) + rng.uniform(-0.5, 0.5, (col.size, 2)))[:count]
+    light = spots(300, 400, at, np.full(len(at), electrons), sigma_px)
+    signal = rng.poisson(light) + rng.normal(0, 39.7, light.shape)
+    return np.rint(np.clip(signal / 10 + 20, 0, 1023)).astype(np.uint16), at
+
+
+def _errors(frame: np.ndarray, at: np.ndarray, **changes: object) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) errors and (m,) stated σ of the stars found."""
+    found = find_centroids(frame, replace(PARAMETERS, max_centroids=100, **changes)).centroids  # type: ignore[arg-type]
+    apart = np.linalg.norm(found.pixels[:, None] - at[None], axis=2)
+    nearest = apart.argmin(axis=1)
+    good = apart.min(axis=1) < 2
+    return (found.pixels - at[nearest])[good], found.sigma_px[good]
+
+
+@pytest.mark.parametrize("changes", [{}, {"centroider": "mle"}, {"prefilter": "block"}])
+@pytest.mark.parametrize("electrons", [3000.0, 8000.0, 30000.0])
+def test_stated_sigma_is_the_scatter(changes: dict[str, object], electrons: float) -> None:
+    """Errors over their stated standard deviation have an rms between 0.6 and 1.35, for faint, medium and bright stars."""
+    pulls = []
+    for seed in range(6):
+        error, sigma = _errors(*_scene(seed, electrons), **changes)
+        assert len(error) >= 25
+        pulls.append(error / sigma[:, None])
+    assert 0.6 < np.sqrt(np.mean(np.concatenate(pulls) ** 2)) < 1.35
+
+
+def test_maximum_likelihood_beats_the_weighted_sum() -> None:
+    """Huffman 2006 §4.2.2 found MLE better by about 0.1 px; on faint stars of 1.25 px σ its rms is at least a fifth lower."""
+    plain = np.concatenate([_errors(*_scene(k, 3500.0))[0] for k in range(6)])
+    mle = np.concatenate([_errors(*_scene(k, 3500.0), centroider="mle")[0] for k in range(6)])
+    assert np.sqrt(np.mean(mle**2)) < 0.8 * np.sqrt(np.mean(plain**2))
+
+
+def test_maximum_likelihood_ignores_saturated_pixels() -> None:
+    """A star with a clipped core is still placed within 0.1 px."""
+    frame, at = _scene(9, 250_000.0, 20)
+    assert frame.max() == 1023
+    error, _ = _errors(frame, at, centroider="mle")
+    assert len(error) >= 18
+    assert np.abs(error).max() < 0.1
+
+
+def test_lines_of_pixels_are_no_stars() -> None:
+    """A cosmic ray's track among round stars is rejected for its aspect ratio, and the reason says so."""
+    frame, at = _scene(10, 20_000.0, 20)
+    frame[150:152, 300:340] = 700
+    found = find_centroids(frame, PARAMETERS)
+    assert any("aspect ratio" in region.rejected for region in found.regions)
+    assert len(found.centroids) == len(at)
+
+
+def test_a_bright_sky_is_no_sky() -> None:
+    """Where a third of the pixels exceed a commanded threshold nothing is returned but a note."""
+    rng = np.random.default_rng(11)
+    frame = np.where(rng.random((200, 200)) < 0.4, 800, 20).astype(np.uint16)
+    found = find_centroids(frame, replace(PARAMETERS, threshold_dn=50.0))
+    assert len(found.centroids) == 0
+    assert "no dark sky" in found.notes[0]
+
+
+def test_the_documents_sigma_has_its_values() -> None:
+    """Eq. 4.2 at SNR 1, 3, 10 and 100 (dossier §4.2)."""
+    np.testing.assert_allclose(document_sigma_px(np.array([1.0, 3, 10, 100])), [0.610, 0.230, 0.135, 0.111], atol=6e-4)
+
+
+def test_the_chain_sees_as_far_as_its_profile_says() -> None:
+    """The faintest star that still fills the pre-filter is beyond the profile's limit of V 4.5."""
+    limit = limiting_magnitude(PROFILE.sensor, PARAMETERS, PROFILE.sensor.exposure_s)
+    assert 4.5 < limit < 5.2
+
+
+def test_frames_that_are_none_are_refused() -> None:
+    """Too small or not two-dimensional arrays are BadInput."""
+    for shape in ((3, 3), (4, 200), (5, 5, 3)):
+        with pytest.raises(BadInput, match="frame"):
+            find_centroids(np.zeros(shape, np.uint16), PARAMETERS)
