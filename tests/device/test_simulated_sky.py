@@ -1,0 +1,269 @@
+"""Simulated exposures: what is in them, where, and that they come again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.corrections import aberrate, earth_velocity_c
+from gss.catalogue_tools.ephemeris import PLANETS
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.device.simulator.environment import Environment
+from gss.device.simulator.orbit import Inertial, Zenith
+from gss.device.simulator.sky import Sky
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.profiles import PROFILES, profile
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.sensor import NO_DEFECTS
+from gss.pipeline.detect import find_stars
+
+EPOCH_JYEAR = 2026.0
+NAMES = sorted(PROFILES)
+
+
+def _sky(name: str, ra_deg: float = 84.0, dec_deg: float = 5.0, roll_deg: float = 10.0, seed: int = 1) -> Sky:
+    p = profile(name)
+    pointing = np.radians([ra_deg, dec_deg, roll_deg])
+    world = Environment(p, Inertial.pointing(*(float(a) for a in pointing)), EPOCH_JYEAR, seed)
+    return Sky(p, world.motion, EPOCH_JYEAR, seed, world)
+
+
+def _towards(sky: Sky, icrs: Array, off_deg: float) -> None:
+    """Point the camera ``off_deg`` from a direction, away from the Earth where that is easy."""
+    nadir, _ = sky.environment.earth_disc(0.0)
+    away = np.cross(np.cross(icrs, nadir), icrs)
+    away = -away / np.linalg.norm(away)
+    boresight = np.cos(np.radians(off_deg)) * icrs + np.sin(np.radians(off_deg)) * away
+    ra, dec = np.arctan2(boresight[1], boresight[0]), np.arcsin(boresight[2])
+    sky.environment.motion = Inertial.pointing(float(ra), float(dec), 0.3)
+
+
+def _found(sky: Sky, pixels: np.ndarray) -> Centroids:
+    sensor = sky.environment.profile.sensor
+    return find_stars(pixels, psf_sigma_px=sensor.psf_sigma_px, saturation_dn=sensor.saturation_dn).centroids
+
+
+def _miss_px(centroids: Centroids, places: Array) -> Array:
+    """Distance from each of (n, 2) places to the nearest centroid."""
+    return np.linalg.norm(places[:, None] - centroids.pixels[None], axis=2).min(axis=1, initial=np.inf)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stars_of_the_limiting_magnitude_are_found(name: str) -> None:
+    """In every camera, with its flaws and everything shining, stars of the last half magnitude are detected at their
+    places in nine cases of ten, and next to nothing else is."""
+    sky = _sky(name)
+    sky.environment.make_real()
+    sky.environment.moon = False
+    p, missed, others, count = sky.environment.profile, [], 0, 0
+    for number, (ra_deg, dec_deg) in enumerate([(84, 5), (52, 49), (150, 10), (110, -25)]):
+        sky.environment.motion = Inertial.pointing(float(np.radians(ra_deg)), float(np.radians(dec_deg)), 0.3)
+        assert not sky.environment.blinded(0.0)
+        shot = sky.expose(0.0, p.sensor.exposure_s, number)
+        centroids, truth = _found(sky, shot.pixels), shot.truth
+        faint = (np.abs(truth.v_mag - p.sensor.faint_limit_mag + 0.25) <= 0.25) & p.camera.contains(truth.pixels, 4)
+        missed += (_miss_px(centroids, truth.pixels[faint]) > 1.5).tolist()
+        strange = np.linalg.norm(centroids.pixels[:, None] - truth.pixels[None], axis=2).min(axis=1) > 2
+        others, count = others + int(strange.sum()), count + len(centroids)
+    assert len(missed) >= 3
+    assert np.mean(missed) <= 0.1
+    assert others <= 0.05 * count
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_exposure_range_is_usable(name: str) -> None:
+    """Shortest and longest exposure draw; the longer one is brighter."""
+    sky = _sky(name)
+    sky.environment.make_real()
+    sensor = sky.environment.profile.sensor
+    short, long = (sky.expose(0.0, t, 1).pixels for t in (sensor.exposure_min_s, sensor.exposure_max_s))
+    assert long.mean() > short.mean()
+    assert long.dtype == (np.uint8 if sensor.bits <= 8 else np.uint16)
+    assert long.max() <= sensor.saturation_dn
+
+
+def test_the_same_again_is_the_same_to_the_bit() -> None:
+    """Seed, frame number, time and settings name a picture, with everything switched on."""
+    shots = []
+    for _ in range(2):
+        sky = _sky("cubestar", seed=9)
+        sky.environment.make_real()
+        sky.environment.aberration = True
+        sky.environment.set_motion("tumble", 3.0, rate_rad_s=0.01)
+        shots.append([sky.expose(t, 0.25, n).pixels for n, t in enumerate((4.0, 700.0))])
+    assert all(np.array_equal(a, b) for a, b in zip(*shots, strict=True))
+
+
+def test_hot_pixels_stay_while_seed_and_noise_change() -> None:
+    """The chip is the seed's: other frame numbers leave the hot pixels, another seed moves them."""
+    hot = []
+    for seed, number in ((1, 1), (1, 2), (2, 1)):
+        sky = _sky("cubestar", 200.0, 80.0, seed=seed)
+        sky.environment.set_defects(True)
+        pixels = sky.expose(0.0, 1.0, number).pixels.ravel()
+        chip = sky.environment.chip
+        assert chip is not None
+        strong = chip.hot[chip.dark_e_s.ravel()[chip.hot] > 2000]
+        assert len(strong) > 5
+        assert np.median(pixels[strong]) > np.median(pixels) + 100
+        hot.append(chip.hot)
+    assert np.array_equal(hot[0], hot[1])
+    assert not np.array_equal(hot[0], hot[2])
+
+
+def test_switches_off_leave_the_plain_sky() -> None:
+    """Nothing of the real sky is in a frame until it is asked for, and it goes away again."""
+    plain = _sky("cubestar").expose(0.0, 0.25, 5).pixels
+    sky = _sky("cubestar")
+    sky.environment.make_real()
+    assert not np.array_equal(sky.expose(0.0, 0.25, 5).pixels, plain)
+    sky.environment.make_real(False)
+    assert sky.environment.defects == NO_DEFECTS
+    assert np.array_equal(sky.expose(0.0, 0.25, 5).pixels, plain)
+
+
+def test_aberration_moves_stars_by_the_closed_formula_and_not_the_attitude() -> None:
+    """Truth stays the attitude of ICRS axes; its star positions are the apparent ones of Jacobs' correction, orbit
+    included, to 0.05″; the stars are drawn there."""
+    sky = _sky("far_mst", 280.0, 60.0)
+    before = sky.expose(0.0, 0.1, 1).truth
+    sky.environment.aberration = True
+    shot = sky.expose(0.0, 0.1, 1)
+    assert shot.truth.quaternion == pytest.approx(before.quaternion)
+    stars = propagate(load_stars(7.0), EPOCH_JYEAR)
+    row = {int(hip): k for k, hip in enumerate(stars.hip)}
+    unit = stars.icrs[[row[int(hip)] for hip in shot.truth.hip]]
+    camera = sky.environment.profile.camera
+    orbit_c = Zenith().orbit.state(0.0)[1] / 299_792.458
+    apparent = aberrate(unit, earth_velocity_c(EPOCH_JYEAR) + orbit_c)
+    want = camera.project(apparent @ matrix_from_quaternion(shot.truth.quaternion).T)
+    assert np.abs(want - shot.truth.pixels).max() * camera.pixel_rad < 0.05 * ARCSEC_RAD
+    shift_rad = np.linalg.norm(camera.project(unit @ matrix_from_quaternion(before.quaternion).T) - want, axis=1)
+    assert 5 * ARCSEC_RAD < shift_rad.max() * camera.pixel_rad < 30 * ARCSEC_RAD
+
+
+def test_planets_shine_where_they_stand() -> None:
+    """Jupiter of January 2026 is the brightest spot of its field, in no truth, and gone when switched off."""
+    sky = _sky("far_mst")
+    bodies = sky.environment.bodies(0.0)
+    jupiter = bodies.planets_icrs[PLANETS.index("Jupiter")]
+    _towards(sky, jupiter, 3.0)
+    sky.environment.planets = True
+    shot = sky.expose(0.0, 0.02, 1)
+    camera = sky.environment.profile.camera
+    place = camera.project((matrix_from_quaternion(shot.truth.quaternion) @ jupiter)[None])
+    assert camera.contains(place).all()
+    centroids = _found(sky, shot.pixels)
+    brightest = centroids.pixels[int(np.argmax(centroids.flux_dn))]
+    assert np.linalg.norm(brightest - place[0]) < 0.5
+    assert np.linalg.norm(shot.truth.pixels - place, axis=1).min() > 3
+    sky.environment.planets = False
+    assert _miss_px(_found(sky, sky.expose(0.0, 0.02, 1).pixels), place)[0] > 3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_moon_is_a_saturated_disc_with_glare(name: str) -> None:
+    """A disc of the Moon's size, clipped; glare falls off around it; without stray light only the disc is left."""
+    sky = _sky(name)
+    p, bodies = sky.environment.profile, sky.environment.bodies(0.0)
+    _towards(sky, bodies.moon.icrs, 0.4 * np.degrees(p.camera.half_diagonal_rad))
+    sky.environment.moon = True
+    shot = sky.expose(0.0, 0.02, 1)
+    place = p.camera.project((sky.environment.motion.at(0.0).cam_from_icrs @ bodies.moon.icrs)[None])[0]
+    clipped = np.argwhere(
+        shot.pixels >= min(p.sensor.saturation_dn, p.sensor.full_well_e / p.sensor.gain_e_per_dn * 0.99)
+    )
+    assert np.linalg.norm(clipped.mean(axis=0)[::-1] - place) < 2
+    area_px = np.pi * bodies.moon.radius_rad**2 * p.camera.focal_col_px * p.camera.focal_row_px
+    spread = (1 + 4.5 * p.sensor.psf_sigma_px / np.sqrt(area_px / np.pi)) ** 2
+    assert 0.6 * area_px < len(clipped) < spread * area_px
+    sky.environment.stray = True
+    glaring = sky.expose(0.0, 0.02, 1).pixels.astype(float) - shot.pixels
+    assert glaring.mean() > 0.2
+    assert len(np.argwhere(glaring > 3)) > 2 * area_px
+
+
+def test_half_a_moon_is_lit_on_the_side_of_the_sun() -> None:
+    """At the last quarter of 10 January 2026 the light's middle lies off the disc's, towards the Sun."""
+    sky = _sky("aim")
+    world = sky.environment
+    time_s = 9.1 * 86_400.0
+    bodies = world.bodies(time_s)
+    world.moon = True
+    ra, dec = np.arctan2(bodies.moon.icrs[1], bodies.moon.icrs[0]), np.arcsin(bodies.moon.icrs[2])
+    world.motion = Inertial.pointing(float(ra), float(dec), 0.0)
+    pixels = sky.expose(time_s, 0.02, 1).pixels
+    row, col = np.argwhere(pixels > 2000).mean(axis=0)
+    camera = world.profile.camera
+    light = np.array([col - camera.centre_col_px, row - camera.centre_row_px])
+    sun = (world.motion.at(time_s).cam_from_icrs @ bodies.sun.icrs)[:2]
+    assert light @ sun / np.linalg.norm(light) / np.linalg.norm(sun) > 0.95
+    radius_px = bodies.moon.radius_rad / camera.pixel_rad
+    assert 0.25 * radius_px < np.linalg.norm(light) < 0.6 * radius_px
+
+
+def _level_e_s(sky: Sky) -> float:
+    p = sky.environment.profile
+    dn = float(np.median(sky.expose(0.0, p.sensor.exposure_s, 1).pixels))
+    return (dn - p.sensor.bias_dn) * p.sensor.gain_e_per_dn / p.sensor.exposure_s
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stray_light_rises_towards_the_sun_until_it_blinds(name: str) -> None:
+    """The background grows as the Sun comes nearer; within the baffle's angle the whole frame is white; behind the
+    Earth, or switched off, the Sun does nothing."""
+    sky = _sky(name)
+    world, baffle = sky.environment, sky.environment.profile.baffle
+    world.orbit = Zenith(raan_rad=float(np.arctan2(*world.bodies(0.0).sun.icrs[[1, 0]]))).orbit
+    sun = world.bodies(0.0).sun.icrs
+    assert not world.in_eclipse(0.0)
+    world.sun = world.stray = True
+    limit_deg, blind_deg = np.degrees([baffle.sun_limit_rad, baffle.blind_rad])
+    levels = []
+    for angle_deg in (limit_deg + 40, max(limit_deg - 12, blind_deg + 1), blind_deg - 2):
+        _towards(sky, sun, angle_deg)
+        assert np.degrees(world.sun_angle_rad(0.0)) == pytest.approx(angle_deg)
+        levels.append(_level_e_s(sky))
+    assert world.blinded(0.0)
+    assert levels[0] < levels[1] < levels[2]
+    p = world.profile
+    white = sky.expose(0.0, p.sensor.exposure_s, 1).pixels
+    full_dn = min(p.sensor.saturation_dn, p.sensor.bias_dn + p.sensor.full_well_e / p.sensor.gain_e_per_dn)
+    assert white.min() >= 0.99 * full_dn
+    half_period_s = np.pi / Zenith().mean_motion_rad_s
+    assert world.in_eclipse(half_period_s)
+    assert not world.blinded(half_period_s)
+    world.sun = False
+    assert _level_e_s(sky) < levels[1]
+
+
+def test_the_earth_in_the_field_hides_stars() -> None:
+    """Below the limb there are no stars to find, above it there are; truth keeps both."""
+    sky = _sky("cubestar")
+    world = sky.environment
+    nadir, earth_rad = world.earth_disc(0.0)
+    world.orbit = Zenith().orbit
+    world.earth = True
+    _towards(sky, nadir + np.array([0.0, 0.0, 1e-9]), float(np.degrees(earth_rad)) + 3.0)
+    shot = sky.expose(0.0, 0.25, 1)
+    unit = world.profile.camera.unproject(shot.truth.pixels) @ world.motion.at(0.0).cam_from_icrs
+    behind = np.arccos(np.clip(unit @ nadir, -1, 1)) < earth_rad - 0.02
+    bright = shot.truth.v_mag < 4.0
+    miss_px = _miss_px(_found(sky, shot.pixels), shot.truth.pixels)
+    assert (behind & bright).sum() >= 3
+    assert (~behind & bright).sum() >= 3
+    assert (miss_px[behind & bright] < 1.5).mean() < 0.2
+    assert (miss_px[~behind & bright] < 1.5).mean() > 0.8
+
+
+def test_heat_makes_the_dark_brighter() -> None:
+    """Sixteen degrees more are four times the dark current."""
+    sky = _sky("far_mst")
+    sensor = sky.environment.profile.sensor
+    level: Callable[[], float] = lambda: float(sky.expose(0.0, 1.0, 1).pixels.mean())  # noqa: E731
+    cool = level()
+    sky.environment.temperature_offset_c = 16.0
+    assert (level() - cool) * sensor.gain_e_per_dn == pytest.approx(3 * sensor.dark_current_e_s, rel=0.05)
