@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -25,11 +26,20 @@ class Settings(BaseSettings):
     device: str = Field(
         default="", description="Port of the sensor to open at start: a tty, socket:// or rfc2217:// URL."
     )
+    framing: Literal["cobs", "slip"] = Field(
+        default="cobs", description="How packets are framed on the line: cobs or slip, as the sensor does."
+    )
     simulator: str = Field(
         default="", description="Camera profile of a simulated sensor to start and open, for example cubestar."
     )
     simulator_baud: int = Field(default=3_000_000, ge=0, description="Line rate of the simulated sensor; 0 is unpaced.")
     simulator_seed: int = Field(default=1, description="Seed of the simulated sensor's noise and motion.")
+    capture_file_mb: int = Field(
+        default=64, ge=1, le=4096, description="Size at which a file of the raw capture is closed and the next begun."
+    )
+    capture_keep_mb: int = Field(
+        default=1024, ge=1, description="The oldest files of the raw capture go when all together are larger."
+    )
     user: str = Field(default="operator-1", description="Name of the single local user.")
     solve_chain: str = Field(default="reference", description="Chain that runs on every frame that comes down.")
 

@@ -13,21 +13,27 @@ from gss.operations.alarms import AlarmService
 from gss.operations.authority import AuthorityService
 from gss.operations.banks import BankService
 from gss.operations.build_catalogue import CatalogueService
+from gss.operations.campaigns import CampaignService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
 from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
+from gss.operations.device_tables import DeviceTableService
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
 from gss.operations.jobs import JobService
 from gss.operations.link import LinkService
+from gss.operations.raw_capture import Retention
 from gss.operations.reception import Reception
 from gss.operations.replay import ReplayService
+from gss.operations.reprocess import ReprocessService
 from gss.operations.rerun_viewer import RerunViewer
 from gss.operations.schedule import ScheduleService
 from gss.operations.solve import Solver, SolverCache
 from gss.operations.status import StatusService
 from gss.operations.telemetry import TelemetryService
+from gss.operations.transfer_parts import PartStore
 from gss.operations.transfers import TransferService
+from gss.operations.uploaded_images import UploadedImages
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, migrate, open_engine
@@ -53,9 +59,13 @@ class Services:
     database: Database
     replay: ReplayService
     alarms: AlarmService
+    tables: DeviceTableService
+    images: UploadedImages
     authority: AuthorityService
     history: CommandHistory
     schedule: ScheduleService
+    campaigns: CampaignService = field(kw_only=True)
+    reprocessing: ReprocessService = field(kw_only=True)
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -94,21 +104,31 @@ def build(settings: Settings) -> Services:
     bus = EventBus(database, utc_now)
     stars = load_stars()
     dictionary = load_dictionary()
-    link = LinkService(dictionary, database, bus, settings.data / "captures", utc_now, monotonic_s)
+    retention = Retention(settings.capture_file_mb << 20, settings.capture_keep_mb << 20)
+    link = LinkService(
+        dictionary, database, bus, settings.data / "captures", utc_now, monotonic_s, settings.framing, retention
+    )
     authority = AuthorityService(database, bus, utc_now)
     commands = CommandService(link, database, bus, utc_now, authority)
     schedule = ScheduleService(link, commands, bus, utc_now)
     telemetry = TelemetryService(dictionary, database, bus, utc_now)
     telemetry.contact = lambda: link.contact_id
     alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
-    transfers = TransferService(link, database, bus, utc_now)
+    transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
+    tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
     jobs = JobService(database, bus, utc_now)
+    epoch_jyear = jyear_of(utc_now())
+    campaigns = CampaignService(database, jobs)
+    reprocessing = ReprocessService(database, settings.blobs_url, jobs, utc_now, epoch_jyear)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, stars, utc_now)
     replay = ReplayService(frames, banks, bus, stopwatch_s)
-    reception = Reception(link, commands, telemetry, transfers, frames, banks, replay, stars, bus, utc_now)
+    images = UploadedImages(link, commands, transfers, frames, bus)
+    reception = Reception(
+        link, commands, telemetry, transfers, frames, banks, tables, images, replay, stars, bus, utc_now
+    )
     link.handlers += [
         telemetry.handle,
         commands.handle,
@@ -136,7 +156,11 @@ def build(settings: Settings) -> Services:
         database,
         replay,
         alarms,
+        tables=tables,
+        images=images,
         authority=authority,
         history=CommandHistory(database),
         schedule=schedule,
+        campaigns=campaigns,
+        reprocessing=reprocessing,
     )

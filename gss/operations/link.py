@@ -5,16 +5,17 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from gss.device.dictionary import Dictionary
 from gss.device.session import HostSession
-from gss.device.session_events import HelloReceived, LinkCounters, SessionEvent
+from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters, SessionEvent
 from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import Conflict, GssError, LinkDown
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
-from gss.operations.raw_capture import RECEIVED, SENT, RawCapture
+from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, Retention
 from gss.store import devices as store
 from gss.store.engine import Database
 
@@ -43,9 +44,11 @@ class LinkService:
         captures: Path,
         now: Now,
         monotonic_s: Monotonic,
+        framing: str = "cobs",
+        retention: Retention | None = None,
     ) -> None:
-        self.dictionary = dictionary
-        self.session = HostSession(dictionary)
+        self.dictionary, self.framing = dictionary, framing
+        self.session = HostSession(dictionary, framing=framing)
         self.lock = threading.RLock()
         self.url = ""
         self.connected = False
@@ -56,6 +59,8 @@ class LinkService:
         self.handlers: list[Handler] = []
         self._database, self._bus, self._captures = database, bus, captures
         self._now, self.monotonic_s = now, monotonic_s
+        self._retention = retention or Retention()
+        self._counted_from = self.session.counters
         self._wake = threading.Event()
         self._stopping = False
         self._capture: RawCapture | None = None
@@ -111,6 +116,12 @@ class LinkService:
         """Counters since the server started."""
         return self.session.counters
 
+    @property
+    def contact_counters(self) -> LinkCounters:
+        """Counters since this contact was opened."""
+        now, then = self.counters, self._counted_from
+        return LinkCounters(_less(now.sent, then.sent), _less(now.received, then.received), now.last_good_s)
+
     def _run(self) -> None:
         while not self._stopping:
             if not self.url:
@@ -144,8 +155,9 @@ class LinkService:
         with self._database.unit_of_work() as session:
             contact = store.open_contact(session, url, self._now(), "")
             self.contact_id = contact.id
-            self._capture = RawCapture(self._captures, contact.id)
+            self._capture = RawCapture(self._captures, contact.id, self._retention)
             contact.capture = self._capture.name
+        self._counted_from = self.counters
         self.connected, self.reason = True, ""
         self._bus.record("link", "ok", f"line open on {url}", contact_id=self.contact_id)
         with self.lock:
@@ -223,7 +235,7 @@ class LinkService:
         self.connected, self.reason = False, cause
         with self.lock:
             events = self.session.link_lost(self.monotonic_s())
-        self._tell(events)
+        self._tell([*events, self.counters])
         self._count_bytes(ended=True)
         if self._capture:
             self._capture.close()
@@ -231,7 +243,7 @@ class LinkService:
         self._bus.record("link", "watch", f"line closed: {cause}", contact_id=contact_id)
 
     def _count_bytes(self, *, ended: bool = False) -> None:
-        counters = self.counters
+        counters = self.contact_counters
         with self._database.unit_of_work() as session:
             if self.contact_id is not None:
                 store.update_contact(
@@ -239,9 +251,14 @@ class LinkService:
                     self.contact_id,
                     rx_bytes=counters.received.bytes,
                     tx_bytes=counters.sent.bytes,
+                    captures=self._capture.files if self._capture else None,
                     ended=self._now() if ended else None,
                 )
 
     def _record(self, direction: int, data: bytes) -> None:
         if data and self._capture:
             self._capture.write(self._now().timestamp(), direction, data)
+
+
+def _less(now: DirectionCounters, then: DirectionCounters) -> DirectionCounters:
+    return DirectionCounters(*(getattr(now, f.name) - getattr(then, f.name) for f in fields(DirectionCounters)))

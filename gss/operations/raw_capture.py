@@ -1,68 +1,131 @@
 """Every byte of a contact, in both directions, written before anything looks at it.
 
 A file is a run of records: f64 Unix seconds, u8 direction (0 received, 1 sent), u32 length, then the bytes; little endian.
+A contact's record is one or more files, ``contact-000012-000.raw`` and on; a record is never split over two of them.
 """
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 RECORD = struct.Struct("<dBI")
 RECEIVED, SENT = 0, 1
-FILE_BYTES = 64 << 20
-KEEP_BYTES = 1 << 30
+LONGEST_RECORD = 1 << 24
+"""No read or write of the line is nearly as long; a longer one is damage of the file."""
+NAME = re.compile(r"contact-(\d+)-(\d+)\.raw")
+Record = tuple[float, int, bytes]
+"""(Unix seconds, direction, bytes)."""
+
+
+@dataclass(frozen=True)
+class Retention:
+    """A file is closed and the next begun at ``file_bytes``; the oldest files go when all together pass ``keep_bytes``."""
+
+    file_bytes: int = 64 << 20
+    keep_bytes: int = 1 << 30
 
 
 class RawCapture:
-    """Rotating capture of one contact in ``folder``; the oldest files of any contact go when all together pass the limit."""
+    """Rotating capture of one contact in ``folder``. Files that are there are never written over."""
 
-    def __init__(self, folder: Path, contact_id: int) -> None:
+    def __init__(self, folder: Path, contact_id: int, retention: Retention | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._contact_id, self._part = folder, contact_id, 0
-        self._file: BinaryIO = self._open()
+        self._folder, self._contact_id = folder, contact_id
+        self._retention = retention or Retention()
+        self._sizes: dict[str, int] = {}
+        self._part = -1
+        self._file: BinaryIO = self._next()
 
     @property
     def name(self) -> str:
         """What the files of this contact begin with."""
         return f"contact-{self._contact_id:06d}"
 
+    @property
+    def files(self) -> list[dict[str, object]]:
+        """Name and bytes of each file that was written, those that are gone again too."""
+        return [{"file": name, "bytes": size} for name, size in self._sizes.items()]
+
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
         """Append one record; it is in the operating system's hands when this returns."""
         if not data:
             return
-        if self._file.tell() > FILE_BYTES:
+        if self._file.tell() >= self._retention.file_bytes:
             self._file.close()
-            self._part += 1
-            self._file = self._open()
+            self._file = self._next()
             self._drop_oldest()
         self._file.write(RECORD.pack(unix_s, direction, len(data)) + data)
         self._file.flush()
+        self._sizes[Path(self._file.name).name] = self._file.tell()
 
     def close(self) -> None:
         """End the file."""
         self._file.close()
 
-    def _open(self) -> BinaryIO:
-        return (self._folder / f"{self.name}-{self._part:03d}.raw").open("wb")
+    def _next(self) -> BinaryIO:
+        """The next file. A database that starts anew counts its contacts from 1 again; what is there stays."""
+        while True:
+            self._part += 1
+            path = self._folder / f"{self.name}-{self._part:03d}.raw"
+            try:
+                file = path.open("xb")
+            except FileExistsError:
+                continue
+            self._sizes[path.name] = 0
+            return file
 
     def _drop_oldest(self) -> None:
-        files = sorted(self._folder.glob("contact-*.raw"))  # names ascend with time
+        files = capture_files(self._folder)
         total = sum(p.stat().st_size for p in files)
-        for path in files[:-1]:
-            if total <= KEEP_BYTES:
+        for path in files:
+            if total <= self._retention.keep_bytes or path.name == Path(self._file.name).name:
                 break
             total -= path.stat().st_size
             path.unlink()
 
 
-def read_capture(file: BinaryIO) -> Iterator[tuple[float, int, bytes]]:
-    """(unix_s, direction, bytes) of each whole record; a cut-off last record ends the run quietly."""
+def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
+    """Files of a contact (None: of all) in the order in which they were written."""
+    found = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw")]
+    numbered = [(int(m[1]), int(m[2]), p) for m, p in found if m and contact_id in (None, int(m[1]))]
+    return [p for _, _, p in sorted(numbered)]
+
+
+def read_capture(file: BinaryIO) -> Iterator[Record]:
+    """Each whole record of a file; a cut-off or senseless one ends the run quietly: that is where a crash was."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
+        if direction not in (RECEIVED, SENT) or length > LONGEST_RECORD:
+            return
         data = file.read(length)
         if len(data) < length:
             return
         yield unix_s, direction, data
+
+
+def read_captures(paths: Iterable[Path]) -> Iterator[Record]:
+    """The records of several files as one run; a torn end of one does not hide the next."""
+    for path in paths:
+        with path.open("rb") as file:
+            yield from read_capture(file)
+
+
+def capture_span(paths: Iterable[Path]) -> tuple[float, float] | None:
+    """Unix seconds of the first and the last record, from the heads alone; None where there is none."""
+    first: float | None = None
+    last = 0.0
+    for path in paths:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            while len(head := file.read(RECORD.size)) == RECORD.size:
+                unix_s, direction, length = RECORD.unpack(head)
+                if direction not in (RECEIVED, SENT) or length > LONGEST_RECORD or file.tell() + length > size:
+                    break
+                file.seek(length, 1)
+                first, last = (unix_s if first is None else first), unix_s
+    return None if first is None else (first, last)

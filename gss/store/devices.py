@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from gss.store.models import Command, Contact, Device, Frame
+from gss.domain.errors import NotFound
+from gss.store.models import Command, Contact, Device, Event, Frame, TelemetryPacket, Transfer
 
 
 def remember(
@@ -46,19 +49,25 @@ def update_contact(
     device_id: int | None = None,
     rx_bytes: int | None = None,
     tx_bytes: int | None = None,
+    captures: list[Any] | None = None,
+    note: str | None = None,
     ended: datetime | None = None,
 ) -> None:
     """Set what is given."""
     contact = session.get_one(Contact, contact_id)
-    for name, value in (("device_id", device_id), ("rx_bytes", rx_bytes), ("tx_bytes", tx_bytes), ("ended", ended)):
+    given = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
+    for name, value in {**given, "ended": ended}.items():
         if value is not None:
             setattr(contact, name, value)
 
 
 def close_left_open(session: Session, now: datetime) -> None:
-    """End contacts that a crash left open."""
+    """End contacts that a crash left open, at the last packet that was stored of them."""
     for contact in session.scalars(select(Contact).where(Contact.ended.is_(None))):
-        contact.ended = now
+        last = session.scalar(
+            select(func.max(TelemetryPacket.received)).where(TelemetryPacket.contact_id == contact.id)
+        )
+        contact.ended = min(now, last or contact.started)
 
 
 def list_contacts(session: Session, limit: int) -> list[tuple[Contact, Device | None, int, int]]:
@@ -72,3 +81,32 @@ def list_contacts(session: Session, limit: int) -> list[tuple[Contact, Device | 
         .limit(limit)
     )
     return [(row[0], row[1], row[2], row[3]) for row in session.execute(query)]
+
+
+def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | None]:
+    """A contact and who it was with."""
+    row = session.get(Contact, contact_id)
+    if row is None:
+        raise NotFound("no such contact", got=str(contact_id))
+    return row, session.get(Device, row.device_id) if row.device_id is not None else None
+
+
+def frames_of(session: Session, contact_id: int) -> list[Frame]:
+    """Frames that came in a contact, oldest first."""
+    return list(session.scalars(select(Frame).where(Frame.contact_id == contact_id).order_by(Frame.id)))
+
+
+def commands_of(session: Session, contact_id: int) -> list[Command]:
+    """Commands of a contact, oldest first."""
+    return list(session.scalars(select(Command).where(Command.contact_id == contact_id).order_by(Command.id)))
+
+
+def transfers_of(session: Session, contact_id: int) -> list[Transfer]:
+    """Transfers that were begun in a contact, oldest first."""
+    return list(session.scalars(select(Transfer).where(Transfer.contact_id == contact_id).order_by(Transfer.id)))
+
+
+def events_between(session: Session, start: datetime, end: datetime, kinds: Sequence[str] = ()) -> list[Event]:
+    """Recorded events of a span, oldest first, of some kinds or of all."""
+    query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq)
+    return list(session.scalars(query.where(Event.kind.in_(kinds)) if kinds else query))
