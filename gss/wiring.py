@@ -29,6 +29,8 @@ from gss.operations.reprocess import ReprocessService
 from gss.operations.rerun_viewer import RerunViewer
 from gss.operations.schedule import ScheduleService
 from gss.operations.solve import Solver, SolverCache
+from gss.operations.stack_runs import StackRunner
+from gss.operations.stacks import StackService
 from gss.operations.status import StatusService
 from gss.operations.telemetry import TelemetryService
 from gss.operations.transfer_parts import PartStore
@@ -64,8 +66,10 @@ class Services:
     authority: AuthorityService
     history: CommandHistory
     schedule: ScheduleService
-    campaigns: CampaignService = field(kw_only=True)
-    reprocessing: ReprocessService = field(kw_only=True)
+    stacks: StackService
+    stack_runs: StackRunner
+    campaigns: CampaignService
+    reprocessing: ReprocessService
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -73,6 +77,7 @@ class Services:
         self.jobs.start()
         self.transfers.start()
         self.commands.start()
+        self.stack_runs.start()
         self.alarms.start()
         self.link.start()
         self.status.start()
@@ -88,6 +93,7 @@ class Services:
         """Close the line first, so that nothing new comes; then end what still works."""
         self.announce_stop()
         self.status.stop()
+        self.stack_runs.shut_down()
         self.link.stop()
         self.replay.stop()
         self.frames.stop()
@@ -111,6 +117,8 @@ def build(settings: Settings) -> Services:
     authority = AuthorityService(database, bus, utc_now)
     commands = CommandService(link, database, bus, utc_now, authority)
     schedule = ScheduleService(link, commands, bus, utc_now)
+    stacks = StackService(link, commands, database, utc_now)
+    stack_runs = StackRunner(stacks, link, commands, database, bus, utc_now, monotonic_s)
     telemetry = TelemetryService(dictionary, database, bus, utc_now)
     telemetry.contact = lambda: link.contact_id
     alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
@@ -136,6 +144,7 @@ def build(settings: Settings) -> Services:
         reception.handle,
         alarms.handle,
         schedule.handle,
+        stack_runs.handle,
     ]
     status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
     viewer = RerunViewer(settings.data / "rerun-viewer")
@@ -161,6 +170,8 @@ def build(settings: Settings) -> Services:
         authority=authority,
         history=CommandHistory(database),
         schedule=schedule,
+        stacks=stacks,
+        stack_runs=stack_runs,
         campaigns=campaigns,
         reprocessing=reprocessing,
     )

@@ -15,6 +15,7 @@ from gss.api import errors, security, stream
 from gss.api.routers import (
     alarms,
     authority,
+    campaigns,
     catalogues,
     commands,
     events,
@@ -23,8 +24,10 @@ from gss.api.routers import (
     limits,
     link,
     rerun,
+    schedule,
     sky,
     solutions,
+    stacks,
     telemetry,
     transfers,
 )
@@ -62,6 +65,8 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
     api = APIRouter(prefix="/api")
     for module in (
         authority,
+        schedule,
+        stacks,
         link,
         commands,
         telemetry,
@@ -70,6 +75,7 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         frames,
         solutions,
         catalogues,
+        campaigns,
         transfers,
         jobs,
         events,

@@ -18,6 +18,8 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "link": present.link.link,
     "telemetry": present.telemetry.latest,
     "command": present.commands.command,
+    "schedule": present.schedule.schedule,
+    "stack_run": present.stacks.run,
     "authority": present.authority.authority,
     "transfer": present.records.transfer,
     "frame": lambda frame: present.frames.frame(frame, None),

@@ -13,7 +13,6 @@ from gss.domain.errors import BadInput, Conflict, GssError
 
 YES = "yes"
 SCHEDULE = "SCHEDULE"
-ORDER = tuple(Hazard)
 
 
 @dataclass(frozen=True)
@@ -55,27 +54,15 @@ class Check:
 
 def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> Risk:
     """The worst of the command's hazard and of the chosen values'; SCHEDULE hurts as much as what it carries."""
-    hazard, reason = _hazard_for(command, arguments)
+    hazard, reason = command.hazard_for(arguments)
     own = Risk(hazard, reason, command.name)
     inner = scheduled(dictionary, arguments) if command.name == SCHEDULE else None
     if inner is None:
         return own
     carried = risk_of(dictionary, *inner)
-    if ORDER.index(carried.hazard) > ORDER.index(own.hazard):
+    if carried.hazard.rank > own.hazard.rank:
         return Risk(carried.hazard, f"When its time comes: {carried.reason}", carried.name)
     return own
-
-
-def _hazard_for(command: Command, arguments: Mapping[str, Any]) -> tuple[Hazard, str]:
-    # TODO(H): drop once the dictionary has it
-    if hasattr(command, "hazard_for"):
-        return command.hazard_for(arguments)  # type: ignore[no-any-return]
-    return command.hazard, command.hazard_reason
-
-
-def simulator_only(command: Command) -> bool:
-    """TODO(H): drop once the dictionary has it"""
-    return bool(getattr(command, "simulator_only", False))
 
 
 def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Command, dict[str, Value]] | None:
@@ -110,7 +97,7 @@ def precondition_states(command: Command, housekeeping: Mapping[str, Value] | No
 
 def check_unit(command: Command, hello: HelloReceived | None) -> None:
     """Commands of a simulator only go to a device that says it is one."""
-    if not simulator_only(command) or (hello is not None and hello.simulated):
+    if not command.simulator_only or (hello is not None and hello.simulated):
         return
     got = "no device has answered yet" if hello is None else f"{hello.serial or hello.device_model} is real"
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)

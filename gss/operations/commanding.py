@@ -18,7 +18,6 @@ from gss.operations.command_checks import (
     check_unit,
     precondition_states,
     risk_of,
-    simulator_only,
 )
 from gss.operations.command_record import CommandRecorder, CommandView, CompletedHook
 from gss.operations.events import EventBus
@@ -87,7 +86,7 @@ class CommandService:
         """The commands of the dictionary that the present device can take."""
         hello = self._link.hello
         real = hello is not None and not hello.simulated
-        return [c for c in self._link.dictionary.commands if not (real and simulator_only(c))]
+        return [c for c in self._link.dictionary.commands if not (real and c.simulator_only)]
 
     def idempotent(self, name: str) -> bool:
         """Does doing it twice do no harm? No, where the dictionary does not know."""
@@ -116,6 +115,14 @@ class CommandService:
         risk = risk_of(self._link.dictionary, definition, arguments)
         held = self._authority.holder()
         return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+
+    def check_user(self, user: str) -> None:
+        """Conflict while somebody else holds command authority."""
+        self._authority.check(user)
+
+    def require_user(self, user: str) -> None:
+        """As ``check_user``; with nobody holding it the user takes it."""
+        self._authority.require(user)
 
     def preview(self, name: str, arguments: Mapping[str, Any]) -> list[tuple[str, bytes]]:
         """(label, bytes) of the packet that the next ``send`` would make."""

@@ -22,7 +22,7 @@ from gss.device.session_events import (
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.operations.clock import Now, iso_z
 from gss.operations.clock_correlation import ClockTracker, Correlation
-from gss.operations.command_checks import SCHEDULE, Risk, risk_of, scheduled, simulator_only
+from gss.operations.command_checks import SCHEDULE, Risk, risk_of, scheduled
 from gss.operations.commanding import SERVER, CommandService
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
@@ -86,7 +86,7 @@ class Plan:
 
 def schedulable(command: Definition) -> bool:
     """May it be put into the device's table?"""
-    return command.name not in NEVER and not simulator_only(command)
+    return command.name not in NEVER and not command.simulator_only
 
 
 class ScheduleService:
@@ -273,7 +273,7 @@ class ScheduleService:
     def _not_schedulable(self, inner: Definition) -> list[str]:
         if inner.name in NEVER:
             return [NEVER[inner.name]]
-        return ["commands of the simulator are not scheduled"] if simulator_only(inner) else []
+        return ["commands of the simulator are not scheduled"] if inner.simulator_only else []
 
     def _past(self, at_device_s: float, clock: Correlation | None) -> list[str]:
         now_s = None if clock is None else clock.device_of(self._now().timestamp())

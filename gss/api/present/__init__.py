@@ -1,5 +1,16 @@
 """Rows and records into what travels: the one place where radians become degrees and arcseconds."""
 
-from gss.api.present import alarms, authority, catalogues, commands, frames, link, records, telemetry
+from gss.api.present import alarms, authority, catalogues, commands, frames, link, records, schedule, stacks, telemetry
 
-__all__ = ["alarms", "authority", "catalogues", "commands", "frames", "link", "records", "telemetry"]
+__all__ = [
+    "alarms",
+    "authority",
+    "catalogues",
+    "commands",
+    "frames",
+    "link",
+    "records",
+    "schedule",
+    "stacks",
+    "telemetry",
+]

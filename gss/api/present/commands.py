@@ -19,7 +19,7 @@ from gss.api.schemas.commands import (
 )
 from gss.device.dictionary import Command as Definition
 from gss.device.dictionary import Dictionary
-from gss.operations.command_checks import Check, PreconditionState, simulator_only
+from gss.operations.command_checks import Check, PreconditionState
 from gss.operations.command_record import CommandView
 from gss.operations.schedule import schedulable
 from gss.store.models import Command
@@ -82,7 +82,7 @@ def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDef
         preconditions=[precondition(s) for s in states],
         accept_within_s=c.accept_s,
         complete_within_s=c.complete_s,
-        simulator_only=simulator_only(c),
+        simulator_only=c.simulator_only,
         schedulable=schedulable(c),
     )
 

@@ -1,0 +1,62 @@
+"""Commands for later, kept on board."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+
+from gss.api import present
+from gss.api.deps import App, User
+from gss.api.schemas.commands import CommandOut
+from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
+from gss.operations.command_checks import SCHEDULE
+
+router = APIRouter(tags=["schedule"])
+ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]
+
+
+@router.get("/schedule")
+def read_schedule(app: App) -> ScheduleOut:
+    """The table as the device last told it, with the clocks. Nothing is sent."""
+    return present.schedule.schedule(app.schedule.state())
+
+
+@router.post("/schedule/refresh", status_code=201)
+def refresh_schedule(app: App, user: User) -> CommandOut:
+    """Ask the device for its table."""
+    return present.commands.command(app.commands.view(app.schedule.refresh(user=user)))
+
+
+@router.post("/schedule/check")
+def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
+    """Dry run of SCHEDULE for a command at a moment."""
+    plan = app.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
+    groups = app.commands.preview(SCHEDULE, plan.order) if plan.order else []
+    return present.schedule.plan(plan, groups, list(plan.order))
+
+
+@router.post("/schedule", status_code=201)
+def schedule_command(app: App, body: ScheduleIn, user: User) -> CommandOut:
+    """Put a command into the device's table."""
+    row = app.schedule.send(
+        body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s, confirm=body.confirm, user=user
+    )
+    return present.commands.command(app.commands.view(row))
+
+
+@router.post("/schedule/cancel-all", status_code=201)
+def cancel_all(app: App, user: User) -> CommandOut:
+    """Take back everything that waits."""
+    return present.commands.command(app.commands.view(app.schedule.cancel_all(user=user)))
+
+
+@router.post("/schedule/{schedule_id}/cancel", status_code=201)
+def cancel_one(app: App, schedule_id: ScheduleId, user: User) -> CommandOut:
+    """Take one row back."""
+    return present.commands.command(app.commands.view(app.schedule.cancel(schedule_id, user=user)))
+
+
+def _utc(moment: datetime | None) -> datetime | None:
+    return moment if moment is None or moment.tzinfo else moment.replace(tzinfo=UTC)

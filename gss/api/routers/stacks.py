@@ -1,0 +1,124 @@
+"""Stacks: keeping, trying dry, running."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from gss.api import present
+from gss.api.deps import App, RowId, User
+from gss.api.schemas.stacks import (
+    RunIn,
+    StackCheckOut,
+    StackFileIn,
+    StackFileOut,
+    StackIn,
+    StackOut,
+    StackRunOut,
+    StepsIn,
+)
+from gss.operations.stacks import StackCheck
+from gss.wiring import Services
+
+router = APIRouter(tags=["stacks"])
+Limit = Annotated[int, Query(ge=1, le=200)]
+
+
+@router.get("/stacks")
+def list_stacks(app: App) -> list[StackOut]:
+    """By name."""
+    return [present.stacks.stack(row) for row in app.stacks.every()]
+
+
+@router.post("/stacks", status_code=201)
+def create_stack(app: App, body: StackIn, user: User) -> StackOut:
+    """Keep a new stack."""
+    content = body.model_dump()
+    return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
+
+
+@router.post("/stacks/import", status_code=201)
+def import_stack(app: App, body: StackFileIn, user: User) -> StackOut:
+    """Keep a stack from a file; it is checked against our dictionary, whichever it was written with."""
+    content = body.model_dump()
+    return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
+
+
+@router.post("/stacks/check")
+def check_steps(app: App, body: StepsIn, user: User) -> StackCheckOut:
+    """Dry run of steps that are not kept yet."""
+    return _checked(app, app.stacks.check(body.model_dump()["steps"], user=user))
+
+
+@router.get("/stacks/{stack_id}")
+def read_stack(app: App, stack_id: RowId) -> StackOut:
+    """One stack."""
+    return present.stacks.stack(app.stacks.get(stack_id))
+
+
+@router.put("/stacks/{stack_id}")
+def change_stack(app: App, stack_id: RowId, body: StackIn, user: User) -> StackOut:
+    """Another content."""
+    content = body.model_dump()
+    row = app.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
+    return present.stacks.stack(row)
+
+
+@router.delete("/stacks/{stack_id}", status_code=204)
+def delete_stack(app: App, stack_id: RowId) -> None:
+    """Forget a stack; its runs stay on the record."""
+    app.stacks.delete(stack_id)
+
+
+@router.get("/stacks/{stack_id}/stack.json")
+def export_stack(app: App, stack_id: RowId, response: Response) -> StackFileOut:
+    """A stack as a file."""
+    response.headers["Content-Disposition"] = f"attachment; filename=stack-{stack_id}.json"
+    return StackFileOut(**app.stacks.exported(stack_id))
+
+
+@router.post("/stacks/{stack_id}/check")
+def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
+    """Dry run: bytes, hazards, conditions and times of every step."""
+    return _checked(app, app.stacks.check(app.stacks.get(stack_id).steps, user=user))
+
+
+@router.post("/stacks/{stack_id}/run", status_code=201)
+def run_stack(app: App, stack_id: RowId, body: RunIn, user: User) -> StackRunOut:
+    """Run it, with the names of all hazardous steps typed beforehand."""
+    return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
+
+
+@router.get("/stack-runs")
+def list_runs(app: App, limit: Limit = 20) -> list[StackRunOut]:
+    """Newest first."""
+    return [present.stacks.run(row) for row in app.stack_runs.newest(limit)]
+
+
+@router.get("/stack-runs/{run_id}")
+def read_run(app: App, run_id: RowId) -> StackRunOut:
+    """One run."""
+    return present.stacks.run(app.stack_runs.get(run_id))
+
+
+@router.post("/stack-runs/{run_id}/pause")
+def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
+    """Send no further step for now."""
+    return present.stacks.run(app.stack_runs.pause(run_id, user=user))
+
+
+@router.post("/stack-runs/{run_id}/resume")
+def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
+    """Go on."""
+    return present.stacks.run(app.stack_runs.resume(run_id, user=user))
+
+
+@router.post("/stack-runs/{run_id}/stop")
+def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
+    """End it; a command that was sent is followed on its own."""
+    return present.stacks.run(app.stack_runs.stop(run_id, user=user))
+
+
+def _checked(app: Services, result: StackCheck) -> StackCheckOut:
+    return present.stacks.check(result, lambda name: [a.name for a in app.link.dictionary.command(name).arguments])

@@ -1,0 +1,156 @@
+"""Stacks of commands, their dry runs and their runs."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.commands import ByteGroupOut, HazardName, PreconditionOut
+
+Operator = Literal["eq", "ne", "lt", "le", "gt", "ge"]
+Plain = float | int | str | bool
+
+
+class ConditionIn(In):
+    """What telemetry must show before the command goes out: a value received after the step before, within ``wait_s``."""
+
+    packet: str = "housekeeping"
+    field: str
+    op: Operator
+    value: Plain
+    wait_s: float = Field(default=10.0, ge=1.0, le=86_400.0)
+
+
+class StepIn(In):
+    """One step: first the delay, then the condition, then the command."""
+
+    command: str
+    arguments: dict[str, Plain] = Field(default_factory=dict)
+    delay_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
+    condition: ConditionIn | None = None
+    note: str = Field(default="", max_length=500)
+
+
+class StackIn(In):
+    """A stack to keep."""
+
+    name: str = Field(min_length=1, max_length=80)
+    note: str = Field(default="", max_length=2000)
+    steps: list[StepIn] = Field(min_length=1, max_length=200)
+
+
+class StackFileIn(StackIn):
+    """An exported stack."""
+
+    format: Literal["gss-stack"]
+    version: Literal[1]
+    dictionary: str = ""
+
+
+class StepsIn(In):
+    """Steps to try dry."""
+
+    steps: list[StepIn] = Field(min_length=1, max_length=200)
+
+
+class RunIn(In):
+    """The names that confirm the hazardous steps."""
+
+    confirm: list[str] = Field(default_factory=list, max_length=200)
+
+
+class ConditionOut(Out):
+    """A condition as kept."""
+
+    packet: str
+    field: str
+    op: Operator
+    value: Plain
+    wait_s: float
+
+
+class StepOut(Out):
+    """A step as kept, with all arguments."""
+
+    command: str
+    arguments: dict[str, Any]
+    delay_s: float
+    condition: ConditionOut | None
+    note: str
+
+
+class StackOut(Out):
+    """A stack."""
+
+    id: int
+    name: str
+    note: str
+    steps: list[StepOut]
+    author: str
+    changed: Utc
+
+
+class StackFileOut(Out):
+    """A stack for another installation; ``dictionary``: hash of the one that it was written with."""
+
+    format: str
+    version: int
+    dictionary: str
+    name: str
+    note: str
+    steps: list[StepOut]
+
+
+class StepCheckOut(Out):
+    """Dry run of one step. ``within_s``: its waiting and the windows of its reports."""
+
+    index: int
+    command: str
+    text: str
+    hazard: HazardName
+    hazard_reason: str
+    confirm_name: str
+    role: str
+    preconditions: list[PreconditionOut]
+    problems: list[str]
+    bytes: list[ByteGroupOut]
+    size: int
+    delay_s: float
+    wait_s: float
+    within_s: float
+
+
+class StackCheckOut(Out):
+    """Dry run of a stack. ``confirm``: the names to type before it runs."""
+
+    steps: list[StepCheckOut]
+    problems: list[str]
+    confirm: list[str]
+    size: int
+    shortest_s: float
+    longest_s: float
+
+
+class RunStepOut(StepOut):
+    """A step of a run. ``state``: waiting, delay, condition, sending, stopped, or the result of its command."""
+
+    state: str
+    command_id: int | None
+    detail: str
+
+
+class StackRunOut(Out):
+    """A run. ``step``: index of the present or last one."""
+
+    id: int
+    stack_id: int | None
+    name: str
+    user: str
+    state: Literal["running", "paused", "completed", "failed", "stopped"]
+    step: int
+    steps: list[RunStepOut]
+    reason: str
+    started: Utc
+    finished: Utc | None

@@ -1,0 +1,60 @@
+"""Stacks of commands and their runs."""
+
+from __future__ import annotations
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Stack, StackRun
+
+UNDER_WAY = ("running", "paused")
+
+
+def every(session: Session) -> list[Stack]:
+    """By name."""
+    return list(session.scalars(select(Stack).order_by(Stack.name)))
+
+
+def get(session: Session, stack_id: int) -> Stack:
+    """The stack of that id."""
+    row = session.get(Stack, stack_id)
+    if row is None:
+        raise NotFound("no such stack", got=str(stack_id))
+    return row
+
+
+def named(session: Session, name: str) -> Stack | None:
+    """The stack of that name."""
+    return session.scalar(select(Stack).where(Stack.name == name))
+
+
+def add(session: Session, row: Stack | StackRun) -> None:
+    """Store a new row and give it its id."""
+    session.add(row)
+    session.flush()
+
+
+def delete(session: Session, stack_id: int) -> None:
+    """Forget a stack; its runs stay on the record."""
+    row = get(session, stack_id)
+    session.execute(update(StackRun).where(StackRun.stack_id == stack_id).values(stack_id=None))
+    session.delete(row)
+
+
+def get_run(session: Session, run_id: int) -> StackRun:
+    """The run of that id."""
+    row = session.get(StackRun, run_id)
+    if row is None:
+        raise NotFound("no such run of a stack", got=str(run_id))
+    return row
+
+
+def newest_runs(session: Session, limit: int) -> list[StackRun]:
+    """Newest first."""
+    return list(session.scalars(select(StackRun).order_by(StackRun.id.desc()).limit(limit)))
+
+
+def left_under_way(session: Session) -> list[StackRun]:
+    """Runs that the last server did not end."""
+    return list(session.scalars(select(StackRun).where(StackRun.state.in_(UNDER_WAY))))
