@@ -48,16 +48,21 @@ def entry(name: str) -> Entry:
         raise NotFound("unknown experiment", expected=" | ".join(ENTRIES), got=name) from None
 
 
-def run_experiment(
-    name: str, *, trials: int | None = None, seed: int = DEFAULT_SEED, progress: Progress = lambda _: None
-) -> Experiment:
-    """Run one. ``trials`` None: its own number. The same seed and trials give the same figures."""
-    found = entry(name)
-    count = found.trials if trials is None else trials
+def check(name: str, trials: int | None, seed: int) -> int:
+    """The number of trials that a run would take; NotFound or BadInput where it could not run."""
+    count = entry(name).trials if trials is None else trials
     if not 1 <= count <= MOST_TRIALS:
         raise BadInput("number of trials is out of range", expected=f"1 – {MOST_TRIALS}", got=str(count))
     if seed < 0:
         raise BadInput("a seed is not negative", expected="0 or more", got=str(seed))
+    return count
+
+
+def run_experiment(
+    name: str, *, trials: int | None = None, seed: int = DEFAULT_SEED, progress: Progress = lambda _: None
+) -> Experiment:
+    """Run one. ``trials`` None: its own number. The same seed and trials give the same figures."""
+    found, count = entry(name), check(name, trials, seed)
     stars = propagate(load_stars(FAINTEST_MAG), found.epoch_jyear)
     return found.rerun(stars, count, seed, progress)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -106,3 +108,27 @@ def solved_by(session: Session, chain: str, version: str) -> set[int]:
         Solution.origin == "ground", Solution.chain == chain, Solution.version == version, Solution.replay.is_(None)
     )
     return set(session.scalars(query.distinct()))
+
+
+class Outcome(NamedTuple):
+    """The figures of a solution that comparisons need, without its overlays."""
+
+    frame_id: int
+    chain: str
+    version: str
+    outcome: str
+    verdict: str | None
+    error_axis_rad: float | None
+    rms_px: float | None
+    timing_s: dict[str, Any]
+
+
+def newest_by_chain(session: Session) -> list[Outcome]:
+    """The newest ground result of each frame, chain and version."""
+    newest = (
+        select(func.max(Solution.id))
+        .where(Solution.origin == "ground", Solution.replay.is_(None))
+        .group_by(Solution.frame_id, Solution.chain, Solution.version)
+    )
+    columns = [getattr(Solution, name) for name in Outcome._fields]
+    return [Outcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]

@@ -1,0 +1,53 @@
+"""Campaigns: experiments, reprocessing, chains side by side."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api import present
+from gss.api.deps import App
+from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
+from gss.api.schemas.jobs import JobOut
+from gss.domain.angles import ARCSEC_RAD
+from gss.operations.experiments import ENTRIES
+from gss.operations.reprocess import Reprocessing
+
+router = APIRouter(prefix="/campaigns", tags=["campaigns"])
+
+
+@router.get("/experiments")
+def list_experiments(_: App) -> list[ExperimentOut]:
+    """The documents' tables that can be rerun."""
+    return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in ENTRIES.values()]
+
+
+@router.post("/experiments", status_code=201)
+def run_experiments(app: App, body: ExperimentsIn) -> JobOut:
+    """Rerun some of them; a job."""
+    return present.records.job(app.campaigns.run_experiments(body.names, body.trials, body.seed))
+
+
+@router.post("/reprocess", status_code=201)
+def reprocess(app: App, body: ReprocessIn) -> JobOut:
+    """Run a chain over many stored frames; a job. Starting it again does what is left."""
+    wanted = Reprocessing(body.chain, tuple(body.frame_ids), body.profile, body.again)
+    filters = {"source": body.source, "contact_id": body.contact}
+    return present.records.job(app.reprocessing.start(wanted, user=app.settings.user, **filters))
+
+
+@router.get("/chains")
+def compare_chains(app: App) -> list[ChainRecordOut]:
+    """What each chain and version made of the stored frames."""
+    return [
+        ChainRecordOut(
+            chain=r.chain,
+            version=r.version,
+            frames=r.frames,
+            solved=r.solved,
+            verdicts=r.verdicts,
+            median_error_axis_arcsec=None if r.median_error_axis_rad is None else r.median_error_axis_rad / ARCSEC_RAD,
+            median_rms_px=r.median_rms_px,
+            median_time_ms=None if r.median_time_s is None else 1e3 * r.median_time_s,
+        )
+        for r in app.campaigns.compare()
+    ]
