@@ -14,12 +14,12 @@ from collections.abc import Sequence
 
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import build_golden
-from gss.device.simulator.clock import SimulatedClock, TimeDesk
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.machine import Device, Identity
 from gss.device.simulator.memory import GOLDEN, Memory
 from gss.device.simulator.options import add_arguments, make_environment
+from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
 from gss.device.simulator.sky import Sky
 from gss.device.simulator.terminal import Line, PtyLine, TcpLine, Terminal
 from gss.domain.errors import GssError

@@ -1,0 +1,125 @@
+"""Simulated time: real, faster, or only on command, and then the same every time."""
+
+from __future__ import annotations
+
+import hashlib
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
+from gss.domain.errors import BadInput
+
+
+class Turns:
+    """Counts the turns of a terminal and notes the time of each."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        self.paced, self.clock, self.times_s = True, clock, []  # type: bool, SimulatedClock, list[float]
+
+    def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]:
+        self.times_s.append(self.clock())
+        return []
+
+
+def test_time_runs_at_its_speed_and_can_be_held() -> None:
+    """Ten times as fast; held it stands still; run again it goes on from there."""
+    real = [100.0]
+    clock = SimulatedClock(10.0, real=lambda: real[0])
+    real[0] += 2.0
+    assert clock() == pytest.approx(20.0)
+    clock.hold()
+    real[0] += 50.0
+    assert clock() == pytest.approx(20.0)
+    clock.advance(1.5)
+    clock.run(2.0)
+    real[0] += 1.0
+    assert clock() == pytest.approx(23.5)
+    with pytest.raises(BadInput, match="running"):
+        clock.advance(1.0)
+    for speed in (0.0, -1.0, 1001.0, float("nan")):
+        with pytest.raises(BadInput, match="out of range"):
+            SimulatedClock(speed)
+
+
+def test_orders_of_time_are_obeyed_or_explained() -> None:
+    """A step passes in ticks after what has come was read; split and joined lines are the same; nonsense is an error."""
+    clock = SimulatedClock(held=True)
+    terminal = Turns(clock)
+    desk = TimeDesk(clock, terminal)
+    assert list(desk.feed(b"st")) == []
+    assert list(desk.feed(b"ep 0.5\ntime\n")) == ["time 0.500000", "time 0.500000"]
+    ticks = [t for t in terminal.times_s if t > 0]
+    assert len(ticks) == 50
+    assert ticks[-1] == pytest.approx(0.5)
+    assert terminal.times_s[0] == 0.0
+    assert list(desk.feed(b"run\n")) == ["running"]
+    assert terminal.paced
+    assert next(iter(desk.feed(b"step 1\n"))).startswith("error the clock is running")
+    assert next(iter(desk.feed(b"pause\n"))).startswith("paused ")
+    assert not terminal.paced
+    for wrong in (b"step\n", b"step x\n", b"step -1\n", b"step nan\n", b"run 1e9\n", b"dance\n", b"\xff\xfe\n"):
+        assert next(iter(desk.feed(wrong))).startswith("error ")
+
+
+class Stepped:
+    """A simulator in stepped time with a connection."""
+
+    def __init__(self, *options: str) -> None:
+        command = [sys.executable, "-m", "gss.device.simulator", "--stepped", "--tcp", "0", *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        port = int(self.answer().rsplit(":", 1)[1])
+        self.peer = socket.create_connection(("127.0.0.1", port))
+        time.sleep(0.1)
+
+    def answer(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def order(self, text: str) -> str:
+        assert self.process.stdin is not None
+        self.process.stdin.write(text + "\n")
+        self.process.stdin.flush()
+        return self.answer()
+
+    def received(self) -> bytes:
+        data = b""
+        while select.select([self.peer], [], [], 0.2)[0]:
+            data += self.peer.recv(65536)
+        return data
+
+    def close(self) -> None:
+        self.peer.close()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
+        self.process.wait(20)
+
+
+@pytest.fixture
+def units() -> Iterator[list[Stepped]]:
+    started: list[Stepped] = []
+    yield started
+    for unit in started:
+        unit.close()
+
+
+def test_stepped_time_gives_the_same_bytes_twice(units: list[Stepped]) -> None:
+    """Two runs of the same steps say the same to the bit; nothing is said while time stands still."""
+    digests = []
+    for _ in range(2):
+        unit = Stepped("--sky", "real", "--motion", "tumble", "--seed", "3")
+        units.append(unit)
+        silent = unit.received()
+        assert unit.order("step 3.0") == "time 3.000000"
+        told = unit.received()
+        assert unit.received() == b""
+        assert unit.order("step 0.5") == "time 3.500000"
+        digests.append((silent, hashlib.sha256(told + unit.received()).hexdigest(), len(told)))
+    assert digests[0] == digests[1]
+    assert digests[0][2] > 300
