@@ -12,6 +12,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from gss.device.dictionary_file import load_dictionary
+from gss.device.session import HostSession
+from gss.device.session_events import Telemetry
 from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
 from gss.domain.errors import BadInput
 
@@ -87,9 +90,9 @@ class Stepped:
         self.process.stdin.flush()
         return self.answer()
 
-    def received(self) -> bytes:
+    def received(self, quiet_s: float = 0.2) -> bytes:
         data = b""
-        while select.select([self.peer], [], [], 0.2)[0]:
+        while select.select([self.peer], [], [], quiet_s)[0]:
             data += self.peer.recv(65536)
         return data
 
@@ -109,17 +112,42 @@ def units() -> Iterator[list[Stepped]]:
         unit.close()
 
 
-def test_stepped_time_gives_the_same_bytes_twice(units: list[Stepped]) -> None:
-    """Two runs of the same steps say the same to the bit; nothing is said while time stands still."""
-    digests = []
+def _iteration(unit: Stepped) -> tuple[str, list[object]]:
+    """Everything said in three seconds of stepped time with one iteration, and the centroids told."""
+    host, told, sent = HostSession(load_dictionary()), hashlib.sha256(), False
+    host.link_up(0.0)
+    centroids: list[object] = []
+    for tick in range(30):
+        now_s = tick * 0.1
+        if host.hello is not None and not sent and now_s > 1.0:
+            host.submit("RUN_ITERATION", {"slot": 0}, now_s, request_id=77)
+            sent = True
+        out, _ = host.poll(now_s)
+        unit.peer.sendall(out)
+        assert unit.order("step 0.1").startswith("time ")
+        data = unit.received(0.02)
+        told.update(data)
+        for event in host.feed(data, now_s):
+            if isinstance(event, Telemetry) and event.packet == "centroids":
+                centroids += [dict(row) for rows in event.lists.values() for row in rows]
+    return told.hexdigest(), centroids
+
+
+def test_stepped_time_gives_the_same_frame_twice(units: list[Stepped]) -> None:
+    """The same orders at the same steps: two processes say the same to the bit, what they saw in the sky included."""
+    told = []
     for _ in range(2):
-        unit = Stepped("--sky", "real", "--motion", "tumble", "--seed", "3")
-        units.append(unit)
-        silent = unit.received()
-        assert unit.order("step 3.0") == "time 3.000000"
-        told = unit.received()
-        assert unit.received() == b""
-        assert unit.order("step 0.5") == "time 3.500000"
-        digests.append((silent, hashlib.sha256(told + unit.received()).hexdigest(), len(told)))
-    assert digests[0] == digests[1]
-    assert digests[0][2] > 300
+        units.append(Stepped("--sky", "real", "--motion", "tumble", "--rate-deg-s", "0.1", "--seed", "3"))
+        told.append(_iteration(units[-1]))
+    assert told[0] == told[1]
+    assert len(told[0][1]) > 3
+
+
+def test_nothing_is_said_while_time_stands_still(units: list[Stepped]) -> None:
+    """Housekeeping comes with the steps and not between them."""
+    unit = Stepped()
+    units.append(unit)
+    assert unit.received() == b""
+    assert unit.order("step 2.5") == "time 2.500000"
+    assert len(unit.received()) > 200
+    assert unit.received() == b""
