@@ -18,6 +18,7 @@ from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
 from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
 from gss.operations.device_tables import DeviceTableService
+from gss.operations.downloads import Downloads
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
 from gss.operations.jobs import JobService
@@ -61,6 +62,7 @@ class Services:
     database: Database
     replay: ReplayService
     alarms: AlarmService
+    downloads: Downloads
     tables: DeviceTableService
     images: UploadedImages
     authority: AuthorityService
@@ -165,6 +167,7 @@ def build(settings: Settings) -> Services:
         database,
         replay,
         alarms,
+        downloads=Downloads(link, transfers),
         tables=tables,
         images=images,
         authority=authority,

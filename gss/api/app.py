@@ -28,6 +28,7 @@ from gss.api.routers import (
     sky,
     solutions,
     stacks,
+    tables,
     telemetry,
     transfers,
 )
@@ -69,6 +70,7 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         stacks,
         link,
         commands,
+        tables,
         telemetry,
         limits,
         alarms,

@@ -27,6 +27,7 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "job": present.records.job,
     "event": present.records.event,
     "cycle": present.telemetry.cycle,
+    "tables": present.tables.on_board,
     "limits": lambda change: change,
     "alarm": present.alarms.alarm,
 }

@@ -54,7 +54,8 @@ def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSe
     from gss.operations.simulated_sensor import simulated_sensor
 
     folder = settings.data / "simulator"
-    return simulated_sensor(settings.simulator, folder, settings.simulator_baud, settings.simulator_seed)
+    baud, seed = settings.simulator_baud, settings.simulator_seed
+    return simulated_sensor(settings.simulator, folder, baud, seed, settings.framing)
 
 
 def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None) -> None:

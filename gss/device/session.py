@@ -139,7 +139,7 @@ class HostSession:
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
         """After a restart: seed the ids; (request id, name, arguments) come back as unknown and may be retried."""
         self._ids.following = next_request_id
-        self._next_transfer_id = next_transfer_id
+        self._next_transfer_id = max(self._next_transfer_id, next_transfer_id)
         for request_id, name, arguments in in_flight:
             self._events.append(self._lane.add_unknown(request_id, name, arguments))
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from gss.device.session import Part
 from gss.device.session_events import (
     DeviceEvent,
     Direction,
@@ -21,6 +22,7 @@ from gss.device.session_events import (
     SessionEvent,
     Telemetry,
     TransferDone,
+    TransferState,
     TransferUpdate,
 )
 from gss.domain.errors import GssError
@@ -30,20 +32,22 @@ from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
 from gss.operations.clock import Now
 from gss.operations.commanding import CommandService
+from gss.operations.device_frames import Picture, picture_of, shape_of
+from gss.operations.device_tables import DeviceTableService
 from gss.operations.events import EventBus
+from gss.operations.frame_memory import FrameMemory, remember
 from gss.operations.frames import FrameService
 from gss.operations.link import LinkService
 from gss.operations.onboard_results import OnboardRecord, Prior
 from gss.operations.replay import ReplayService
 from gss.operations.telemetry import TelemetryService
 from gss.operations.transfers import TransferService
+from gss.operations.uploaded_images import UploadedImages
 from gss.store.models import Frame, Transfer
 
-REMEMBERED_FRAMES = 64
 FRAME_PACKETS = ("centroids", "matches", "attitude")
-FRAME_KINDS = ("frame", "thumbnail")
-THUMBNAIL_FACTOR = 4
-AFTER_HELLO = ("LIST_BANKS", "GET_STATUS")
+IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
+AFTER_HELLO = ("LIST_BANKS", "LIST_TABLES", "GET_STATUS")
 SOFTWARE = "gss"
 
 
@@ -58,6 +62,8 @@ class Reception:
         transfers: TransferService,
         frames: FrameService,
         banks: BankService,
+        tables: DeviceTableService,
+        images: UploadedImages,
         replay: ReplayService,
         stars: StarTable,
         bus: EventBus,
@@ -65,20 +71,22 @@ class Reception:
     ) -> None:
         self._link, self._commands, self._telemetry = link, commands, telemetry
         self._transfers, self._frames, self._banks = transfers, frames, banks
+        self._tables, self._images = tables, images
         self._replay, self._stars, self._bus, self._now = replay, stars, bus, now
         self._records: OrderedDict[int, OnboardRecord] = OrderedDict()
-        self._infos: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
-        self._truths: OrderedDict[int, list[float]] = OrderedDict()
-        self._settings: OrderedDict[int, dict[str, Any]] = OrderedDict()
+        self._known = FrameMemory()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
         self._prior = Prior()
         commands.completed_hooks.append(self._command_completed)
-        transfers.done_hooks[(Direction.DOWN, "frame")] = self._frame_arrived
-        transfers.done_hooks[(Direction.DOWN, "thumbnail")] = self._frame_arrived
+        tables.ask_device = lambda: self._ask("LIST_TABLES")
+        for kind in IMAGE_KINDS:
+            transfers.done_hooks[(Direction.DOWN, kind)] = self._frame_arrived
         transfers.done_hooks[(Direction.DOWN, "catalogue")] = self._bank_arrived
         transfers.done_hooks[(Direction.UP, "catalogue")] = self._bank_sent
-        transfers.broken_hooks["frame"] = self._frame_broken
+        transfers.done_hooks[(Direction.UP, "image")] = images.sent
+        for kind in ("frame", "region"):
+            transfers.broken_hooks[kind] = self._frame_broken
 
     def handle(self, events: Sequence[SessionEvent]) -> None:
         """Look at each event once."""
@@ -89,13 +97,17 @@ class Reception:
                 self._packet(event)
             elif isinstance(event, DeviceEvent) and event.name == "BANK_FELL_BACK":
                 self._ask("LIST_BANKS")
+            elif isinstance(event, DeviceEvent) and event.name == "TABLE_FELL_BACK":
+                self._ask("LIST_TABLES")
         self._fetch_wanted()
 
     def _greet(self, hello: HelloReceived) -> None:
         """A device that restarted counts its frames anew: forget what was gathered, ask what it holds."""
-        for memory in (self._records, self._infos, self._truths, self._settings, self._stored):
+        for memory in (self._records, self._stored):
             memory.clear()
+        self._known.forget()
         self._banks.forget()
+        self._tables.forget()
         if hello.dictionary_match:
             self._ask(*AFTER_HELLO)
 
@@ -112,22 +124,38 @@ class Reception:
         values = packet.values
         if packet.packet == "bank_info":
             self._bank_told(values)
+        elif packet.packet == "table_info":
+            if self._tables.told(values):
+                self._transfers.in_use(str(values["table"]), _hex(values["sha256"]))
         elif packet.packet == "frame_info":
             self._frame_told(values)
         elif packet.packet == "frame_truth":
-            self._remember(
-                self._truths, int(values["frame_number"]), [float(values[f"quaternion_{a}"]) for a in "xyzw"]
-            )
+            self._known.true_attitude(int(values["frame_number"]), [float(values[f"quaternion_{a}"]) for a in "xyzw"])
         elif packet.packet in FRAME_PACKETS:
             self._result_told(packet.packet, int(values["frame_number"]), values, packet.lists.get("items", ()))
 
     def _frame_told(self, info: Mapping[str, Any]) -> None:
         number = int(info["frame_number"])
-        if number in self._infos or number == 0:
+        if not self._known.told(number, info, self._detection_settings()):
             return
-        self._remember(self._infos, number, info)
-        self._remember(self._settings, number, self._detection_settings())
-        self._wanted = (number, int(info["slot"]))
+        sent = self._images.frame_of(info)
+        if sent is not None:
+            remember(self._stored, number, self._as_on_board(sent, number, info))
+        else:
+            self._wanted = (number, int(info["slot"]))
+
+    def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
+        """A frame that was sent up, with what the sensor works with: camera, exposure, settings. The stored row stays."""
+        settings, hello = dict(self._known.facts(number).settings), self._link.hello
+        values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
+        own = {
+            "number": number,
+            "profile": hello.profile if hello else sent.profile,
+            "exposure_s": float(info["exposure_ms"]) / 1000,
+            "bank_sha256": settings.pop("bank_sha256", None),
+            "parameters": settings,
+        }
+        return Frame(**(values | own))
 
     def _detection_settings(self) -> dict[str, Any]:
         housekeeping = self._link.session.housekeeping or {}
@@ -148,11 +176,11 @@ class Reception:
             solved = values.get("outcome") == "solved"
             found = np.array([float(values[f"quaternion_{a}"]) for a in "xyzw"]) if solved else None
             self._prior = self._prior.after(found)
-        self._remember(self._records, number, record)
+        remember(self._records, number, record)
         if number in self._stored:
             self._lay_beside(self._stored[number], record)
 
-    def _command_completed(self, name: str, arguments: Mapping[str, Any], _values: Mapping[str, Any]) -> None:
+    def _command_completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
         """A commanded hint is what the sensor starts from until it finds an attitude; a reset forgets everything."""
         if name == "SET_ATTITUDE_HINT":
             angles = (math.radians(float(arguments.get(f"{a}_deg", 0.0))) for a in ("ra", "dec", "roll"))
@@ -164,13 +192,9 @@ class Reception:
             self._prior = Prior()
         elif name.endswith("_BANK"):
             self._ask("LIST_BANKS")
-
-    @staticmethod
-    def _remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
-        memory[number] = value
-        memory.move_to_end(number)
-        while len(memory) > REMEMBERED_FRAMES:
-            memory.popitem(last=False)
+        elif name.endswith("_TABLE"):
+            self._ask("LIST_TABLES")
+        self._images.completed(name, arguments, values)
 
     # --- frames -------------------------------------------------------------------------------------------------
 
@@ -181,53 +205,51 @@ class Reception:
         number, slot = self._wanted
         self._wanted = None
         try:
-            self._transfers.download("frame", slot, f"frame {number}")
+            self._transfers.download("frame", slot, f"frame {number}", facts=self._known.facts(number).plain())
         except GssError as error:
             self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
 
     def _frame_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        frame = self._store_frame(transfer, done.data, done.frame_number, [])
-        return {"frame_id": frame.id}
+        return {"frame_id": self._store_frame(transfer, done.data, done.frame_number, []).id}
 
     def _frame_broken(
         self, transfer: Transfer, data: bytes, held: Sequence[tuple[int, int]], update: TransferUpdate
     ) -> dict[str, Any]:
-        frame = self._store_frame(
-            transfer, data, update.frame_number, [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in held]
-        )
-        return {"frame_id": frame.id}
+        """What a broken transfer brought is shown, once while it may go on and once when it has ended."""
+        if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
+            return {}
+        held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in held]
+        return {"frame_id": self._store_frame(transfer, data, update.frame_number, held_bytes).id}
 
     def _store_frame(
         self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]
     ) -> Frame:
-        info, hello = self._infos.get(number, {}), self._link.hello
-        factor = THUMBNAIL_FACTOR if transfer.kind == "thumbnail" else 1
-        columns = int(info.get("columns") or (hello.columns if hello else 0)) // factor
-        rows = len(data) // columns if columns else 0
-        pixels = np.frombuffer(data[: rows * columns], np.uint8).reshape(rows, columns)
-        settings = dict(self._settings.get(number, {}))
+        hello, kind, facts = self._link.hello, transfer.kind, self._known.facts_for(transfer, number)
+        info, settings = facts.info, dict(facts.settings)
+        shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
+        part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
+        picture = picture_of(kind, data, shape, part, held_bytes)
         frame = self._frames.add_from_device(
-            pixels,
+            picture.pixels,
             {
                 "contact_id": self._link.contact_id or transfer.contact_id,
                 "number": number or None,
                 "slot": int(transfer.target),
-                "name": f"frame {number}" if factor == 1 else f"thumbnail of frame {number}",
+                "name": _name(kind, number),
                 "taken": self._taken(info),
-                "bits": int(info.get("bits") or 8),
+                "bits": shape.bits,
                 "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
-                "profile": hello.profile if hello and factor == 1 else None,
+                "profile": hello.profile if hello and kind != "thumbnail" else None,
                 "mode": str(info["mode"]) if "mode" in info else None,
-                "complete": not held_bytes,
-                "rows_held": [[math.ceil(a / columns), min(b // columns, rows) - 1] for a, b in held_bytes]
-                or [[0, rows - 1]],
-                "truth": self._truths.get(number),
+                "complete": picture.complete,
+                "rows_held": [list(rows) for rows in picture.rows_held],
+                "truth": facts.truth,
                 "bank_sha256": settings.pop("bank_sha256", None),
-                "parameters": settings,
+                "parameters": settings | _part_of(kind, picture),
             },
         )
-        if factor == 1 and frame.complete:
-            self._remember(self._stored, number, frame)
+        if kind == "frame" and frame.complete:
+            remember(self._stored, number, frame)
             if number in self._records:
                 self._lay_beside(frame, self._records[number])
         return frame
@@ -251,6 +273,8 @@ class Reception:
 
     def _bank_told(self, info: Mapping[str, Any]) -> None:
         unknown = self._banks.told(info)
+        if info["active"]:
+            self._transfers.in_use("catalogue", _hex(info["sha256"]))
         if unknown is not None and not self._transfers.busy(Direction.DOWN):
             try:
                 self._transfers.download("catalogue", unknown, f"content of bank {info['bank']}")
@@ -267,3 +291,16 @@ class Reception:
         )
         self._ask("LIST_BANKS")
         return {}
+
+
+def _hex(value: Any) -> str:
+    return value.hex() if isinstance(value, bytes) else str(value)
+
+
+def _name(kind: str, number: int) -> str:
+    return f"frame {number}" if kind == "frame" else f"{kind.replace('_', ' ')} of frame {number}"
+
+
+def _part_of(kind: str, picture: Picture) -> dict[str, Any]:
+    """What kind of part of an image this is, and the rectangles that are real."""
+    return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}

@@ -18,11 +18,13 @@ WAIT_S = 60.0
 class SimulatedSensor:
     """A started simulator; its line can be opened after :meth:`url` has returned."""
 
-    def __init__(self, profile_name: str, folder: Path, baud: int, seed: int) -> None:
+    def __init__(self, profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs") -> None:
         profile(profile_name)
         folder.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-m", "gss.device.simulator", "--profile", profile_name, "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
+        if framing != "cobs":
+            command += ["--framing", framing]
         self._log_path = folder / "simulator.log"
         self._log = self._log_path.open("ab")
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)  # noqa: S603
@@ -55,9 +57,11 @@ class SimulatedSensor:
 
 
 @contextlib.contextmanager
-def simulated_sensor(profile_name: str, folder: Path, baud: int, seed: int) -> Iterator[SimulatedSensor]:
+def simulated_sensor(
+    profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs"
+) -> Iterator[SimulatedSensor]:
     """A simulator that ends with the block."""
-    sensor = SimulatedSensor(profile_name, folder, baud, seed)
+    sensor = SimulatedSensor(profile_name, folder, baud, seed, framing)
     try:
         yield sensor
     finally:

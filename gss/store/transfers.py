@@ -34,3 +34,17 @@ def newest(session: Session, limit: int) -> list[Transfer]:
 def unfinished(session: Session) -> list[Transfer]:
     """Transfers that the last server left open, oldest first."""
     return list(session.scalars(select(Transfer).where(Transfer.state.not_in(ENDED)).order_by(Transfer.id)))
+
+
+def mark_active(session: Session, kind: str, sha256: str) -> list[Transfer]:
+    """The newest upload that brought this content is active, every other one of its kind committed; the rows that changed."""
+    of_kind = select(Transfer).where(Transfer.direction == "up", Transfer.kind == kind)
+    brought = of_kind.where(Transfer.state.in_(("committed", "active")), Transfer.sha256 == sha256)
+    newest = session.scalar(brought.order_by(Transfer.id.desc()).limit(1))
+    changed = [row for row in session.scalars(of_kind.where(Transfer.state == "active")) if row is not newest]
+    for row in changed:
+        row.state = "committed"
+    if newest is not None and newest.state != "active":
+        newest.state = "active"
+        changed.append(newest)
+    return changed

@@ -1,6 +1,18 @@
 """Rows and records into what travels: the one place where radians become degrees and arcseconds."""
 
-from gss.api.present import alarms, authority, catalogues, commands, frames, link, records, schedule, stacks, telemetry
+from gss.api.present import (
+    alarms,
+    authority,
+    catalogues,
+    commands,
+    frames,
+    link,
+    records,
+    schedule,
+    stacks,
+    tables,
+    telemetry,
+)
 
 __all__ = [
     "alarms",
@@ -12,5 +24,6 @@ __all__ = [
     "records",
     "schedule",
     "stacks",
+    "tables",
     "telemetry",
 ]

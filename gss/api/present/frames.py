@@ -64,6 +64,8 @@ def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
     )
     values = {name: getattr(row, name) for name in names.split()}
     return values | {
+        "part": row.parameters.get("part", ""),
+        "held": row.parameters.get("held", []),
         "verdict": best.verdict if best else None,
         "outcome": best.outcome if best else None,
         "chain": best.chain if best else None,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from gss.api.schemas.events import ContactOut, EventOut
 from gss.api.schemas.jobs import JobOut
-from gss.api.schemas.transfers import TransferOut
-from gss.operations.transfers import TransferView
-from gss.store.models import Contact, Device, Event, Job
+from gss.api.schemas.transfers import RegionOut, TransferOptionsOut, TransferOut
+from gss.operations.transfers import RESUMABLE, TransferView
+from gss.store.models import Contact, Device, Event, Job, Transfer
+
+PAUSABLE = ("queued", "opening", "transferring", "link_lost")
 
 
 def transfer(view: TransferView) -> TransferOut:
@@ -15,15 +17,32 @@ def transfer(view: TransferView) -> TransferOut:
     chunks = -(-row.size // row.chunk_size) if row.chunk_size else 0
     stored = [(int(a), int(b)) for a, b in row.stored]
     stored_bytes = min(row.size, sum(b - a + 1 for a, b in stored) * row.chunk_size)
-    names = "id direction kind target subject state reason size chunk_size resent sha256 created finished frame_id catalogue_id log"
+    names = "id direction kind target subject state reason size chunk_size resent sha256 created finished log"
     return TransferOut(
         **{name: getattr(row, name) for name in names.split()},
+        slot=row.options.get("slot"),
+        options=_options(row),
+        can_pause=row.state in PAUSABLE,
+        can_resume=row.state in RESUMABLE and "slot" in row.options,
+        can_abort=row.state in (*PAUSABLE, "paused", "verifying"),
+        frame_id=row.frame_id,
+        catalogue_id=row.catalogue_id,
+        table_id=row.table_id,
         chunks=chunks,
         stored=stored,
         stored_bytes=stored_bytes,
         rate_bytes_s=live.rate_bytes_s if live else None,
         line_share=live.line_share if live else None,
         left_s=live.left_s if live else None,
+    )
+
+
+def _options(row: Transfer) -> TransferOptionsOut:
+    part = row.options.get("part")
+    return TransferOptionsOut(
+        region=RegionOut(**part) if part and row.kind == "region" else None,
+        side_px=part["columns"] if part and row.kind == "star_windows" else None,
+        solve=row.options.get("solve"),
     )
 
 

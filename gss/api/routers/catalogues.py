@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId
+from gss.api.deps import App, RowId, User
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueIn, CatalogueOut, PreviewOut, UploadIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
@@ -73,8 +73,9 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 
 
 @router.post("/{catalogue_id}/upload", status_code=201)
-def upload(app: App, catalogue_id: RowId, body: UploadIn) -> TransferOut:
+def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User) -> TransferOut:
     """Send it to an inactive bank."""
+    app.authority.check(user)
     return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present, security
-from gss.api.deps import LARGEST_ID, App, ContactId, RowId
+from gss.api.deps import LARGEST_ID, App, ContactId, RowId, User
 from gss.api.schemas.frames import (
     DownloadIn,
     FrameDetailOut,
@@ -19,7 +19,7 @@ from gss.api.schemas.frames import (
     SolutionDetailOut,
     SolveIn,
 )
-from gss.api.schemas.transfers import TransferOut
+from gss.api.schemas.transfers import FrameUploadIn, TransferOut
 from gss.domain.errors import BadInput
 from gss.operations import pictures
 from gss.operations.fits_export import fits_file as fits_bytes
@@ -158,6 +158,13 @@ def fits_file(app: App, frame_id: RowId) -> Response:
 def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
     return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
+
+
+@router.post("/{frame_id}/upload", status_code=201)
+def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, user: User) -> TransferOut:
+    """Send a stored frame into the sensor's image memory and, if asked, have it solved there."""
+    app.authority.check(user)
+    return present.records.transfer(app.images.upload(frame_id, body.slot, solve=body.solve))
 
 
 @router.post("/{frame_id}/solve", status_code=201)

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Query
 
 from gss.api import present
 from gss.api.deps import App, RowId
-from gss.api.schemas.transfers import TransferOut
+from gss.api.schemas.transfers import TransferIn, TransferOut
+from gss.device.session import Part
 
 router = APIRouter(prefix="/transfers", tags=["transfers"])
 
@@ -17,6 +18,14 @@ router = APIRouter(prefix="/transfers", tags=["transfers"])
 def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[TransferOut]:
     """Newest first."""
     return [present.records.transfer(view) for view in app.transfers.newest(limit)]
+
+
+@router.post("/download", status_code=201)
+def download(app: App, body: TransferIn) -> TransferOut:
+    """Bring an image or a part of it, a bank, or a table from the device."""
+    region = Part(**body.region.model_dump()) if body.region else None
+    view = app.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
+    return present.records.transfer(view)
 
 
 @router.get("/{transfer_id}")
@@ -33,7 +42,7 @@ def pause(app: App, transfer_id: RowId) -> TransferOut:
 
 @router.post("/{transfer_id}/resume")
 def resume(app: App, transfer_id: RowId) -> TransferOut:
-    """Go on with what is missing."""
+    """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 

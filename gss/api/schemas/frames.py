@@ -21,7 +21,8 @@ class AttitudeOut(Out):
 
 
 class FrameOut(Out):
-    """One frame in the store."""
+    """One frame in the store. ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
+    columns, rows) with real pixels where only a part was asked for, empty otherwise."""
 
     id: int
     number: int | None
@@ -38,6 +39,8 @@ class FrameOut(Out):
     mode: str | None
     sha256: str
     complete: bool
+    part: str
+    held: list[tuple[int, int, int, int]]
     rows_held: list[tuple[int, int]]
     contact_id: int | None
     verdict: str | None

@@ -4,16 +4,48 @@ from __future__ import annotations
 
 from typing import Literal
 
-from gss.api.schemas.base import Out, Utc
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+
+MOST_PX = 65535
+
+
+class RegionIn(In):
+    """A rectangle of the detector."""
+
+    col_px: int = Field(ge=0, le=MOST_PX)
+    row_px: int = Field(ge=0, le=MOST_PX)
+    columns: int = Field(ge=1, le=MOST_PX)
+    rows: int = Field(ge=1, le=MOST_PX)
+
+
+class RegionOut(Out):
+    """A rectangle of the detector."""
+
+    col_px: int
+    row_px: int
+    columns: int
+    rows: int
+
+
+class TransferOptionsOut(Out):
+    """What was asked for beside kind and target."""
+
+    region: RegionOut | None = None
+    side_px: int | None = None
+    solve: bool | None = None
 
 
 class TransferOut(Out):
-    """One transfer. ``stored``: ranges of chunks that the receiving side says it stored, first and last inclusive."""
+    """One transfer. ``stored``: ranges of chunks that the receiving side says it stored, first and last inclusive. ``slot``:
+    number of the image memory or bank on the wire. ``can_…``: what may be ordered now."""
 
     id: int
     direction: Literal["up", "down"]
     kind: str
     target: str
+    slot: int | None
     subject: str
     state: str
     reason: str
@@ -31,4 +63,38 @@ class TransferOut(Out):
     finished: Utc | None
     frame_id: int | None
     catalogue_id: int | None
+    table_id: int | None
+    options: TransferOptionsOut
+    can_pause: bool
+    can_resume: bool
+    can_abort: bool
     log: list[str]
+
+
+class TransferIn(In):
+    """Bring something down. Image kinds take ``slot``, the others ``bank``; ``region`` with region, ``side_px`` with
+    star_windows."""
+
+    kind: Literal[
+        "frame",
+        "thumbnail",
+        "region",
+        "star_windows",
+        "catalogue",
+        "star_list",
+        "distance_table",
+        "triplets",
+        "calibration",
+        "parameters",
+    ]
+    slot: int | None = Field(default=None, ge=0, le=255)
+    bank: str | None = Field(default=None, max_length=20)
+    region: RegionIn | None = None
+    side_px: int | None = Field(default=None, ge=5, le=31)
+
+
+class FrameUploadIn(In):
+    """Send a stored frame into image memory, and have it solved on board."""
+
+    slot: int = Field(ge=0, le=255)
+    solve: bool = True

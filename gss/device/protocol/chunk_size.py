@@ -12,6 +12,7 @@ FRAME_OVERHEAD_BYTES = 40
 SURE_AFTER_CHUNKS = 16
 SURE_AFTER_LOSSES = 8
 WORTH_IT = 1.08
+AS_GOOD = 0.95
 
 
 def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
@@ -32,9 +33,10 @@ def carried_share(chunk_bytes: int, rate_per_byte: float) -> float:
 
 
 def best_chunk_bytes(rate_per_byte: float, largest: int = LADDER_BYTES[0]) -> int:
-    """The size of the ladder, at most ``largest``, that carries most."""
+    """The largest size of the ladder, up to ``largest``, that carries as much as any: estimates scatter, and large is cheap."""
     allowed = [size for size in LADDER_BYTES if size <= largest] or [LADDER_BYTES[-1]]
-    return max(allowed, key=lambda size: carried_share(size, rate_per_byte))
+    most = max(carried_share(size, rate_per_byte) for size in allowed)
+    return next(size for size in allowed if carried_share(size, rate_per_byte) >= AS_GOOD * most)
 
 
 def smaller_chunk_bytes(chunk_bytes: int, lost: int, sent: int) -> int | None:

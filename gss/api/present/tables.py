@@ -1,0 +1,32 @@
+"""Tables for the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gss.api.schemas.tables import OnBoardTableOut, TableDetailOut, TableOut, TablePlaceOut
+from gss.operations.device_tables import TableReport
+from gss.store.models import DeviceTable
+
+NAMES = "id kind name profile format_version size sha256 created author"
+
+
+def table(row: DeviceTable, reports: Sequence[TableReport]) -> TableOut:
+    """A table, and where the device holds it."""
+    return TableOut(**{name: getattr(row, name) for name in NAMES.split()}, on_board=_places(row, reports))
+
+
+def table_detail(row: DeviceTable, reports: Sequence[TableReport]) -> TableDetailOut:
+    """A table with its values."""
+    values = {name: getattr(row, name) for name in NAMES.split()}
+    return TableDetailOut(**values, on_board=_places(row, reports), content=row.content)
+
+
+def _places(row: DeviceTable, reports: Sequence[TableReport]) -> list[TablePlaceOut]:
+    held = [r for r in reports if (r.table, r.sha256) == (row.kind, row.sha256)]
+    return [TablePlaceOut.model_validate(r) for r in held]
+
+
+def on_board(reports: Sequence[TableReport]) -> list[OnBoardTableOut]:
+    """What the device reports."""
+    return [OnBoardTableOut.model_validate(r) for r in reports]

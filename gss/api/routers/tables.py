@@ -1,0 +1,71 @@
+"""Tables for the sensor: make, keep, send. Activating and the like are commands."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Response
+
+from gss.api import present
+from gss.api.deps import App, RowId, User
+from gss.api.schemas.tables import (
+    OnBoardTableOut,
+    TableDefaultsOut,
+    TableDetailOut,
+    TableIn,
+    TableOut,
+    TableUploadIn,
+)
+from gss.api.schemas.transfers import TransferOut
+from gss.operations import table_content
+
+router = APIRouter(prefix="/tables", tags=["tables"])
+Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distance_table"]
+
+
+@router.get("")
+def list_tables(app: App, kind: Kind = "", limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[TableOut]:
+    """Newest first."""
+    reports = app.tables.on_board()
+    return [present.tables.table(row, reports) for row in app.tables.newest(limit, kind)]
+
+
+@router.get("/on-board")
+def tables_on_board(app: App) -> list[OnBoardTableOut]:
+    """What the device reports of its table banks."""
+    return present.tables.on_board(app.tables.on_board())
+
+
+@router.get("/defaults")
+def table_defaults(
+    kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)]
+) -> TableDefaultsOut:
+    """What a new table of that camera holds, for editing."""
+    return TableDefaultsOut(kind=kind, profile=profile, content=dict(table_content.defaults(kind, profile)))
+
+
+@router.post("", status_code=201)
+def create_table(app: App, body: TableIn, user: User) -> TableDetailOut:
+    """Make a table of a camera's values and what is given."""
+    row = app.tables.create(body.kind, body.name, body.profile, body.content, user=user)
+    return present.tables.table_detail(row, app.tables.on_board())
+
+
+@router.get("/{table_id}")
+def read_table(app: App, table_id: RowId) -> TableDetailOut:
+    """A table with its values."""
+    return present.tables.table_detail(app.tables.get(table_id), app.tables.on_board())
+
+
+@router.get("/{table_id}/file.bin", response_class=Response)
+def table_file(app: App, table_id: RowId) -> Response:
+    """The bytes as the sensor keeps them."""
+    headers = {"Content-Disposition": f"attachment; filename=table-{table_id}.bin"}
+    return Response(app.tables.data(table_id), media_type="application/octet-stream", headers=headers)
+
+
+@router.post("/{table_id}/upload", status_code=201)
+def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User) -> TransferOut:
+    """Send it to an inactive bank; it is verified by read-back and committed."""
+    app.authority.check(user)
+    return present.records.transfer(app.tables.upload(table_id, body.bank))

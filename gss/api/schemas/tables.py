@@ -1,0 +1,79 @@
+"""Calibrations, parameter sets and triplet tables."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+
+Scalar = int | float | str
+
+
+class TablePlaceOut(Out):
+    """Where the device holds a table."""
+
+    bank: str
+    state: str
+    active: bool
+
+
+class TableOut(Out):
+    """One table in the store."""
+
+    id: int
+    kind: str
+    name: str
+    profile: str
+    format_version: int
+    size: int
+    sha256: str
+    created: Utc
+    author: str
+    on_board: list[TablePlaceOut]
+
+
+class TableDetailOut(TableOut):
+    """A table with its values."""
+
+    content: dict[str, Any]
+
+
+class OnBoardTableOut(Out):
+    """A table bank as the device reports it; ``table_id``: what the store knows under the same hash."""
+
+    table: str
+    bank: str
+    state: str
+    active: bool
+    size_bytes: int
+    capacity_bytes: int
+    format_version: int
+    profile: str
+    confirm_left_s: int
+    sha256: str
+    table_id: int | None
+
+
+class TableDefaultsOut(Out):
+    """What a new table holds before anybody changes it."""
+
+    kind: str
+    profile: str
+    content: dict[str, Any]
+
+
+class TableIn(In):
+    """A new table: the camera's own values with ``content`` in their place; triplets need content.catalogue_id."""
+
+    kind: Literal["calibration", "parameters", "triplets"]
+    name: str = Field(default="", max_length=80)
+    profile: str = Field(max_length=40)
+    content: dict[str, Scalar] = Field(default_factory=dict, max_length=200)
+
+
+class TableUploadIn(In):
+    """An inactive table bank."""
+
+    bank: str = Field(max_length=20)
