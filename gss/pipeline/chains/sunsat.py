@@ -17,10 +17,11 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.pipeline.attitude import triad
 from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.onboard import Detection, Solution
-from gss.pipeline.chains.sunsat_bound import confirmed, false_match_probability, in_view
+from gss.pipeline.chains.sunsat_bound import Census, census, confirmed, false_match_probability, in_view
 from gss.pipeline.chains.sunsat_detect import brightest, dark_rows_dn, find_stars
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, candidates
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
+from gss.pipeline.chains.sunsat_track import off_prediction_px
 from gss.pipeline.regions import Pixels
 
 
@@ -88,40 +89,40 @@ def calculate_attitude(
     p, chosen = parameters, matching.selected
     if matching.reason:
         return Solution(None, None, float("nan"), matching.reason)
-    rows, unit = matching.row[chosen], matching.unit_cam[chosen]
-    reference = catalogue.guides.unit[rows]
-    sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
-    first, second = _triad_pair(matching, sigma_rad)
-    cam_from_icrs = triad(unit[[first, second]], reference[[first, second]])
-    miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - unit, axis=1)
+    rows = matching.row[chosen]
+    cam_from_icrs, covariance = _triad(matching, centroids, camera, catalogue)
+    miss_rad = np.linalg.norm(catalogue.guides.unit[rows] @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
     if np.max(miss_rad) > p.residual_tolerance_rad:
         off_px = float(np.max(miss_rad)) / camera.pixel_rad
         return Solution(None, None, float("nan"), f"matched stars do not fit one attitude: one is {off_px:.1f} px off")
     visible = in_view(catalogue, camera, cam_from_icrs)
-    visible = visible[~np.isin(visible, rows)]
-    predicted = catalogue.guides.unit[visible] @ cam_from_icrs.T
-    extra, at = confirmed(
-        matching, centroids, predicted, catalogue.guides.v_mag[visible], camera.unproject(centroids.pixels), p
+    extra, guide = confirmed(matching, centroids, cam_from_icrs, visible, camera, catalogue, p)
+    probability = false_match_probability(matching, centroids, len(extra), len(visible), camera, catalogue, p)
+    looked_for = visible if matching.looked_for is None else matching.looked_for
+    stars = census(cam_from_icrs, looked_for, centroids, camera, catalogue, p)
+    reason = (
+        _off_hint(matching.mode, hint, cam_from_icrs, camera, catalogue, p)
+        or _too_probable(probability, matching, len(extra), p)
+        or _unlike_the_sky(stars, matching, len(extra), p)
     )
-    probability = false_match_probability(
-        matching, centroids, len(extra), len(visible) + len(rows), camera, catalogue, p
-    )
-    reason = _off_hint(matching.mode, hint, cam_from_icrs, p) or _too_probable(probability, matching, len(extra), p)
     if reason:
         return Solution(None, None, probability, reason)
-    covariance = triad_covariance_rad2(unit[first], unit[second], sigma_rad[first], sigma_rad[second])
-    named, rows = np.concatenate([chosen, extra]), np.concatenate([rows, visible[at]])
+    named, rows = np.concatenate([chosen, extra]), np.concatenate([rows, guide])
     weight = np.concatenate([matching.weight[chosen], np.zeros(len(extra))])
     residual_px = centroids.pixels[named] - camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
     matches = Matches(named.astype(np.int32), catalogue.bank.hip[rows].astype(np.int32), weight, residual_px)
     return Solution(Attitude(quaternion_from_matrix(cam_from_icrs), covariance), matches, probability, "")
 
 
-def _triad_pair(matching: SunsatMatching, sigma_rad: Array) -> tuple[int, int]:
-    """Places of the pair among the selected stars; the better measured one first, since TRIAD meets that one exactly."""
-    pair = np.flatnonzero(matching.weight[matching.selected] > 0).tolist()
-    first, second = sorted(pair, key=lambda k: (sigma_rad[k], k))
-    return first, second
+def _triad(
+    matching: SunsatMatching, centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue
+) -> tuple[Array, Array]:
+    """Attitude from the pair with weight, and its covariance; the better measured star first, since TRIAD meets it exactly."""
+    sigma_rad = centroids.sigma_px * camera.pixel_rad
+    pair = sorted(np.flatnonzero(matching.weight > 0).tolist(), key=lambda k: (sigma_rad[k], k))
+    unit = matching.unit_cam[pair]
+    covariance = triad_covariance_rad2(unit[0], unit[1], sigma_rad[pair[0]], sigma_rad[pair[1]])
+    return triad(unit, catalogue.guides.unit[matching.row[pair]]), covariance
 
 
 def triad_covariance_rad2(first: Array, second: Array, sigma_first_rad: float, sigma_second_rad: float) -> Array:
@@ -142,9 +143,31 @@ def _too_probable(probability: float, matching: SunsatMatching, confirming: int,
     )
 
 
-def _off_hint(mode: Mode, hint: Hint | None, cam_from_icrs: Array, p: SunsatParameters) -> str:
-    if mode is not Mode.ASSISTED or hint is None:
+def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p: SunsatParameters) -> str:
+    """A few stars may fit by a symmetry of the sky, above all in a mirrored picture; then others that should be there are
+    not. Many that fit need no such test, so that missing stars do not spoil them. Stars that are there but not in their
+    places tell of another camera, however many fit in one corner."""
+    named = len(matching.selected) + confirming
+    if p.acceptance == "document":
         return ""
+    if stars.displaced * 4 > max(stars.expected, 4):
+        return f"{stars.displaced} of {stars.expected} bright stars in view are not in their places"
+    if named < p.sure_named and stars.absent > 1 and stars.absent * 2 >= named:
+        return f"{named} stars match, but {stars.absent} of {stars.expected} bright stars that should be in view are missing"
+    if matching.looked_for is not None and not confirming and len(matching.looked_for) > p.confirm_windows + 1:
+        return f"none of {len(matching.looked_for) - len(matching.selected)} more stars looked for confirms the match"
+    return ""
+
+
+def _off_hint(
+    mode: Mode, hint: Hint | None, cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters
+) -> str:
+    """Why the attitude is not where it was expected, or ""."""
+    if mode is Mode.LOST_IN_SPACE or hint is None:
+        return ""
+    if mode is Mode.TRACKING:
+        off_px, limit_px = off_prediction_px(cam_from_icrs, camera, catalogue, p, hint)
+        return "" if off_px <= limit_px else f"attitude is {off_px:.0f} px from the expected; {limit_px:.0f} px allowed"
     boresight = np.asarray(hint.boresight_icrs, float)
     off_rad = float(2 * np.arcsin(np.linalg.norm(boresight / np.linalg.norm(boresight) - cam_from_icrs[2]) / 2))
     if off_rad <= p.hint_error_rad:

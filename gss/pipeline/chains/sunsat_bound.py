@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -22,33 +23,77 @@ Rows = NDArray[np.intp]
 # keep two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
 # circle unless the angle is below 20°; the mirrored one falls in the mirror test.
 CONFIRM_TOLERANCES = 2.0
+# A centroid this near a predicted star shows it, even in a blend; one within so many distance tolerances is where it
+# belongs; a star this near the border may be cut.
+SEEN_PX, SURE_MARGIN_PX, THERE_TOLERANCES = 6.0, 10.0, 3.0
 
 
 def confirmed(
-    matching: SunsatMatching, centroids: Centroids, predicted: Array, guide_mag: Array, unit: Array, p: SunsatParameters
+    matching: SunsatMatching,
+    centroids: Centroids,
+    cam_from_icrs: Array,
+    visible: Rows,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
 ) -> tuple[Rows, Rows]:
-    """Centroids that were not matched but lie where a guide star is predicted (k, 3), camera frame: their numbers, and the
-    guide stars' places in ``predicted``. Nearest first, each guide star once."""
+    """Centroids that were not matched but lie where one of the ``visible`` guide stars is predicted: their numbers, and the
+    rows of those stars. Nearest first, each guide star once."""
     others = np.setdiff1d(np.arange(len(centroids)), matching.selected)
-    if not len(others) or not len(predicted):
+    visible = np.setdiff1d(visible, matching.row[matching.selected])
+    if not len(others) or not len(visible):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    off = np.linalg.norm(unit[others][:, None] - predicted[None], axis=-1)
-    off[np.abs(magnitudes(centroids.flux_dn[others], p)[:, None] - guide_mag[None]) > p.magnitude_tolerance_mag] = (
-        np.inf
-    )
+    unit = camera.unproject(centroids.pixels[others])
+    off = np.linalg.norm(unit[:, None] - (catalogue.guides.unit[visible] @ cam_from_icrs.T)[None], axis=-1)
+    fainter = magnitudes(centroids.flux_dn[others], p)[:, None] - catalogue.guides.v_mag[visible][None]
+    off[~(np.abs(fainter) <= p.magnitude_tolerance_mag)] = np.inf
     guide = np.argmin(off, axis=1)
     miss = off[np.arange(len(others)), guide]
     order = np.argsort(miss, kind="stable")
     order = order[miss[order] <= CONFIRM_TOLERANCES * p.distance_tolerance_rad]
     _, first = np.unique(guide[order], return_index=True)
     order = order[np.sort(first)]
-    return others[order], guide[order]
+    return others[order], visible[guide[order]]
 
 
 def in_view(catalogue: SunsatCatalogue, camera: Camera, cam_from_icrs: Array) -> Rows:
     """Guide stars on the detector."""
     near = np.flatnonzero(near_boresight(catalogue, cam_from_icrs[2], camera.half_diagonal_rad))
     return near[camera.contains(camera.project(catalogue.guides.unit[near] @ cam_from_icrs.T))]
+
+
+@dataclass(frozen=True)
+class Census:
+    """Of ``expected`` bright guide stars that must show: ``absent`` without any centroid near, ``displaced`` with one that is
+    near but not there."""
+
+    expected: int
+    absent: int
+    displaced: int
+
+
+def census(
+    cam_from_icrs: Array,
+    looked_for: Rows,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
+) -> Census:
+    """Are the stars there? Of the guide stars ``looked_for`` those of sure brightness count, off the border and not behind
+    the end of a scan that stopped at its last star."""
+    guides = catalogue.guides
+    bright = (guides.v_mag[looked_for] <= p.sure_mag) & (guides.v_mag[looked_for] >= p.saturating_mag)
+    pixels = camera.project(guides.unit[looked_for[bright]] @ cam_from_icrs.T)
+    pixels = pixels[camera.contains(pixels, SURE_MARGIN_PX)]
+    if len(centroids) >= p.max_found:
+        pixels = pixels[pixels[:, 1] < np.max(centroids.row_px) - SURE_MARGIN_PX]
+    if not len(pixels):
+        return Census(0, 0, 0)
+    off = np.linalg.norm(pixels[:, None] - centroids.pixels[None], axis=-1).min(axis=1)
+    absent = off > SEEN_PX
+    displaced = ~absent & (off > THERE_TOLERANCES * p.distance_tolerance_rad / camera.pixel_rad)
+    return Census(len(pixels), int(np.count_nonzero(absent)), int(np.count_nonzero(displaced)))
 
 
 def false_match_probability(

@@ -17,7 +17,7 @@ from gss.pipeline.regions import Blobs, Pixels, SearchLimits, SearchResult, regi
 Levels = NDArray[np.floating]
 NO_LIMIT = 1 << 40
 # What the cut at the threshold adds to the error of a star whose peak is the threshold; measured on rendered frames.
-CUT_PX = 0.1
+CUT_PX = 0.15
 
 
 @dataclass(frozen=True)

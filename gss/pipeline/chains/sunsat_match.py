@@ -39,7 +39,8 @@ class SunsatCatalogue:
 @dataclass(frozen=True)
 class SunsatMatching:
     """MATCH_STARS. (n,) per centroid looked at: ``unit_cam``, ``v_mag`` measured, ``row`` of the catalogue or −1.
-    ``selected``: matched centroids, empty with a ``reason``. ``hypotheses``: how many guesses an accident had to be right in
+    ``selected``: matched centroids, empty with a ``reason``. ``looked_for``: guide stars that a centroid was looked for, None
+    if it was for all. ``hypotheses``: how many guesses an accident had to be right in
     one; ``searched``: stars of the uncertainty area; ``rivals``: largest groups, ``pairs``: matching star pairs."""
 
     mode: Mode
@@ -54,6 +55,7 @@ class SunsatMatching:
     rivals: int
     pairs: int
     reason: str
+    looked_for: Rows | None = None
 
     @property
     def confidence(self) -> float:

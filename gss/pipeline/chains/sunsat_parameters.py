@@ -39,6 +39,10 @@ SOURCES: dict[str, str] = {
     "improbable",
     "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
     "residual_tolerance_rad": "ours: largest misfit of a matched star in the TRIAD attitude; three distance tolerances",
+    "sure_mag": "ours: half a magnitude above the catalogue's limit a star is found without fail",
+    "saturating_mag": "ours: three magnitudes above the document's bright limit a star may be too large to be one",
+    "sure_named": "ours: below six named stars, less than half as many bright ones that should be in view may be missing, or one",
+    "confirm_windows": "ours: windows searched after three stars fit, so that a false three is found out",
     "clique_budget": "ours: most steps when a group is split, so that no list takes for ever",
     "hint_error_rad": "Jacobs 1995 §3.5: an initial estimate may be 2° off",
     "uncertain_adcs_px": "Jacobs 1995 eq. 4.20: 53 pixels for 0.5° per axis",
@@ -48,7 +52,7 @@ SOURCES: dict[str, str] = {
     "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
     "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four go",
     "rate_interval_s": "Jacobs 1995 §4: one attitude a second",
-    "noise": "from the profile's sensor; the floor of 0.02 px is the error of a centre of gravity without noise, as measured",
+    "noise": "from the profile's sensor; the floor of 0.03 px is the error of a centre of gravity without noise, as measured",
 }
 
 ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
@@ -72,6 +76,8 @@ class SunsatParameters:
     distance_tolerance_rad: float
     exposure_s: float
     star_sigma_px: float
+    sure_mag: float
+    saturating_mag: float
     min_area_px: int = 10
     max_area_px: int = 300
     max_found: int = 20
@@ -91,6 +97,8 @@ class SunsatParameters:
     acceptance: str = "bound"
     max_false_probability: float = 1e-3
     residual_tolerances: float = 3.0
+    sure_named: int = 6
+    confirm_windows: int = 3
     clique_budget: int = 200_000
     hint_error_rad: float = float(np.radians(2.0))
     uncertain_adcs_px: float = 53.0
@@ -135,12 +143,14 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
     threshold_dn = max(NOISE_SIGMAS * noise_dn, _level_where_faintest_vanishes_dn(sensor, exposure))
     return SunsatParameters(
         threshold_dn=round(threshold_dn, 1),
-        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.02),
+        noise=PixelNoise(noise_dn, sensor.gain_e_per_dn, 0.03),
         focal_mm=profile.focal_mm,
         k_illum_lux=_illuminance_per_level_lux(sensor, exposure, round(threshold_dn, 1)),
         distance_tolerance_rad=DOCUMENT_DISTANCE_RAD * profile.camera.pixel_rad / DOCUMENT_PIXEL_RAD,
         exposure_s=exposure,
         star_sigma_px=float(np.sqrt(sensor.psf_sigma_px**2 + 1 / 12)),
+        sure_mag=sensor.faint_limit_mag - 0.5,
+        saturating_mag=sensor.bright_limit_mag - 3.0,
         dark_clip_dn=max(1.0, 3.0 * noise_dn),
     )
 

@@ -57,12 +57,12 @@ def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParamete
     attitude = predict_attitude(last, hint.earlier)
     row, pixels = _in_view(camera, catalogue, attitude)
     uncertain_px = uncertainty_px(camera, catalogue, p, hint)
-    radius_px = np.ceil(_star_radius_px(catalogue.guides.v_mag[row], p) + uncertain_px + p.rotation_px)
+    radius_px = np.ceil(_star_radius_px(catalogue.guides.v_mag[row], p.star_sigma_px, p) + uncertain_px + p.rotation_px)
     streak = None
     if hint.earlier:
         # Where the same stars were at the last attitude: what moved by so much in a second leaves such a streak.
         back = camera.unproject(pixels) @ (matrix_from_quaternion(last) @ attitude.T).T
-        streak = _streaks(pixels - camera.project(back), p)
+        streak = _streaks(pixels - camera.project(back), catalogue.guides.v_mag[row], p)
     return Expected(row, pixels, radius_px, streak)
 
 
@@ -92,36 +92,63 @@ def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParamete
     return float(np.clip(error_px, p.uncertain_least_px, p.uncertain_adcs_px))
 
 
-def _star_radius_px(v_mag: Array, p: SunsatParameters) -> Array:
-    """Radius above threshold of a Gaussian star; its brightness stands in for its light, which is near enough."""
-    peak = brightness_dn(v_mag, p) / (2 * np.pi * p.star_sigma_px**2)
-    return np.asarray(p.star_sigma_px * np.sqrt(2 * np.log(np.maximum(peak / p.threshold_dn, 1.0))))
+def off_prediction_px(
+    cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+) -> tuple[float, float]:
+    """How far an attitude moves the corners of the field from where they were expected, and how far it may: as far as the
+    windows reach, on both axes. Three stars close together may be in their windows with the field turned round."""
+    expected = predict_attitude(last_attitude(hint), hint.earlier)
+    here = camera.corners()
+    step = here @ (cam_from_icrs @ expected.T).T - here
+    reach_px = uncertainty_px(camera, catalogue, p, hint) + p.rotation_px
+    return float(np.max(np.linalg.norm(step, axis=1))) / camera.pixel_rad, float(np.sqrt(2.0) * reach_px)
 
 
-def _streaks(motion_px: Array, p: SunsatParameters) -> tuple[Streak, ...]:
-    """What a motion per iteration leaves in one exposure; u runs against the columns."""
-    share = p.exposure_s / p.rate_interval_s
-    return tuple(
-        Streak(float(np.hypot(col, row)) * share, float(np.arctan2(row, -col))) for col, row in motion_px.tolist()
-    )
+def _star_radius_px(v_mag: Array, sigma_px: Array | float, p: SunsatParameters) -> Array:
+    """Half width above threshold, along an axis with that standard deviation, of a Gaussian spot whose other axis is a
+    star's own; its brightness stands in for its light, which is near enough."""
+    peak = brightness_dn(v_mag, p) / (2 * np.pi * p.star_sigma_px * _longest(sigma_px, p))
+    return np.asarray(sigma_px * np.sqrt(2 * np.log(np.maximum(peak / p.threshold_dn, 1.0))))
+
+
+def _longest(sigma_px: Array | float, p: SunsatParameters) -> Array:
+    return np.asarray(np.maximum(sigma_px, p.star_sigma_px))
+
+
+def _streaks(motion_px: Array, v_mag: Array, p: SunsatParameters) -> tuple[Streak, ...]:
+    """What a motion per iteration leaves in one exposure; u runs against the columns.
+
+    The document expects a region to be longer by the whole motion (§2.2.3). A motion of few pixels within a soft spot
+    lengthens its contour by less, for a faint star by next to nothing: the motion widens the spot by a twelfth of its
+    square, and the contour follows.
+    """
+    moved_px = np.linalg.norm(motion_px, axis=1) * p.exposure_s / p.rate_interval_s
+    along_px = np.sqrt(p.star_sigma_px**2 + moved_px**2 / 12)
+    longer = 2 * _star_radius_px(v_mag, along_px, p) * (1 - p.star_sigma_px / along_px)
+    direction = np.arctan2(motion_px[:, 1], -motion_px[:, 0])
+    return tuple(Streak(float(e), float(d)) for e, d in zip(longer, direction, strict=True))
 
 
 def find_in_windows(
     pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
 ) -> Detection:
-    """Stars in the windows of expected stars, one after the other until three fit (§4.1.4.1). Every window is cut from the
-    untouched frame; a star met in two windows counts once."""
+    """Stars in the windows of expected stars, one after the other until three fit (§4.1.4.1), and a few more that tell whether
+    these are right. Every window is cut from the untouched frame; a star met in two windows counts once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
     every: list[Found] = []
     kept = Centroids.from_pixels(np.empty((0, 2)))
+    end = len(expected)
     for k in range(len(expected)):
+        if k >= end:
+            break
         found = _search_window(pixels, dark_dn, expected, k, p)
         every.append(found)
         fresh = _new_ones(kept, found.centroids)
         kept = _joined(kept, found.centroids.take(fresh))
-        if len(kept) >= STARS and _three_stars(kept, camera, catalogue, p, expected, k + 1)[0].found:
-            break
+        if end == len(expected) and len(kept) >= STARS:
+            test, counts = _three_stars(kept, camera, catalogue, p, expected, k + 1)
+            end = len(counts) + p.confirm_windows if test.found else end
     regions: dict[tuple[int, int, int, int], Region] = {}
     for found in every:
         for r in found.regions:
@@ -205,6 +232,7 @@ def match_tracking(
         1 if chosen else 0,
         sum(counts),
         reason,
+        expected.row[: len(counts) + p.confirm_windows],
     )
 
 
