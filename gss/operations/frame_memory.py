@@ -45,7 +45,7 @@ class FrameMemory:
     def forget(self) -> None:
         """The device restarted."""
         for memory in (self._infos, self._settings, self._truths):
-            memory.clear()  # type: ignore[attr-defined]
+            memory.clear()
 
     def told(self, number: int, info: Mapping[str, Any], settings: Mapping[str, Any]) -> bool:
         """A frame was described; False where that was known."""

@@ -1,0 +1,137 @@
+"""What a calibration or a parameter table means for the chain on board: the camera it takes for its own, its constants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, asdict, fields, is_dataclass, replace
+from typing import Any
+
+from gss.device.tables import Scalar
+from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, Pinhole, RadialTilt
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import Sensor
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.onboard import Commanded, OnboardChain
+from gss.pipeline.chains.systems import SYSTEMS, on_board, system
+
+GEOMETRY = ("columns", "rows", "focal_col_px", "focal_row_px", "centre_col_px", "centre_row_px")
+WHOLE = ("columns", "rows", "bits")
+RADIAL = ("radial_1", "radial_2", "radial_3", "radial_4")
+COMMANDED = ("threshold_dn", "min_area_px", "max_area_px")
+"""Constants that SET_DETECTION holds; a parameter set gives their values after it becomes active."""
+LOST_NOTHING: Mapping[str, Scalar] = {}
+
+
+def _radial_tilt(v: Mapping[str, float]) -> RadialTilt:
+    radial = tuple(v[n] for n in RADIAL if n in v)
+    return RadialTilt(v["focal_mm"], v["tilt_max_rad"], v["tilt_direction_rad"], radial)
+
+
+MODELS: dict[str, tuple[Callable[[Mapping[str, float]], Distortion], tuple[str, ...]]] = {
+    "pinhole": (lambda _: Pinhole(), ()),
+    "brown": (lambda v: Brown(**v), ("k1", "k2", "p1", "p2", "k3")),
+    "brown_undistort": (lambda v: BrownUndistort(**v), ("k1", "k2", "p1", "p2")),
+    "radial_tilt": (_radial_tilt, ("focal_mm", "tilt_max_rad", "tilt_direction_rad", *RADIAL)),
+}
+NAMES = {Pinhole: "pinhole", Brown: "brown", BrownUndistort: "brown_undistort", RadialTilt: "radial_tilt"}
+
+
+def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
+    """A camera's geometry and photometry as a calibration table holds them."""
+    camera, model = profile.camera, profile.camera.distortion
+    values: dict[str, Scalar] = {"distortion": NAMES[type(model)]}
+    values |= {name: getattr(camera, name) for name in GEOMETRY}
+    if isinstance(model, RadialTilt):
+        values |= {n: getattr(model, n) for n in ("focal_mm", "tilt_max_rad", "tilt_direction_rad")}
+        values |= dict(zip(RADIAL, model.radial, strict=False))
+    elif is_dataclass(model):
+        values |= asdict(model)
+    return values | {f.name: getattr(profile.sensor, f.name) for f in fields(Sensor)}
+
+
+def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraProfile:
+    """The profile with a table's geometry and photometry; BadInput where it cannot be this detector's."""
+    word = str(values.get("distortion"))
+    if word not in MODELS:
+        raise BadInput("unknown distortion model", expected=" | ".join(MODELS), got=word)
+    make, coefficients = MODELS[word]
+    sensor_names = tuple(f.name for f in fields(Sensor))
+    unknown = set(values) - {"distortion", *GEOMETRY, *coefficients, *sensor_names}
+    optional = {*coefficients, *RADIAL} - {"focal_mm", "tilt_max_rad", "tilt_direction_rad"}
+    missing = {*GEOMETRY, *coefficients, *sensor_names} - optional - set(values)
+    if unknown or missing:
+        wrong = ", ".join(sorted(unknown | missing))
+        raise BadInput("calibration has other values", expected="geometry, coefficients, photometry", got=wrong)
+    numbers = {n: float(v) for n, v in values.items() if not isinstance(v, str)}
+    whole = {n: int(numbers[n]) for n in WHOLE}
+    size = profile.camera.columns, profile.camera.rows, profile.sensor.bits
+    if tuple(whole.values()) != size or any(numbers[n] != whole[n] for n in WHOLE):
+        got = "{columns} x {rows} px, {bits} bits".format(**whole)
+        raise BadInput("calibration of another detector", expected=f"{size[0]} x {size[1]} px, {size[2]} bits", got=got)
+    if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
+        raise BadInput("focal lengths and gain must be above zero")
+    distortion = make({n: numbers[n] for n in coefficients if n in numbers})
+    camera = Camera(*(whole.get(n, numbers[n]) for n in GEOMETRY), distortion)  # type: ignore[arg-type]
+    sensor = Sensor(**({n: numbers[n] for n in sensor_names} | {"bits": whole["bits"]}))  # type: ignore[arg-type]
+    return replace(profile, camera=camera, sensor=sensor)
+
+
+def constants(parameters: Any) -> dict[str, float | int | bool]:
+    """The numbers among a chain's parameters."""
+    return {f.name: v for f in fields(parameters) if isinstance(v := getattr(parameters, f.name), float | int | bool)}
+
+
+def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) -> dict[str, Scalar]:
+    """The chain of a unit and its constants as a parameter table holds them. Constants that follow from the camera or the
+    exposure are left out: a table that names one fixes it."""
+    used = chain or on_board(profile.name)
+    parameters = used.parameters(profile, None, Commanded(), Mode.LOST_IN_SPACE)
+    longer = constants(used.parameters(profile, 2 * profile.sensor.exposure_s, Commanded(), Mode.LOST_IN_SPACE))
+    plain = {f.name for f in fields(parameters) if f.default is not MISSING}
+    fixed = {n: v for n, v in constants(parameters).items() if n in plain and longer.get(n) == v}
+    return {"chain": used.name} | fixed | {n: v for n, v in constants(parameters).items() if n in COMMANDED}
+
+
+def chain_of(profile: CameraProfile, values: Mapping[str, Scalar] = LOST_NOTHING) -> OnboardChain:
+    """The chain that a parameter table is for; without a table the unit's own."""
+    return system(str(values["chain"])) if values else on_board(profile.name)
+
+
+def check_parameters(profile: CameraProfile, values: Mapping[str, Scalar]) -> None:
+    """BadInput where a parameter set names a chain or a constant that does not exist, or a value of the wrong kind."""
+    try:
+        chain = chain_of(profile, values)
+    except NotFound as error:
+        raise BadInput(error.message, expected=" | ".join(SYSTEMS), got=error.got) from None
+    _replaced(chain.parameters(profile, None, Commanded(), Mode.LOST_IN_SPACE), values, ())
+
+
+def parameters_with(
+    values: Mapping[str, Scalar], profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
+) -> Any:
+    """A chain's parameters for one frame: its own, those of the table in their place, and over both what was commanded."""
+    chain = chain_of(profile, values)
+    plain = chain.parameters(profile, exposure_s, Commanded(), mode)
+    told = chain.parameters(profile, exposure_s, commanded, mode)
+    if not values:
+        return told
+    # What a command changes beside the detection's settings, such as the reach of a hint, stays as commanded.
+    changed = [n for n, v in constants(told).items() if constants(plain)[n] != v]
+    return _replaced(told, values, (*COMMANDED, *changed))
+
+
+def _replaced(parameters: Any, values: Mapping[str, Scalar], kept: tuple[str, ...] | list[str]) -> Any:
+    present = constants(parameters)
+    new: dict[str, Any] = {}
+    for name, value in values.items():
+        if name == "chain":
+            continue
+        if name not in present:
+            raise BadInput("the chain has no such constant", expected=", ".join(sorted(present)), got=name)
+        kind = type(present[name])
+        if isinstance(value, str) or (kind is not float and float(value) != int(value)):
+            raise BadInput(f"{name} is of another kind", expected=kind.__name__, got=str(value))
+        if name not in kept:
+            new[name] = kind(value)
+    return replace(parameters, **new)

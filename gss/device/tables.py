@@ -1,0 +1,139 @@
+"""Calibration and parameter tables in the bytes a sensor keeps them, both ways. The ground and the simulator use this file.
+
+A table is a word and numbers with names: a calibration's word is its distortion model, a parameter set's word the chain it
+is for. Triplet tables have a format of their own: ``gss.catalogue_tools.triplets``. Little endian, as bank images.
+
+Header, offset type meaning
+     0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)
+     4  u8   format version, 1
+     5  u8   0
+     6  u16  length of the header, 64
+     8  16s  name of the camera profile, UTF-8, padded with zeros
+    24  16s  the word, UTF-8, padded with zeros
+    40  u16  number of pairs, n
+    42  u16  0
+    44  u32  length of the body
+    48  8s   0
+    56  u32  CRC-32 of the body
+    60  u32  CRC-32 of the 60 bytes before
+
+Body: n times u8 length of the name, the name in ASCII, f64 value; names ascending, each once. Values are finite.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Mapping
+
+from gss.domain.errors import BadInput, CorruptData
+
+TABLE_FORMAT = 1
+MAGICS = {"calibration": b"GSSK", "parameters": b"GSSP"}
+WORDS = {"calibration": "distortion", "parameters": "chain"}
+HEADER = struct.Struct("<4sBBH16s16sHHI8sI")
+HEADER_BYTES = HEADER.size + 4
+NUMBER = struct.Struct("<d")
+LONGEST_NAME, MOST_PAIRS = 40, 200
+TABLE_BYTES = 4096
+"""Room of a calibration or a parameter set in flash: one sector."""
+
+Scalar = float | int | bool | str
+
+
+def encode_table(kind: str, profile_name: str, values: Mapping[str, Scalar]) -> bytes:
+    """Bytes of a table; ``values`` holds the word under "distortion" or "chain". BadInput names what does not fit."""
+    word_name = _word_name(kind)
+    word = values.get(word_name)
+    if not isinstance(word, str) or not word:
+        raise BadInput(f"{kind}: {word_name} is missing", expected="a name", got=repr(word))
+    numbers = {name: _number(kind, name, value) for name, value in values.items() if name != word_name}
+    if len(numbers) > MOST_PAIRS:
+        raise BadInput(f"{kind}: too many values", expected=f"at most {MOST_PAIRS}", got=str(len(numbers)))
+    body = b"".join(
+        bytes([len(name)]) + name.encode("ascii") + NUMBER.pack(number) for name, number in sorted(numbers.items())
+    )
+    header = HEADER.pack(
+        MAGICS[kind],
+        TABLE_FORMAT,
+        0,
+        HEADER_BYTES,
+        _fixed(kind, "profile", profile_name),
+        _fixed(kind, word_name, word),
+        len(numbers),
+        0,
+        len(body),
+        bytes(8),
+        zlib.crc32(body),
+    )
+    data = header + zlib.crc32(header).to_bytes(4, "little") + body
+    if len(data) > TABLE_BYTES:
+        raise BadInput(f"{kind}: too long", expected=f"at most {TABLE_BYTES} B", got=f"{len(data)} B")
+    return data
+
+
+def _word_name(kind: str) -> str:
+    if kind not in WORDS:
+        raise BadInput("unknown kind of table", expected=" | ".join(WORDS), got=kind)
+    return WORDS[kind]
+
+
+def _number(kind: str, name: str, value: object) -> float:
+    if not name.isascii() or not name.isidentifier() or len(name) > LONGEST_NAME:
+        raise BadInput(f"{kind}: not a name", expected=f"letters, digits, _, at most {LONGEST_NAME}", got=repr(name))
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise BadInput(f"{kind}: {name} is no number", expected="a finite number", got=repr(value))
+    return float(value)
+
+
+def _fixed(kind: str, what: str, text: str) -> bytes:
+    data = text.encode()
+    if not data or len(data) > 16 or b"\0" in data:
+        raise BadInput(f"{kind}: {what} does not fit", expected="1 – 16 bytes", got=repr(text))
+    return data.ljust(16, b"\0")
+
+
+def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
+    """Profile name and values; CorruptData when the bytes are no such table or are damaged."""
+    word_name = _word_name(kind)
+    if len(data) < HEADER_BYTES:
+        raise CorruptData(f"no {kind} table", expected=f"at least {HEADER_BYTES} B", got=f"{len(data)} B")
+    magic, version, _, size, profile, word, pairs, _, body_bytes, _, body_crc = HEADER.unpack_from(data)
+    if magic != MAGICS[kind]:
+        raise CorruptData(f"no {kind} table", expected=MAGICS[kind].decode(), got=repr(magic))
+    if zlib.crc32(data[: HEADER.size]) != int.from_bytes(data[HEADER.size : HEADER_BYTES], "little"):
+        raise CorruptData(f"header of the {kind} table is damaged", expected="its own CRC-32")
+    if (version, size) != (TABLE_FORMAT, HEADER_BYTES):
+        raise CorruptData(f"unknown format of the {kind} table", expected=str(TABLE_FORMAT), got=str(version))
+    body = data[HEADER_BYTES:]
+    if len(body) != body_bytes or zlib.crc32(body) != body_crc:
+        raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and its own CRC-32")
+    values: dict[str, Scalar] = {word_name: _text(kind, word)}
+    values |= _pairs(kind, body, pairs)
+    return _text(kind, profile), values
+
+
+def _text(kind: str, data: bytes) -> str:
+    try:
+        return data.rstrip(b"\0").decode()
+    except UnicodeDecodeError:
+        raise CorruptData(f"{kind} table: a name is no UTF-8") from None
+
+
+def _pairs(kind: str, body: bytes, count: int) -> dict[str, float]:
+    found: dict[str, float] = {}
+    at, previous = 0, ""
+    for _ in range(count):
+        end = at + 1 + (body[at] if at < len(body) else 0)
+        if at >= len(body) or end + NUMBER.size > len(body):
+            raise CorruptData(f"{kind} table ends too early", expected=f"{count} values", got=str(len(found)))
+        name = body[at + 1 : end].decode("ascii", "replace")
+        (number,) = NUMBER.unpack_from(body, end)
+        if not name.isidentifier() or name <= previous or not math.isfinite(number):
+            raise CorruptData(f"{kind} table: a value is impossible", got=f"{name!r} = {number}")
+        found[name], previous = number, name
+        at = end + NUMBER.size
+    if at != len(body):
+        raise CorruptData(f"{kind} table is too long", expected=f"{at} B", got=f"{len(body)} B")
+    return found
