@@ -1,0 +1,140 @@
+"""Campaigns over HTTP: experiments and reprocessing as jobs, chains side by side."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from gss.api.app import create_app
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.jobs import Cancelled
+from gss.operations.reprocess import Reprocessing
+from gss.pipeline.render import render
+from gss.settings import Settings
+from gss.wiring import Services, build
+
+OPTIONS = {"base_url": "http://localhost", "headers": {"X-GSS": "1"}, "raise_server_exceptions": False}
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
+    """Services whose store holds twelve rendered frames with their truth."""
+    services = build(Settings(data=tmp_path_factory.mktemp("campaigns")))
+    known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
+    for k in range(FRAMES):
+        pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
+        drawn = render(stars, known.camera, known.sensor, pose, 0.25, rng)
+        services.frames._add(
+            drawn.pixels,
+            source="import",
+            name=f"rendered {k}",
+            taken=services.frames._now(),
+            bits=8,
+            exposure_s=0.25,
+            profile="cubestar",
+            truth=[float(v) for v in drawn.truth.quaternion],
+        )
+    return services
+
+
+@pytest.fixture(scope="module")
+def client(services: Services) -> Iterator[TestClient]:
+    """A client on them."""
+    with TestClient(create_app(services), **OPTIONS) as client:
+        yield client
+
+
+def finished(client: TestClient, job: dict[str, Any]) -> dict[str, Any]:
+    """The job when it has ended."""
+    for _ in range(600):
+        row: dict[str, Any] = client.get(f"/api/jobs/{job['id']}").json()
+        if row["state"] not in ("queued", "running"):
+            return row
+        time.sleep(0.1)
+    raise AssertionError(f"the job did not end: {row}")
+
+
+def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient) -> None:
+    """A job over all frames solves them, starting it again finds nothing left, and "again" runs them anew."""
+    answer = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
+    assert answer.status_code == 201, answer.text
+    job = finished(client, answer.json())
+    assert (job["state"], job["done"], job["total"]) == ("done", FRAMES, FRAMES), job
+    assert job["result"]["counts"].get("wrong", 0) == 0
+    (row,) = (r for r in client.get("/api/campaigns/chains").json() if r["chain"] == "cubestar")
+    assert (row["frames"], row["solved"]) == (FRAMES, job["result"]["counts"]["solved"])
+    assert row["median_error_axis_arcsec"] < 60
+    left = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
+    assert left.status_code == 400
+    assert "no frame to run" in left.json()["message"]
+    again = client.post("/api/campaigns/reprocess", json={"chain": "cubestar", "frame_ids": [1, 2], "again": True})
+    assert finished(client, again.json())["done"] == 2
+
+
+def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
+    """Cancelling at the first report of progress leaves the results of the first batch, and the rest for the next start."""
+    wanted = Reprocessing("reference")
+    tasks = services.reprocessing.tasks(wanted)
+
+    def cancel(_done: int, _total: int, _text: str) -> None:
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        services.reprocessing.work(wanted, tasks, cancel)
+    left = services.reprocessing.tasks(wanted)
+    assert 0 < len(left) < len(tasks)
+
+
+def test_workers_and_server_give_the_same_result(client: TestClient, services: Services) -> None:
+    """The chain run by hand on the page equals the job's result to the last bit."""
+    by_hand = client.post("/api/frames/3/solve", json={"chain": "cubestar"}).json()
+    detail = client.get("/api/frames/3").json()
+    same = [s for s in detail["solutions"] if s["chain"] == "cubestar"]
+    assert len(same) >= 2
+    assert len({str(s["attitude"]) for s in same}) == 1
+    assert by_hand["attitude"] == same[0]["attitude"]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [{"chain": "no-such"}, {"chain": "cubestar", "frame_ids": [99999]}, {"chain": ""}, {"chain": "cubestar", "x": 1}],
+)
+def test_bad_requests_are_told(client: TestClient, body: dict[str, Any]) -> None:
+    """Unknown chain, unknown frame, missing name, unknown key: no job."""
+    before = len(client.get("/api/jobs").json())
+    assert client.post("/api/campaigns/reprocess", json=body).status_code in (400, 404, 422)
+    assert len(client.get("/api/jobs").json()) == before
+
+
+def test_experiments_run_as_a_job(client: TestClient) -> None:
+    """The list names them, a run brings tables with the paper's figures, and an unknown one is told before anything runs."""
+    names = [e["name"] for e in client.get("/api/campaigns/experiments").json()]
+    assert {"jacobs-5-1", "erlank-3-6"} <= set(names)
+    body = {"names": ["erlank-3-6", "jacobs-5-2"], "trials": 200}
+    job = finished(client, client.post("/api/campaigns/experiments", json=body).json())
+    assert job["state"] == "done", job
+    assert [e["name"] for e in job["result"]["experiments"]] == body["names"]
+    assert all(e["columns"][1] == "paper" for e in job["result"]["experiments"])
+    assert client.post("/api/campaigns/experiments", json={"names": ["x"]}).status_code == 404
+    assert client.post("/api/campaigns/experiments", json={"names": ["erlank-3-6"], "trials": 0}).status_code == 422
+
+
+def test_frames_of_a_damaged_store_are_results_too(services: Services, tmp_path: Path) -> None:
+    """A frame whose pixels are gone gives "none" with the reason, and the others are solved."""
+    row = services.frames.get(1)
+    tasks = services.reprocessing.tasks(Reprocessing("cubestar", (1, 2), again=True))
+    broken = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
+    out = services.reprocessing.work(Reprocessing("cubestar", (1, 2)), broken, lambda *_: None)
+    assert out["frames"] == 2
+    newest = services.frames.detail(1).solutions[0]
+    assert newest.outcome == "none"
+    assert "missing" in newest.reason
