@@ -31,6 +31,9 @@ SUN_V_MAG = -26.74
 # Airglow of 21.5 mag per square arcsecond.
 NIGHT_EARTH_V_SR = -5.0
 BLIND_E_S = 1e9
+STEEPEST = 20.0
+# Stray light grows e-fold over this much of the field towards its source. Chosen.
+SLOPE_RAD = float(np.radians(15.0))
 
 
 @dataclass(frozen=True)
@@ -90,12 +93,19 @@ def earth_stray(camera: Camera, baffle: Baffle, nadir_cam: Array, earth_rad: flo
 def stray(
     camera: Camera, baffle: Baffle, to_cam: Array, radius_rad: float, limit_rad: float, at_limit_e_s: float
 ) -> Map:
-    """Electrons per second by the angle of each field point to the limb of a body of a radius."""
+    """Electrons per second by the angle from the boresight to the limb of a body of a radius.
+
+    The shade decides how much falls on the lens; scattered there, it is spread with a gentle slope over the field.
+    """
     grid = grid_of(camera)
-    angle_rad = np.arccos(np.clip(grid.unit_cam @ to_cam, -1, 1)) - radius_rad
-    inside = np.exp(np.minimum((limit_rad - angle_rad) / baffle.decay_rad, 20.0))
-    outside = (limit_rad / np.maximum(angle_rad, limit_rad)) ** OUTSIDE_POWER
-    return grid.spread(at_limit_e_s * np.where(angle_rad < limit_rad, inside, outside))
+    off_axis_rad = float(np.arccos(np.clip(to_cam[2], -1, 1)))
+    angle_rad = off_axis_rad - radius_rad
+    if angle_rad < limit_rad:
+        level_e_s = at_limit_e_s * float(np.exp(min((limit_rad - angle_rad) / baffle.decay_rad, STEEPEST)))
+    else:
+        level_e_s = at_limit_e_s * (limit_rad / angle_rad) ** OUTSIDE_POWER
+    nearer_rad = off_axis_rad - np.arccos(np.clip(grid.unit_cam @ to_cam, -1, 1))
+    return grid.spread(level_e_s * np.exp(nearer_rad / SLOPE_RAD))
 
 
 def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad: float) -> Map:

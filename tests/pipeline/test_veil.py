@@ -35,7 +35,7 @@ def test_the_side_towards_the_sun_is_brighter() -> None:
     """Stray light has a slope over a wide field."""
     p = profile("cubestar")
     field = sun_stray(p.camera, p.baffle, _at(40.0))
-    assert field[256, 1000] > 100 * field[256, 20]
+    assert 10 * field[256, 20] < field[256, 1000] < 40 * field[256, 20]
     lower = earth_stray(p.camera, p.baffle, _at(110.0, 90.0), np.radians(66.0), 1.0)
     assert lower[500, 512] > lower[10, 512] > 0
 
