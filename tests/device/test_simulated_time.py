@@ -76,7 +76,11 @@ class Stepped:
     def __init__(self, *options: str) -> None:
         command = [sys.executable, "-m", "gss.device.simulator", "--stepped", "--tcp", "0", *options]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        port = int(self.answer().rsplit(":", 1)[1])
+        ready = self.answer()
+        if not ready.startswith("READY"):
+            self.process.communicate(timeout=20)
+            pytest.fail("the simulator did not start")
+        port = int(ready.rsplit(":", 1)[1])
         self.peer = socket.create_connection(("127.0.0.1", port))
         time.sleep(0.1)
 
