@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gss.api.schemas.events import ContactOut, EventOut
 from gss.api.schemas.jobs import JobOut
-from gss.api.schemas.transfers import RegionOut, TransferOptionsOut, TransferOut
+from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
 from gss.operations.transfers import RESUMABLE, TransferView
 from gss.store.models import Contact, Device, Event, Job, Transfer
 
@@ -40,7 +40,7 @@ def transfer(view: TransferView) -> TransferOut:
 def _options(row: Transfer) -> TransferOptionsOut:
     part = row.options.get("part")
     return TransferOptionsOut(
-        region=RegionOut(**part) if part and row.kind == "region" else None,
+        region=FrameRegionOut(**part) if part and row.kind == "region" else None,
         side_px=part["columns"] if part and row.kind == "star_windows" else None,
         solve=row.options.get("solve"),
     )

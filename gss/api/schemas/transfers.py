@@ -20,7 +20,7 @@ class RegionIn(In):
     rows: int = Field(ge=1, le=MOST_PX)
 
 
-class RegionOut(Out):
+class FrameRegionOut(Out):
     """A rectangle of the detector."""
 
     col_px: int
@@ -32,7 +32,7 @@ class RegionOut(Out):
 class TransferOptionsOut(Out):
     """What was asked for beside kind and target."""
 
-    region: RegionOut | None = None
+    region: FrameRegionOut | None = None
     side_px: int | None = None
     solve: bool | None = None
 
