@@ -58,13 +58,27 @@ def reduce_catalogue(stars: StarTable, shape: FieldShape | Disc, attitudes: Arra
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
     kept = np.zeros(len(stars), bool)
-    for field, star, _ in _blocks(unit, shape, attitudes):
-        rank = np.arange(len(field)) - np.searchsorted(field, field)
-        kept[order[star[rank < brightest]]] = True
+    # The brightest stars of the sky first, and more of them for the fields that these do not fill.
+    pending, depth = attitudes, _depth(shape, brightest)
+    while len(pending):
+        short = []
+        for field, star, n in _blocks(unit[:depth], shape, pending):
+            rank = np.arange(len(field)) - np.searchsorted(field, field)
+            kept[order[star[rank < brightest]]] = True
+            short.append(np.bincount(field, minlength=n) < brightest)
+        if depth >= len(unit):
+            break
+        pending, depth = pending[np.concatenate(short)], 3 * depth
     counts = np.concatenate(
         [np.bincount(field, minlength=n) for field, _, n in _blocks(stars.icrs[kept], shape, attitudes)]
     )
     return Reduced(kept, counts, len(attitudes))
+
+
+def _depth(shape: FieldShape | Disc, brightest: int) -> int:
+    """So many stars of the whole sky hold twice ``brightest`` in an average field."""
+    share = (1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi)
+    return int(2 * brightest / share) + 1
 
 
 def _blocks(
