@@ -150,9 +150,12 @@ def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p:
     named = len(matching.selected) + confirming
     if p.acceptance == "document":
         return ""
-    if stars.displaced * 4 > max(stars.expected, 4):
+    few = named < p.sure_named
+    if stars.displaced * 4 > (0 if few else max(stars.expected, 4)):
         return f"{stars.displaced} of {stars.expected} bright stars in view are not in their places"
-    if named < p.sure_named and stars.absent > 1 and stars.absent * 2 >= named:
+    spare = 1 if len(matching.selected) >= p.min_group else 0
+    too_many = stars.absent > spare and stars.absent * 2 >= named * spare
+    if (few and too_many) or stars.absent * 4 > 3 * max(stars.expected, 4):
         return f"{named} stars match, but {stars.absent} of {stars.expected} bright stars that should be in view are missing"
     if matching.looked_for is not None and not confirming and len(matching.looked_for) > p.confirm_windows + 1:
         return f"none of {len(matching.looked_for) - len(matching.selected)} more stars looked for confirms the match"
