@@ -56,7 +56,7 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
         (f"{trials} pointings, even over the sphere and the roll", f"Hipparcos V ≤ {SURVEY_MAG:g}, no doubles merged"),
         seed,
         (
-            "The paper reads like a limit for every pointing; its magnitudes give that many stars in 70 to 90 % of the sky only. "
+            "The paper reads like a limit for every pointing; its magnitudes give that many stars in 64 to 92 % of the sky only. "
             "It does not say whether its field is a circle or a square.",
         ),
     )

@@ -7,10 +7,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gss.catalogue_tools import experiments as catalogue
+from gss.catalogue_tools import huffman
 from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import Cell, Experiment, Progress
 from gss.domain.stars import StarTable
+from gss.pipeline.experiments.huffman_centroids import huffman_4_2, huffman_4_4
+from gss.pipeline.experiments.huffman_detection import huffman_7_2
+from gss.pipeline.experiments.huffman_magnitudes import huffman_5_3
+from gss.pipeline.experiments.huffman_matching import huffman_8_2
 
 Rerun = Callable[[StarTable, int, int, Progress], Experiment]
 FAINTEST_MAG = 8.0
@@ -36,6 +41,13 @@ ENTRIES: dict[str, Entry] = {
         Entry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", catalogue.jacobs_5_2, 1, 1991.25),
         Entry("erlank-3-6", "Sky coverage against limiting magnitude", catalogue.erlank_3_6, 20_000),
         Entry("erlank-fig-3-8", "Sky coverage by field and magnitude", catalogue.erlank_fig_3_8, 20_000),
+        Entry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
+        Entry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
+        Entry("huffman-5-1", "Limiting magnitude for a number of stars", huffman.huffman_5_1, 10_000),
+        Entry("huffman-5-3", "Magnitudes measured from frames", huffman_5_3, 25),
+        Entry("huffman-5-5", "The eight brightest of every field", huffman.huffman_5_5, 10_000),
+        Entry("huffman-7-2", "Two centroiders at five thresholds", huffman_7_2, 6),
+        Entry("huffman-8-2", "Matching algorithms on sequences", huffman_8_2, 20),
     )
 }
 
