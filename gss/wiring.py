@@ -17,6 +17,7 @@ from gss.operations.campaigns import CampaignService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
 from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
+from gss.operations.contacts import ContactService
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.downloads import Downloads
 from gss.operations.events import EventBus
@@ -26,6 +27,7 @@ from gss.operations.link import LinkService
 from gss.operations.raw_capture import Retention
 from gss.operations.reception import Reception
 from gss.operations.replay import ReplayService
+from gss.operations.replay_capture import CaptureReplay
 from gss.operations.reprocess import ReprocessService
 from gss.operations.rerun_viewer import RerunViewer
 from gss.operations.schedule import ScheduleService
@@ -72,6 +74,8 @@ class Services:
     stack_runs: StackRunner
     campaigns: CampaignService
     reprocessing: ReprocessService
+    contacts: ContactService
+    capture_replay: CaptureReplay
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -97,6 +101,7 @@ class Services:
         self.status.stop()
         self.stack_runs.shut_down()
         self.link.stop()
+        self.capture_replay.stop()
         self.replay.stop()
         self.frames.stop()
         self.jobs.stop()
@@ -124,6 +129,10 @@ def build(settings: Settings) -> Services:
     telemetry = TelemetryService(dictionary, database, bus, utc_now)
     telemetry.contact = lambda: link.contact_id
     alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
+    contacts = ContactService(link, alarms, database, bus, settings.data / "captures", utc_now)
+    capture_replay = CaptureReplay(
+        dictionary, settings.data / "captures", telemetry.limits.rule, bus, monotonic_s, settings.framing
+    )
     transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
@@ -145,6 +154,7 @@ def build(settings: Settings) -> Services:
         transfers.handle,
         reception.handle,
         alarms.handle,
+        contacts.handle,
         schedule.handle,
         stack_runs.handle,
     ]
@@ -177,4 +187,6 @@ def build(settings: Settings) -> Services:
         stack_runs=stack_runs,
         campaigns=campaigns,
         reprocessing=reprocessing,
+        contacts=contacts,
+        capture_replay=capture_replay,
     )

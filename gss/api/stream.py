@@ -30,6 +30,10 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "tables": present.tables.on_board,
     "limits": lambda change: change,
     "alarm": present.alarms.alarm,
+    "replay": present.contacts.replay,
+    "replay.telemetry": present.telemetry.latest,
+    "replay.command": present.contacts.replay_command,
+    "replay.event": present.contacts.replay_event,
 }
 BACKFILL = 500
 PING_S = 10.0

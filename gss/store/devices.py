@@ -110,3 +110,9 @@ def events_between(session: Session, start: datetime, end: datetime, kinds: Sequ
     """Recorded events of a span, oldest first, of some kinds or of all."""
     query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq)
     return list(session.scalars(query.where(Event.kind.in_(kinds)) if kinds else query))
+
+
+def closing(session: Session, contact_id: int) -> Event | None:
+    """The event that told why a contact's line was closed."""
+    query = select(Event).where(Event.kind == "link", Event.text.startswith("line closed")).order_by(Event.seq.desc())
+    return next((e for e in session.scalars(query.limit(2000)) if e.data.get("contact_id") == contact_id), None)

@@ -39,6 +39,7 @@ def rows(
     end: datetime,
     *,
     contact_id: int | None = None,
+    unsolicited: bool = False,
     block: int = BLOCK_ROWS,
 ) -> Iterator[Row]:
     """The packets of a span, oldest first, both ends included; never more than ``block`` of them in memory, and no
@@ -58,6 +59,8 @@ def rows(
     )
     if contact_id is not None:
         query = query.where(TelemetryPacket.contact_id == contact_id)
+    if unsolicited:
+        query = query.where(TelemetryPacket.request_id == 0)
     at, row_id = start, -1
     while True:
         later = TelemetryPacket.received > at

@@ -21,10 +21,10 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
-from gss.operations import overlay, pictures, raw_capture
+from gss.operations import overlay, pictures
 from gss.operations.archive import Thinner
 from gss.operations.onboard_results import OnboardRecord, onboard_result
-from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, read_capture
+from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, Retention, read_capture
 from gss.operations.replay import compare
 from gss.operations.sky import bodies
 from gss.operations.telemetry import TelemetryService, plain
@@ -42,11 +42,9 @@ def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path
     assert len(list(read_capture(io.BytesIO(data[:-1])))) == 1
 
 
-def test_captures_rotate_and_the_oldest_goes(tmp_path, monkeypatch):
+def test_captures_rotate_and_the_oldest_goes(tmp_path):
     """Files and their sum are bounded; the file being written is never the one that goes."""
-    monkeypatch.setattr(raw_capture, "FILE_BYTES", 1000)
-    monkeypatch.setattr(raw_capture, "KEEP_BYTES", 3000)
-    capture = RawCapture(tmp_path, 1)
+    capture = RawCapture(tmp_path, 1, Retention(1000, 3000))
     for k in range(40):
         capture.write(k, RECEIVED, bytes([k]) * 300)
     capture.close()

@@ -1,12 +1,12 @@
-"""Transfers, jobs, events and contacts."""
+"""Transfers, jobs and events."""
 
 from __future__ import annotations
 
-from gss.api.schemas.events import ContactOut, EventOut
+from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
 from gss.operations.transfers import RESUMABLE, TransferView
-from gss.store.models import Contact, Device, Event, Job, Transfer
+from gss.store.models import Event, Job, Transfer
 
 PAUSABLE = ("queued", "opening", "transferring", "link_lost")
 
@@ -54,18 +54,3 @@ def job(row: Job) -> JobOut:
 def event(row: Event) -> EventOut:
     """One line of the record."""
     return EventOut.model_validate(row)
-
-
-def contact(row: Contact, device: Device | None, frames: int, commands: int) -> ContactOut:
-    """A contact."""
-    return ContactOut(
-        id=row.id,
-        device=device.name if device else "nobody answered",
-        url=row.url,
-        started=row.started,
-        ended=row.ended,
-        rx_bytes=row.rx_bytes,
-        tx_bytes=row.tx_bytes,
-        frames=frames,
-        commands=commands,
-    )

@@ -8,8 +8,7 @@ from fastapi import APIRouter, Query
 
 from gss.api import present
 from gss.api.deps import LARGEST_ID, App
-from gss.api.schemas.events import ContactOut, EventOut
-from gss.store import devices
+from gss.api.schemas.events import EventOut
 
 router = APIRouter(tags=["events"])
 
@@ -20,10 +19,3 @@ def list_events(
 ) -> list[EventOut]:
     """Events after a number, oldest first."""
     return [present.records.event(row) for row in app.bus.after(after, limit)]
-
-
-@router.get("/contacts")
-def list_contacts(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ContactOut]:
-    """Newest first."""
-    with app.database.unit_of_work() as session:
-        return [present.records.contact(*row) for row in devices.list_contacts(session, limit)]

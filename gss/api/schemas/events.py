@@ -16,17 +16,3 @@ class EventOut(Out):
     severity: str
     text: str
     data: dict[str, Any]
-
-
-class ContactOut(Out):
-    """A contact: from opening the line to closing it."""
-
-    id: int
-    device: str
-    url: str
-    started: Utc
-    ended: Utc | None
-    rx_bytes: int
-    tx_bytes: int
-    frames: int
-    commands: int

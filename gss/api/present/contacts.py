@@ -1,0 +1,177 @@
+"""Contacts, their record, their replay, their report."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from gss.api.present.alarms import alarm
+from gss.api.present.telemetry import series
+from gss.api.schemas.contacts import (
+    AttitudeSummaryOut,
+    CaptureOut,
+    ContactCommandOut,
+    ContactDetailOut,
+    ContactFrameOut,
+    ContactOut,
+    ContactTransferOut,
+    GapOut,
+    RecordOut,
+    ReplayCommandOut,
+    ReplayEventOut,
+    ReplayOut,
+    ReportOut,
+    SpanOut,
+    VolumesOut,
+)
+from gss.device.session_events import DeviceEvent
+from gss.operations.capture_decoder import CommandSaid, Replayed
+from gss.operations.contact_report import ContactReport
+from gss.operations.contacts import ContactDetail
+from gss.operations.gaps import Gap, RecordCheck
+from gss.operations.replay_capture import ReplayState
+from gss.operations.value_words import plain
+from gss.store.models import Contact, Device
+
+NOBODY = "nobody answered"
+
+
+def moment(unix_s: float) -> datetime:
+    """Unix seconds as a moment."""
+    return datetime.fromtimestamp(unix_s, UTC)
+
+
+def contact(row: Contact, device: Device | None, frames: int, commands: int) -> ContactOut:
+    """A contact."""
+    return ContactOut(
+        id=row.id,
+        device=device.name if device else NOBODY,
+        url=row.url,
+        started=row.started,
+        ended=row.ended,
+        rx_bytes=row.rx_bytes,
+        tx_bytes=row.tx_bytes,
+        frames=frames,
+        commands=commands,
+        note=row.note,
+    )
+
+
+def detail(d: ContactDetail) -> ContactDetailOut:
+    """All of a contact."""
+    head = contact(d.row, d.device, len(d.frames), len(d.commands))
+    return ContactDetailOut(
+        **head.model_dump(),
+        duration_s=d.duration_s,
+        counters=d.counters,
+        error_rate=d.error_rate,
+        gaps=[_span(gap) for gap in d.silences],
+        packets=d.packets,
+        frame_list=[ContactFrameOut.model_validate(row) for row in d.frames],
+        command_list=[ContactCommandOut.model_validate(row) for row in d.commands],
+        transfers=[ContactTransferOut.model_validate(row) for row in d.transfers],
+        alarms=[alarm(view) for view in d.alarms],
+        events=len(d.events),
+        captures=[CaptureOut.model_validate(file) for file in d.captures],
+        capture_bytes=sum(file.bytes for file in d.captures),
+    )
+
+
+def _span(gap: Gap) -> SpanOut:
+    return SpanOut(
+        start=moment(gap.from_s), end=moment(gap.to_s), seconds=round(gap.to_s - gap.from_s, 3), cause=gap.cause
+    )
+
+
+def _gap(gap: Gap) -> GapOut:
+    return GapOut(
+        start=moment(gap.from_s),
+        end=moment(gap.to_s),
+        missing=gap.missing,
+        cause=gap.cause,
+        explained=gap.explained,
+    )
+
+
+def record(contact_id: int, check: RecordCheck) -> RecordOut:
+    """The check of a record."""
+    return RecordOut(
+        contact_id=contact_id,
+        expected=check.expected,
+        held=check.held,
+        share=check.share,
+        unexplained=len(check.unexplained),
+        gaps=[_gap(gap) for gap in check.gaps],
+        late=[_gap(gap) for gap in check.late],
+    )
+
+
+def report(r: ContactReport) -> ReportOut:
+    """The pass report."""
+    a, device = r.attitude, r.detail.device
+    row = r.detail.row
+    return ReportOut(
+        contact=detail(r.detail),
+        firmware=device.firmware if device else "",
+        profile=device.profile if device else "",
+        volumes=VolumesOut(
+            rx_bytes=row.rx_bytes,
+            tx_bytes=row.tx_bytes,
+            telemetry_packets=r.telemetry_packets,
+            frame_bytes=r.frame_bytes,
+        ),
+        attitude=AttitudeSummaryOut(
+            iterations=a.iterations,
+            solved=a.solved,
+            share=a.share,
+            sigma_cross_arcsec_median=a.sigma_cross_arcsec_median,
+            first=a.first,
+            last=a.last,
+        ),
+        record=record(row.id, r.record),
+        series=[series(s) for s in r.series],
+        quality=r.quality,
+    )
+
+
+def replay(state: ReplayState) -> ReplayOut:
+    """Where the replay is."""
+    start_s, end_s, at_s = state.start_s, state.end_s, state.at_s
+    share = 0.0
+    if start_s is not None and end_s is not None and at_s is not None:
+        share = min(1.0, max(0.0, (at_s - start_s) / (end_s - start_s))) if end_s > start_s else 1.0
+    return ReplayOut(
+        state=state.state,  # type: ignore[arg-type]  # the operation's words are the schema's
+        contact_id=state.contact_id,
+        speed=state.speed,
+        start=None if start_s is None else moment(start_s),
+        end=None if end_s is None else moment(end_s),
+        at=None if at_s is None else moment(at_s),
+        share=share,
+        packets=state.packets,
+        commands=state.commands,
+        events=state.events,
+        damaged=state.damaged,
+        foreign=state.foreign,
+        reason=state.reason,
+    )
+
+
+def replay_command(replayed: Replayed) -> ReplayCommandOut:
+    """A command of a replayed contact."""
+    said = replayed.item
+    assert isinstance(said, CommandSaid)  # noqa: S101 - the topic carries nothing else
+    return ReplayCommandOut(
+        at=moment(replayed.at_s),
+        request_id=said.request_id,
+        name=said.name,
+        stage=said.stage,
+        arguments={name: plain(value) for name, value in said.values.items()},
+        detail=said.detail,
+    )
+
+
+def replay_event(replayed: Replayed) -> ReplayEventOut:
+    """An event of a replayed contact."""
+    event = replayed.item
+    assert isinstance(event, DeviceEvent)  # noqa: S101 - the topic carries nothing else
+    return ReplayEventOut(at=moment(replayed.at_s), name=event.name, severity=event.severity, text=event.text)

@@ -1,0 +1,107 @@
+"""Contacts: what happened from opening the line to closing it; once more, and on paper."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import FileResponse, HTMLResponse
+
+from gss.api import present
+from gss.api.deps import App, RowId
+from gss.api.present.contact_page import contact_page
+from gss.api.schemas.contacts import (
+    ContactDetailOut,
+    ContactNoteIn,
+    ContactOut,
+    RecordOut,
+    ReplayChangeIn,
+    ReplayIn,
+    ReplayOut,
+    ReportOut,
+)
+from gss.operations.contact_report import ContactReport, contact_report
+
+router = APIRouter(tags=["contacts"])
+
+
+@router.get("/contacts")
+def list_contacts(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ContactOut]:
+    """Newest first."""
+    return [present.contacts.contact(*row) for row in app.contacts.newest(limit)]
+
+
+@router.get("/contacts/{contact_id}")
+def read_contact(app: App, contact_id: RowId) -> ContactDetailOut:
+    """All of one contact."""
+    return present.contacts.detail(app.contacts.detail(contact_id))
+
+
+@router.put("/contacts/{contact_id}/note")
+def note_contact(app: App, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
+    """What an operator has to say about it."""
+    return present.contacts.detail(app.contacts.note(contact_id, body.note, user=app.settings.user))
+
+
+@router.get("/contacts/{contact_id}/record")
+def check_record(app: App, contact_id: RowId) -> RecordOut:
+    """Every gap of the 1 Hz record with its cause."""
+    return present.contacts.record(contact_id, app.contacts.record(contact_id))
+
+
+@router.get("/contacts/{contact_id}/captures/{file}", response_class=FileResponse)
+def read_capture(app: App, contact_id: RowId, file: str) -> FileResponse:
+    """A file of the raw capture."""
+    path = app.contacts.file(contact_id, file)
+    return FileResponse(path, media_type="application/octet-stream", filename=path.name)
+
+
+def _report(app: App, contact_id: int) -> ContactReport:
+    return contact_report(app.contacts, app.telemetry.archive, app.database, contact_id)
+
+
+@router.get("/contacts/{contact_id}/report")
+def report(app: App, contact_id: RowId) -> ReportOut:
+    """The pass report as figures."""
+    return present.contacts.report(_report(app, contact_id))
+
+
+@router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse)
+def report_page(app: App, contact_id: RowId) -> HTMLResponse:
+    """The pass report to read and to print: one page without scripts, complete in itself."""
+    return HTMLResponse(contact_page(present.contacts.report(_report(app, contact_id))))
+
+
+@router.post("/contacts/{contact_id}/replay", status_code=201)
+def start_replay(app: App, contact_id: RowId, body: ReplayIn) -> ReplayOut:
+    """Replay its capture into a view of its own, in place of what is being replayed."""
+    return present.contacts.replay(app.capture_replay.start(contact_id, body.speed, _unix(body.start)))
+
+
+@router.get("/replay")
+def read_replay(app: App) -> ReplayOut:
+    """Where the replay is."""
+    return present.contacts.replay(app.capture_replay.state)
+
+
+@router.put("/replay")
+def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
+    """Another speed, a halt, another place."""
+    fastest = "speed" in body.model_fields_set and body.speed is None
+    state = app.capture_replay.change(
+        speed=body.speed, as_fast_as_possible=fastest, paused=body.paused, at_s=_unix(body.at)
+    )
+    return present.contacts.replay(state)
+
+
+@router.delete("/replay")
+def stop_replay(app: App) -> ReplayOut:
+    """End it."""
+    return present.contacts.replay(app.capture_replay.stop())
+
+
+def _unix(moment: datetime | None) -> float | None:
+    if moment is None:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

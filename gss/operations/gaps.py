@@ -1,0 +1,204 @@
+"""Is the 1 Hz record whole? Every gap in it, with its cause, or "unexplained".
+
+A gap is found on the *device's* clock: housekeeping that is more than one and a half periods apart. What only came late is no
+gap. The causes are looked up in what else was recorded: sequence counts that are missing, damaged packets, a restart of the
+device, a clock that was set, the line closed. Silence alone explains nothing: then the device may have been the one to fall silent.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+PERIOD_S = 1.0
+GAP_PERIODS = 1.5
+LATE_S = 3.0
+SLACK_S = 1.5
+"""Counters are looked at once a second, so that what they count may be told that much later."""
+UNEXPLAINED = "unexplained"
+RESETS = ("BOOT",)
+CLOCKS = ("TIME_SET", "CLOCK_JUMP")
+LINE_LOST = "LINE_LOST"
+DAMAGE = ("bad_crc", "too_long", "too_short")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One housekeeping packet: when it came (Unix seconds), the device's clock in it, its uptime, its contact."""
+
+    at_s: float
+    device_time_s: float
+    uptime_s: float | None = None
+    contact_id: int | None = None
+
+
+@dataclass(frozen=True)
+class Count:
+    """Counters of what was received in a contact, as they stood at a time: gaps, bad_crc, too_long, too_short, good …"""
+
+    at_s: float
+    values: Mapping[str, float]
+    contact_id: int | None = None
+
+
+@dataclass(frozen=True)
+class Happening:
+    """An event of the device or of the line."""
+
+    at_s: float
+    name: str
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Between two samples. ``missing``: packets that should have been there; 0 when all are there and only came late."""
+
+    from_s: float
+    to_s: float
+    missing: int
+    cause: str
+
+    @property
+    def explained(self) -> bool:
+        """Is there a cause?"""
+        return not self.cause.startswith(UNEXPLAINED)
+
+
+@dataclass(frozen=True)
+class RecordCheck:
+    """What should be there, what is, and each gap. ``late``: spans in which nothing is missing but it came late."""
+
+    expected: int
+    held: int
+    gaps: tuple[Gap, ...]
+    late: tuple[Gap, ...]
+
+    @property
+    def unexplained(self) -> tuple[Gap, ...]:
+        """Gaps without a cause."""
+        return tuple(gap for gap in self.gaps if not gap.explained)
+
+    @property
+    def share(self) -> float:
+        """Held of expected; 1 for an empty record."""
+        return self.held / self.expected if self.expected else 1.0
+
+
+def check_record(
+    samples: Sequence[Sample],
+    counts: Sequence[Count],
+    happenings: Sequence[Happening],
+    *,
+    start_s: float | None = None,
+    end_s: float | None = None,
+) -> RecordCheck:
+    """The samples in order of time, those that the device sent by itself. ``start_s``, ``end_s``: of the contact; the time from
+    there to the first sample and from the last one is looked at too."""
+    gaps: list[Gap] = []
+    late: list[Gap] = []
+    evidence = _Evidence(counts, happenings)
+    for a, b in itertools.pairwise(samples):
+        found = _between(a, b, evidence)
+        if found is not None:
+            (gaps if found.missing else late).append(found)
+    gaps += _ends(samples, evidence, start_s, end_s)
+    gaps.sort(key=lambda gap: gap.from_s)
+    held = len(samples)
+    return RecordCheck(held + sum(gap.missing for gap in gaps), held, tuple(gaps), tuple(late))
+
+
+def why_silent(
+    from_s: float, to_s: float, counts: Sequence[Count], happenings: Sequence[Happening], contact_id: int | None
+) -> str:
+    """Why no good packet came in a span of a contact."""
+    evidence = _Evidence(counts, happenings)
+    lost, boot = evidence.happened((LINE_LOST,), to_s, to_s), evidence.happened(RESETS, from_s, to_s)
+    if lost is not None:
+        return f"the line was lost ({lost.text})"
+    if boot is not None:
+        return "the device restarted" + (f" ({boot.text})" if boot.text else "")
+    return evidence.cause(from_s, to_s, contact_id)
+
+
+class _Evidence:
+    """What else was recorded."""
+
+    def __init__(self, counts: Sequence[Count], happenings: Sequence[Happening]) -> None:
+        self._counts, self._happenings = counts, happenings
+
+    def happened(self, names: Sequence[str], from_s: float, to_s: float) -> Happening | None:
+        """The first such event of a span."""
+        return next(
+            (h for h in self._happenings if h.name in names and from_s - SLACK_S <= h.at_s <= to_s + SLACK_S), None
+        )
+
+    def risen(self, from_s: float, to_s: float, contact_id: int | None) -> dict[str, float]:
+        """By how much each counter of a contact rose over a span: from the last look before it to the first look after it."""
+        own = [c for c in self._counts if c.contact_id == contact_id]
+        before = next((c.values for c in reversed(own) if c.at_s <= from_s), {})
+        after = next((c.values for c in own if c.at_s >= to_s), own[-1].values if own else {})
+        return {name: value - before.get(name, 0) for name, value in after.items()}
+
+    def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
+        """Why packets of a span are missing."""
+        risen = self.risen(a_s, b_s, contact_id)
+        lost, damaged = risen.get("gaps", 0), sum(risen.get(name, 0) for name in DAMAGE)
+        if lost > 0:
+            how = f", {damaged:g} of them came damaged" if damaged else ""
+            return f"lost on the line: {lost:g} packets missing by their sequence counts{how}"
+        if damaged > 0:
+            return f"damaged on the line: {damaged:g} packets with a bad checksum or length"
+        return UNEXPLAINED
+
+
+def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
+    """The gap between two neighbours, None where they follow each other."""
+    if a.contact_id != b.contact_id:
+        missing = max(0, round((b.at_s - a.at_s) / PERIOD_S) - 1)
+        return Gap(a.at_s, b.at_s, missing, "the line was closed in between") if missing else None
+    on_board_s, here_s = b.device_time_s - a.device_time_s, b.at_s - a.at_s
+    restarted = b.uptime_s is not None and a.uptime_s is not None and b.uptime_s < a.uptime_s
+    boot = evidence.happened(RESETS, a.at_s, b.at_s)
+    clock = evidence.happened(CLOCKS, a.at_s, b.at_s)
+    if restarted or clock is not None or on_board_s <= 0:
+        missing = max(0, round(here_s / PERIOD_S) - 1)  # the two device times are of two clocks
+        if here_s <= GAP_PERIODS * PERIOD_S or not missing:
+            return None
+        if restarted:
+            words = f" ({boot.text})" if boot is not None and boot.text else ""
+            return Gap(a.at_s, b.at_s, missing, f"the device restarted{words}")
+        return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
+    if on_board_s > GAP_PERIODS * PERIOD_S:
+        missing = max(1, round(on_board_s / PERIOD_S) - 1)
+        return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
+    if here_s > LATE_S:
+        return Gap(a.at_s, b.at_s, 0, "came late: the line stood still, nothing is missing")
+    return None
+
+
+def _ends(samples: Sequence[Sample], evidence: _Evidence, start_s: float | None, end_s: float | None) -> list[Gap]:
+    """From opening the line to the first sample, from the last one to closing it."""
+    if not samples:
+        if start_s is None or end_s is None or end_s - start_s <= LATE_S:
+            return []
+        missing = round((end_s - start_s) / PERIOD_S)
+        return [Gap(start_s, end_s, missing, f"{UNEXPLAINED}: not one packet came")]
+    gaps = []
+    first, last = samples[0], samples[-1]
+    if start_s is not None and first.at_s - start_s > LATE_S:
+        missing = round((first.at_s - start_s) / PERIOD_S)
+        young = first.uptime_s is not None and first.uptime_s < first.at_s - start_s
+        cause = "the device was not running yet" if young else evidence.cause(start_s, first.at_s, first.contact_id)
+        gaps.append(Gap(start_s, first.at_s, missing, cause))
+    if end_s is not None and end_s - last.at_s > LATE_S:
+        missing = round((end_s - last.at_s) / PERIOD_S)
+        cause = evidence.cause(last.at_s, end_s, last.contact_id)
+        closed = evidence.happened((LINE_LOST,), end_s, end_s)
+        if closed is not None:
+            cause = f"the line was lost ({closed.text})"
+        elif cause == UNEXPLAINED:
+            cause = f"{UNEXPLAINED}: nothing came until the line was closed"
+        gaps.append(Gap(last.at_s, end_s, missing, cause))
+    return gaps
