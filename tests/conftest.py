@@ -6,7 +6,12 @@ from __future__ import annotations
 import glob
 import os
 import shutil
+import threading
+import time
+from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -48,3 +53,88 @@ def root() -> Path:
 def photographs() -> Path:
     """The folder of sky photographs."""
     return PHOTOGRAPHS
+
+
+class SensorInMemory:
+    """A line into a simulated sensor in this process, for a LinkService: each read lets ``STEP_S`` of its time pass, so that
+    minutes are over in seconds. ``url`` is what ``open`` knows it by."""
+
+    STEP_S, PAUSE_S = 0.01, 0.0004
+
+    def __init__(self, url: str, **identity: Any) -> None:
+        import numpy as np
+
+        from gss.device.dictionary_file import load_dictionary
+        from gss.device.simulator.factory import burn_golden
+        from gss.device.simulator.firmware import StarTracker
+        from gss.device.simulator.machine import Device, Identity
+        from gss.device.simulator.memory import Memory
+        from gss.device.simulator.orbit import Inertial
+        from gss.device.simulator.sky import Sky
+        from gss.domain.profiles import profile
+
+        self.url, self.now_s, self.cut, self.deaf = url, 100.0, False, False
+        self.written: list[bytes] = []
+        self.memory, camera = Memory.in_ram(), profile("cubestar")
+        burn_golden(self.memory, camera, _factory_catalogue(self.memory.bank_bytes))
+        motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
+        self.tracker = StarTracker(camera, Sky(camera, motion, 2026.0, 1), self.memory)
+        self.device = Device(load_dictionary(), Identity(**identity), self.memory, self.tracker, self.now_s)
+        self.lock = threading.Lock()
+
+    def open(self, url: str) -> Any:
+        """Instead of gss.device.transport.open_stream."""
+        from gss.domain.errors import LinkDown
+
+        if self.cut:
+            raise LinkDown("the cable is out", got=url)
+        return self
+
+    def monotonic_s(self) -> float:
+        """The clock of both ends; with the cable out nobody reads, and it goes on with each look."""
+        self.now_s += 0.1 if self.cut else 0.0
+        return self.now_s
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        from gss.domain.errors import LinkDown
+
+        del max_bytes, timeout_s
+        time.sleep(self.PAUSE_S)  # let the other threads of this process go on
+        if self.cut:
+            raise LinkDown("the cable is out")
+        with self.lock:
+            self.now_s += self.STEP_S
+            self.device.advance(self.now_s)
+            frames = []
+            while (frame := self.device.next_frame(self.now_s)) is not None:
+                frames.append(frame)
+        return b"".join(frames)
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+        if not self.deaf:
+            with self.lock:
+                self.device.feed(data, self.now_s)
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+@lru_cache(maxsize=1)
+def _factory_catalogue(bank_bytes: int) -> Any:
+    from gss.device.golden import build_golden
+    from gss.domain.profiles import profile
+
+    return build_golden(profile("cubestar"), bank_bytes)
+
+
+@pytest.fixture
+def sensor_in_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SensorInMemory]:
+    """Makes a simulated sensor and lets the link of this process open it."""
+
+    def make(**identity: Any) -> SensorInMemory:
+        sensor = SensorInMemory("memory://sensor", **identity)
+        monkeypatch.setattr("gss.operations.link.open_stream", sensor.open)
+        return sensor
+
+    return make

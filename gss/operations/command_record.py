@@ -40,7 +40,7 @@ class CommandRecorder:
         self.completed_hooks: list[CompletedHook] = []
         self.changed_hooks: list[Callable[[Command], None]] = []
         self._orphans: OrderedDict[int, list[CommandStage]] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a row's stages are written in the order of their coming
 
     def add(
         self,
@@ -114,18 +114,19 @@ class CommandRecorder:
 
     def catch_up(self, request_id: int) -> None:
         """Write the stages that came before their row."""
-        with self._database.unit_of_work() as session:
-            found = store.by_request(session, request_id)
-        if found is None:
-            return  # HELLO and other commands of the session itself never get a row
         with self._lock:
-            events = self._orphans.pop(request_id, [])
-        for event in events:
-            self._write(found.id, event)
+            with self._database.unit_of_work() as session:
+                found = store.by_request(session, request_id)
+            if found is None:
+                return  # HELLO and other commands of the session itself never get a row
+            for event in self._orphans.pop(request_id, []):
+                self._write(found.id, event)
 
     def _write(self, command_id: int, event: CommandStage) -> None:
         with self._database.unit_of_work() as session:
             found = store.get(session, command_id)
+        if event.stage is Stage.UNKNOWN and found.result == "unknown":
+            return  # said already, when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
         stage = self._stage(str(event.stage), detail)
         values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
@@ -145,7 +146,7 @@ class CommandRecorder:
     def _tell(self, row: Command, event: CommandStage) -> None:
         if event.stage is Stage.UNKNOWN:
             self._bus.record("command", "warning", f"{row.name}: no report in time, fate unknown", command_id=row.id)
-        if event.late and event.stage in FINAL_STAGES:
+        if row.late and event.stage in FINAL_STAGES:
             self._bus.record("command", "watch", f"{row.name}: {event.stage} after all, late", command_id=row.id)
         if event.stage is Stage.COMPLETED:
             for hook in self.completed_hooks:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from gss.device.dictionary_file import load_dictionary
+from gss.operations.authority import AuthorityService
+from gss.operations.command_history import CommandHistory
+from gss.operations.commanding import CommandService
 from gss.operations.events import EventBus
+from gss.operations.link import LinkService
+from gss.operations.schedule import ScheduleService
+from gss.operations.stack_runs import StackRunner
+from gss.operations.stacks import StackService
 from gss.store.engine import Database, migrate, open_engine
 
 
@@ -45,3 +55,74 @@ def database(tmp_path: Path) -> Iterator[Database]:
 def bus(database: Database, clock: HandClock) -> EventBus:
     """The bus on that database."""
     return EventBus(database, clock)
+
+
+ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
+
+
+class Desk:
+    """An operator's desk on a sensor in memory. ``now`` is a clock that the caller owns."""
+
+    def __init__(
+        self, sensor: Any, database: Database, bus: EventBus, folder: Path, now: Callable[[], datetime]
+    ) -> None:
+        self.sensor, self.bus = sensor, bus
+        self.link = LinkService(load_dictionary(), database, bus, folder / "captures", now, sensor.monotonic_s)
+        self.authority = AuthorityService(database, bus, now)
+        self.commands = CommandService(self.link, database, bus, now, self.authority)
+        self.history = CommandHistory(database)
+        self.stacks = StackService(self.link, self.commands, database, now)
+        self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)
+        self.schedule = ScheduleService(self.link, self.commands, bus, now)
+        self.link.handlers += [self.commands.handle, self.runs.handle]
+
+    def start(self) -> Desk:
+        """Open the line and wait for the sensor."""
+        self.commands.start()
+        self.runs.start()
+        self.link.start()
+        self.link.open_later(self.sensor.url)
+        self.wait(lambda: self.link.hello is not None and self.link.session.housekeeping is not None)
+        return self
+
+    def stop(self) -> None:
+        """Give the line back."""
+        self.runs.shut_down()
+        self.link.stop()
+
+    def wait(self, done: Callable[[], bool]) -> None:
+        """Until something holds; the real time is only the limit after which a broken thing is given up."""
+        limit_s = time.monotonic() + 30
+        while not done():
+            assert time.monotonic() < limit_s, [event.text for event in self.bus.after(0, 1000)][-5:]
+            time.sleep(0.002)
+
+    def send(self, name: str, *, confirm: str = "", user: str = "ann", **arguments: Any) -> Any:
+        """A command from the form."""
+        return self.commands.send(name, arguments, confirm=confirm, user=user, source="form")
+
+    def end(self, row: Any) -> Any:
+        """The row of a command after its end."""
+        self.wait(lambda: self.commands.get(row.id).result in ENDED)
+        return self.commands.get(row.id)
+
+    def run_ends(self, run: Any) -> Any:
+        """The row of a stack's run after its end."""
+        self.wait(lambda: self.runs.get(run.id).finished is not None)
+        return self.runs.get(run.id)
+
+
+@pytest.fixture
+def make_desk(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[Callable[..., Desk]]:
+    """Desks, one after the other on the same store; the line is given back at the end."""
+    made: list[Desk] = []
+
+    def make(sensor: Any = None, now: Callable[[], datetime] | None = None, **identity: Any) -> Desk:
+        if made:
+            made[-1].stop()
+        made.append(Desk(sensor or sensor_in_memory(**identity), database, bus, tmp_path, now or clock))
+        return made[-1].start()
+
+    yield make
+    for desk in made:
+        desk.stop()
