@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, asdict, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, replace
 from typing import Any
 
 from gss.device.tables import Scalar
@@ -45,8 +45,8 @@ def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
     if isinstance(model, RadialTilt):
         values |= {n: getattr(model, n) for n in ("focal_mm", "tilt_max_rad", "tilt_direction_rad")}
         values |= dict(zip(RADIAL, model.radial, strict=False))
-    elif is_dataclass(model):
-        values |= asdict(model)
+    else:
+        values |= {n: float(getattr(model, n)) for n in MODELS[NAMES[type(model)]][1]}
     return values | {f.name: getattr(profile.sensor, f.name) for f in fields(Sensor)}
 
 
@@ -72,8 +72,10 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
         raise BadInput("focal lengths and gain must be above zero")
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
-    camera = Camera(*(whole.get(n, numbers[n]) for n in GEOMETRY), distortion)  # type: ignore[arg-type]
-    sensor = Sensor(**({n: numbers[n] for n in sensor_names} | {"bits": whole["bits"]}))  # type: ignore[arg-type]
+    geometry: dict[str, Any] = {n: whole.get(n, numbers[n]) for n in GEOMETRY}
+    camera = Camera(**geometry, distortion=distortion)
+    photometry: dict[str, Any] = {n: numbers[n] for n in sensor_names} | {"bits": whole["bits"]}
+    sensor = Sensor(**photometry)
     return replace(profile, camera=camera, sensor=sensor)
 
 

@@ -14,7 +14,8 @@ from gss.operations.check_findings import Findings, shown
 from gss.operations.probe import FINAL, Probe
 
 LONG_EXPOSURE_MS = 1000
-THUMBNAIL: Mapping[str, Value] = {"kind": "thumbnail", "target": 0, "chunk_bytes": 256, "held_sha256": bytes(32)}
+WHOLE: Mapping[str, Value] = {"held_sha256": bytes(32), "col_px": 0, "row_px": 0, "columns": 0, "rows": 0}
+THUMBNAIL: Mapping[str, Value] = {"kind": "thumbnail", "target": 0, "chunk_bytes": 256, **WHOLE}
 NOWHERE = "no bank can be written: all are active, protected or unfinished"
 
 
@@ -46,7 +47,7 @@ def check_downloads(probe: Probe, findings: Findings) -> None:
         ("chunks of no byte", {"kind": "thumbnail", "target": 0, "chunk_bytes": 0}),
     )
     for subject, values in refusals:
-        request_id = probe.transfer("OPEN_DOWNLOAD", {**values, "held_sha256": bytes(32)})
+        request_id = probe.transfer("OPEN_DOWNLOAD", {**values, **WHOLE})
         name, reply = probe.transfer_reply(request_id)
         refused = name == "ABORT_TRANSFER" and reply["session"] == 0
         findings.check("6.1", subject, refused, _said(name, reply))

@@ -170,6 +170,11 @@ def recorded(bench: Bench) -> list[Packet]:
     bench.do("SET_MODE", mode="standby")
     assert bench.do("RUN_ITERATION").stage is Stage.REJECTED
     bench.do("SET_MODE", mode="lost_in_space")
+    bench.do("SET_TIME", utc_s=1_700_000_000.0)
+    bench.do("SET_ORBIT")
+    bench.do("SCHEDULE", at_s=1.0e6, command_code=34)
+    bench.do("LIST_TABLES")
+    bench.do("READ_MEMORY", area="flash", address=0, length=64)
     assert bench.do("RUN_ITERATION").values["outcome"] == "solved"
     for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE", "TAKE_IMAGE", "LIST_FRAMES", "LIST_BANKS"):
         bench.do(name, **({"slot": 1} if name == "TAKE_IMAGE" else {}))

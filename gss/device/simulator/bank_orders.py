@@ -7,10 +7,11 @@ from collections.abc import Generator
 import numpy as np
 
 from gss.device.simulator.command_desk import Arguments, Handler, Returns, Task
-from gss.device.simulator.firmware import Refusal, StarTracker
+from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.loader import Loader
 from gss.device.simulator.memory import BANKS, GOLDEN, Memory
 from gss.device.simulator.outbox import Outbox
+from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.reports import Report
 
 FLASH_READ_BYTES_S = 400_000.0

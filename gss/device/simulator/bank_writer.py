@@ -1,16 +1,33 @@
-"""Uploads into catalogue banks: what may be written, what flash still holds of an earlier attempt, and the commit."""
+"""Uploads into flash: what may be written where, what flash still holds of an earlier attempt, and the commit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+from gss.catalogue_tools import triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.device.dictionary import Dictionary, Value
+from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.transfer import ChunkReceiver, chunk_count
-from gss.device.simulator.firmware import Refusal
-from gss.device.simulator.memory import BANKS, GOLDEN, BankRecord, Memory, SuspendedUpload
+from gss.device.simulator.memory import (
+    BANKS,
+    FACTORY,
+    GOLDEN,
+    TABLE_BANKS,
+    TABLES,
+    BankRecord,
+    Memory,
+    SuspendedUpload,
+)
+from gss.device.simulator.record import area_name
+from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
+from gss.device.table_use import calibrated, check_parameters
+from gss.device.tables import TABLE_FORMAT, decode_table
 from gss.domain.errors import BadInput, CorruptData
+from gss.domain.profiles import CameraProfile
+
+FLASH_KINDS = ("catalogue", *TABLES)
 
 
 def _short(value: Value) -> str:
@@ -18,95 +35,155 @@ def _short(value: Value) -> str:
 
 
 class BankWriter:
-    """Writes the banks of one device. Refusal where something may not be; saving the record after ``open`` is the caller's."""
+    """Writes the flash of one device. Refusal where something may not be; saving the record after ``open`` is the caller's."""
 
-    def __init__(self, dictionary: Dictionary, memory: Memory, profile_name: str) -> None:
-        self._dictionary, self._memory, self._profile_name = dictionary, memory, profile_name
+    def __init__(self, dictionary: Dictionary, memory: Memory, profile: CameraProfile) -> None:
+        self._dictionary, self._memory, self._profile = dictionary, memory, profile
+        self._table_banks = {c.value: c.name for c in dictionary.command("VERIFY_TABLE").argument("bank").choices}
 
-    def check(self, v: Mapping[str, Value], target: int, size: int) -> None:
-        """May this content go into this bank?"""
-        if target >= len(BANKS):
-            raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
-        bank, record = BANKS[target], self._memory.record
-        if bank == GOLDEN:
-            raise Refusal("write_protected", "the golden bank cannot be written")
-        if bank == record.active or (record.unconfirmed and bank == record.previous):
-            raise Refusal("bank_active", f"bank {bank} is in use")
-        if not 0 < size <= self._memory.bank_bytes:
-            raise Refusal("too_large", f"a bank has {self._memory.bank_bytes} B, got {size}")
+    # --- what may be written ------------------------------------------------------------------------------------
+
+    def area(self, kind: str, target: int) -> str:
+        """Name of the flash area that a kind and a number mean."""
+        if kind == "catalogue":
+            if target >= len(BANKS):
+                raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
+            return BANKS[target]
+        bank = self._table_banks.get(target)
+        if bank not in TABLE_BANKS:
+            raise Refusal("not_found", f"tables are in 0 A, 1 B, 3 factory; got {target}")
+        return area_name(kind, bank)
+
+    def check(self, v: Mapping[str, Value], target: int, size: int) -> str:
+        """May this content go there? The area."""
+        kind = str(v["kind"])
+        area = self.area(kind, target)
+        if area == GOLDEN or area.endswith(FACTORY):
+            raise Refusal("write_protected", f"{area} cannot be written")
+        if area in self._in_use(kind):
+            raise Refusal("bank_active", f"{area} is in use")
+        capacity = self._memory.capacity(area)
+        if not 0 < size <= capacity:
+            raise Refusal("too_large", f"{area} has {capacity} B, got {size}")
         own: dict[str, Value] = {
             "device_model": self._dictionary.device_model,
-            "profile": self._profile_name,
+            "profile": self._profile.name,
             "dictionary_hash": self._dictionary.hash,
-            "format_version": FORMATS["cubestar"],
         }
         for name, wanted in own.items():
             if v[name] != wanted:
                 raise Refusal("incompatible", f"{name}: expected {_short(wanted)}, got {_short(v[name])}")
+        if int(v["format_version"]) not in self.formats(kind):
+            expected = " or ".join(map(str, self.formats(kind)))
+            raise Refusal("incompatible", f"format_version: expected {expected}, got {int(v['format_version'])}")
+        return area
 
-    def open(self, target: int, size: int, chunk_bytes: int, digest: bytes) -> tuple[ChunkReceiver, int, bool]:
-        """Prepare a bank: the receiver with the chunks that are there already, the chunk size, and whether any attempt goes on.
+    def formats(self, kind: str) -> tuple[int, ...]:
+        """Formats that the unit reads: of catalogues CubeStar's, and that of its own system where it has one."""
+        if kind == "catalogue":
+            return tuple(sorted({FORMATS["cubestar"], FORMATS.get(self._profile.name, FORMATS["cubestar"])}))
+        return (triplets.HEADER_VERSION,) if kind == "triplets" else (TABLE_FORMAT,)
 
-        An attempt that was broken off keeps its chunk size; another content starts from an erased bank.
+    def _in_use(self, kind: str) -> tuple[str, ...]:
+        record = self._memory.record
+        if kind == "catalogue":
+            return (record.active, record.previous) if record.unconfirmed else (record.active,)
+        used = record.tables[kind]
+        return tuple(area_name(kind, b) for b in ((used.active, used.previous) if used.unconfirmed else (used.active,)))
+
+    # --- writing ------------------------------------------------------------------------------------------------
+
+    def open(self, area: str, size: int, chunk_bytes: int, digest: bytes) -> tuple[ChunkReceiver, bool]:
+        """Prepare an area: the receiver with the chunks that are there already, and whether an attempt goes on.
+
+        An attempt that was broken off goes on in chunks of any size; another content starts from an erased area.
         """
-        bank, record = BANKS[target], self._memory.record
-        upload = record.uploads.get(bank)
+        record = self._memory.record
+        upload = record.uploads.get(area)
         same = upload is not None and (upload.size, upload.sha256) == (size, digest.hex())
-        complete = record.banks[bank].sha256 == digest.hex() and self._memory.intact(bank)
+        complete = record.banks[area].sha256 == digest.hex() and self._memory.intact(area)
+        numbers: list[int] = []
         if complete:
-            held = range(chunk_count(size, chunk_bytes))
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
+            numbers = list(range(chunk_count(size, chunk_bytes)))
         elif same and upload is not None:
-            chunk_bytes = upload.chunk_bytes
-            numbers = [i for first, last in upload.held for i in range(first, last + 1)]
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, numbers)
+            numbers = regrid(upload.held, size, upload.chunk_bytes, chunk_bytes)
         else:
-            self._memory.erase_bank(bank)
-            receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS)
+            self._memory.erase_bank(area)
+        receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, numbers)
         if not complete:
-            record.banks[bank] = BankRecord("loading", size=size)
-            record.uploads[bank] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.held.ranges()[0])
-        return receiver, chunk_bytes, complete or same
+            record.banks[area] = BankRecord("loading", size=size)
+            record.uploads[area] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.held.ranges()[0])
+        return receiver, complete or same
 
     def program(self, session: Session, at: int, data: bytes) -> None:
         """Write a chunk; FlashError when the flash cannot."""
-        self._memory.flash.program(self._memory.offset(session.bank) + at, data)
+        self._memory.flash.program(self._memory.offset(session.area) + at, data)
 
     def read(self, session: Session) -> bytes:
         """What flash holds."""
-        return self._memory.flash.read(self._memory.offset(session.bank), session.size)
+        return self._memory.flash.read(self._memory.offset(session.area), session.size)
 
     def erase(self, session: Session) -> None:
         """Nothing of this attempt is worth keeping."""
-        self._memory.erase_bank(session.bank)
+        self._memory.erase_bank(session.area)
 
     def keep_progress(self, session: Session) -> None:
         """Note which chunks flash holds, for an attempt after a reset."""
-        upload = self._memory.record.uploads.get(session.bank)
+        upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
             held = session.receiver.held.ranges()[0]
             kept = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
-            self._memory.record.uploads[session.bank] = kept
+            self._memory.record.uploads[session.area] = kept
             self._memory.save()
 
+    # --- commit -------------------------------------------------------------------------------------------------
+
     def commit(self, session: Session, content: bytes) -> None:
-        """The bank holds a catalogue from now on; Refusal when it is none, or another camera's."""
+        """The area holds this content from now on; Refusal when it is not what it says, or another camera's."""
         try:
-            header, catalogue = read_header(content), decode(content)
+            record = self._catalogue(content) if session.kind == "catalogue" else self._table(session.kind, content)
         except (CorruptData, BadInput) as error:
             raise Refusal("incompatible", str(error)) from error
-        if header.profile_name != self._profile_name:
-            text = f"catalogue is for {header.profile_name}, this is {self._profile_name}"
-            raise Refusal("incompatible", text)
-        self._memory.record.uploads.pop(session.bank, None)
-        self._memory.record.banks[session.bank] = BankRecord(
+        self._memory.record.uploads.pop(session.area, None)
+        self._memory.record.banks[session.area] = BankRecord(
             "committed",
             session.size,
             session.sha256.hex(),
-            len(catalogue),
-            len(catalogue.distances),
-            header.epoch_jyear,
-            FORMATS[header.format_name],
-            header.profile_name,
+            record.stars,
+            record.pairs,
+            record.epoch_jyear,
+            record.format_version,
+            record.profile,
         )
         self._memory.save()
+
+    def _catalogue(self, content: bytes) -> BankRecord:
+        header, catalogue = read_header(content), decode(content)
+        self._own(header.profile_name, "catalogue")
+        version = FORMATS[header.format_name]
+        if version not in self.formats("catalogue"):
+            raise Refusal("incompatible", f"this unit does not read the {header.format_name} format")
+        return BankRecord(
+            stars=len(catalogue),
+            pairs=len(catalogue.distances),
+            epoch_jyear=header.epoch_jyear,
+            format_version=version,
+            profile=header.profile_name,
+        )
+
+    def _table(self, kind: str, content: bytes) -> BankRecord:
+        if kind == "triplets":
+            table = triplets.decode_triplets(content)
+            version = triplets.HEADER_VERSION
+            return BankRecord(stars=table.stars, pairs=len(table), format_version=version, profile=self._profile.name)
+        name, values = decode_table(kind, content)
+        self._own(name, kind)
+        if kind == "calibration":
+            calibrated(self._profile, values)
+        else:
+            check_parameters(self._profile, values)
+        return BankRecord(format_version=TABLE_FORMAT, profile=name)
+
+    def _own(self, name: str, kind: str) -> None:
+        if name != self._profile.name:
+            raise Refusal("incompatible", f"{kind} is for {name}, this is {self._profile.name}")

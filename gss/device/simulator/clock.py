@@ -1,117 +1,41 @@
-"""Simulated time: as fast as the world, faster, or only on command."""
+"""The device's clock: counts from its first start, may run fast or slow, may jump; and UTC as far as it was told."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from typing import Protocol
+from gss.device.simulator.memory import Memory
 
-from gss.domain.errors import BadInput
-
-FASTEST = 1000.0
-LONGEST_STEP_S = 86_400.0
-TICK_S = 0.01
-SETTLE_TURNS = 3
-LONGEST_ORDER_BYTES = 200
+PPM = 1e-6
 
 
-class SimulatedClock:
-    """Seconds since the start. ``real`` is the world's clock; a held clock stands still until it is stepped or run."""
+class DeviceClock:
+    """Device time at simulated times (both in seconds since the same zero while the clock is healthy)."""
 
-    def __init__(self, speed: float = 1.0, *, held: bool = False, real: Callable[[], float] = time.monotonic) -> None:
-        self._speed, self._real, self.held = _checked_speed(speed), real, held
-        self._base_s, self._since_s = 0.0, real()
+    def __init__(self, memory: Memory, start_s: float) -> None:
+        self._memory = memory
+        self._from_s, self._base_s = start_s, start_s
+        self.drift_ppm = 0.0
 
-    def __call__(self) -> float:
-        """Simulated seconds now."""
-        return self._base_s if self.held else self._base_s + (self._real() - self._since_s) * self._speed
+    def at(self, simulated_s: float) -> float:
+        """What the clock shows."""
+        return self._base_s + (simulated_s - self._from_s) * (1 + self.drift_ppm * PPM)
 
-    def hold(self) -> None:
-        """Stand still."""
-        self._base_s, self.held = self(), True
+    def set_drift(self, ppm: float, simulated_s: float) -> None:
+        """From now on so many parts per million fast."""
+        self._from_s, self._base_s = simulated_s, self.at(simulated_s)
+        self.drift_ppm = ppm
 
-    def run(self, speed: float | None = None) -> None:
-        """Go on with the world, perhaps at another speed."""
-        new_speed = self._speed if speed is None else _checked_speed(speed)
-        self._base_s, self._since_s, self._speed, self.held = self(), self._real(), new_speed, False
+    def jump(self, seconds: float, simulated_s: float) -> float:
+        """Jump; never below zero. How far it went."""
+        before = self.at(simulated_s)
+        self._from_s, self._base_s = simulated_s, max(0.0, before + seconds)
+        return self._base_s - before
 
-    def advance(self, seconds: float) -> None:
-        """A step of a held clock."""
-        if not self.held:
-            raise BadInput("the clock is running", expected="pause before step")
-        self._base_s += seconds
+    def set_utc(self, utc_s: float, simulated_s: float) -> None:
+        """SET_TIME."""
+        self._memory.record.utc_offset_s = utc_s - self.at(simulated_s)
+        self._memory.save()
 
-
-class Paced(Protocol):
-    """What moves when time passes: the terminal."""
-
-    paced: bool
-
-    def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]: ...
-
-
-class TimeDesk:
-    """Orders of time, one a line: ``step SECONDS``, ``run [SPEED]``, ``pause``, ``time``. Each has one line of answer:
-    ``time T``, ``running``, ``paused T`` or ``error …``.
-
-    A step passes in ticks of 10 ms, and what has come over the line is read before the first: the same orders at the same
-    times give the same bytes.
-    """
-
-    def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = lambda: False) -> None:
-        self._clock, self._terminal, self._stopping = clock, terminal, stopping
-        self._rest = b""
-
-    def feed(self, data: bytes) -> Iterator[str]:
-        """Answers to the orders that are complete."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        self._rest = self._rest[-LONGEST_ORDER_BYTES:]
-        for line in lines:
-            words = line.decode("utf-8", "replace").split()
-            if words:
-                yield self._obey(words[0], words[1:])
-
-    def _obey(self, order: str, words: list[str]) -> str:
-        try:
-            if order == "step" and len(words) == 1:
-                self._step(_number(words[0], LONGEST_STEP_S))
-                return f"time {self._clock():.6f}"
-            if order == "run" and len(words) <= 1:
-                self._clock.run(_number(words[0], FASTEST) if words else None)
-                self._terminal.paced = True
-                return "running"
-            if order == "pause" and not words:
-                self._clock.hold()
-                self._terminal.paced = False
-                return f"paused {self._clock():.6f}"
-            if order == "time" and not words:
-                return f"time {self._clock():.6f}"
-        except BadInput as error:
-            return f"error {error}"
-        return "error unknown order; expected step SECONDS | run [SPEED] | pause | time"
-
-    def _step(self, seconds: float) -> None:
-        for _ in range(SETTLE_TURNS):
-            self._terminal.turn(0.0)
-        ticks = max(1, round(seconds / TICK_S))
-        for _ in range(ticks):
-            self._clock.advance(seconds / ticks)
-            self._terminal.turn(0.0)
-            if self._stopping():
-                return
-
-
-def _number(text: str, most: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise BadInput("unreadable number", expected="digits", got=text) from None
-    if not 0 < value <= most:
-        raise BadInput("number is out of range", expected=f"above 0, at most {most:g}", got=text)
-    return value
-
-
-def _checked_speed(speed: float) -> float:
-    if not 0 < speed <= FASTEST:
-        raise BadInput("speed is out of range", expected=f"above 0, at most {FASTEST:g}", got=f"{speed:g}")
-    return speed
+    def utc_s(self, simulated_s: float) -> float:
+        """UTC, not-a-number before SET_TIME."""
+        offset_s = self._memory.record.utc_offset_s
+        return float("nan") if offset_s is None else self.at(simulated_s) + offset_s

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 from gss.device.dictionary import Command, Dictionary, Value
 from gss.device.protocol.codec import check_arguments, decode, encode, fixed_bytes
-from gss.device.protocol.packet import Packet
-from gss.device.simulator.firmware import Refusal
+from gss.device.protocol.packet import Packet, PacketType
 from gss.device.simulator.memory import Memory, StoredRequest
 from gss.device.simulator.outbox import Outbox, short_text
+from gss.device.simulator.refusal import Refusal
 from gss.domain.errors import BadInput, CorruptData
 
 MOST_WAITING = 4
@@ -28,6 +28,10 @@ Returns = dict[str, Value]
 Arguments = Mapping[str, Value]
 Task = Generator[float, None, Returns]
 Handler = Callable[[Arguments, int], "Returns | Task"]
+Guard = Callable[[Arguments], None]
+"""Raises Refusal where a command must be rejected before it is accepted."""
+Ended = Callable[[str, str, str], None]
+"""Called with stage, reason and detail at the end of a command that nobody on the line waits for."""
 
 
 @dataclass
@@ -39,6 +43,7 @@ class Running:
     arguments: Arguments
     task: Task | None = None
     due_s: float = 0.0
+    on_end: Ended | None = None
 
 
 class CommandDesk:
@@ -47,6 +52,7 @@ class CommandDesk:
     def __init__(self, dictionary: Dictionary, memory: Memory, outbox: Outbox, state: Callable[[], Returns]) -> None:
         self._dictionary, self._memory, self._outbox, self._state = dictionary, memory, outbox, state
         self.handlers: dict[str, Handler] = {}
+        self.guards: dict[str, Guard] = {}
         self.on_completed: Callable[[str], None] = lambda _: None
         self._current: Running | None = None
         self._waiting: deque[Running] = deque()
@@ -115,7 +121,7 @@ class CommandDesk:
         if command is None:
             raise Refusal("unknown_command", f"code {packet.code}")
         if command.name not in self.handlers:
-            raise Refusal("unknown_command", f"{command.name} is not on board")
+            raise Refusal("unknown_command", f"{command.name} is not for this unit")
         if packet.prefix != self._dictionary.prefix and not command.any_dictionary:
             raise Refusal("wrong_dictionary", f"device {self._dictionary.prefix:04x}, ground {packet.prefix:04x}")
         try:
@@ -129,9 +135,23 @@ class CommandDesk:
         for condition in command.preconditions:
             if condition.met(state) is False:
                 raise Refusal("wrong_state", f"not met: {condition.text}")
+        if command.name in self.guards:
+            self.guards[command.name](arguments)
         if len(self._waiting) >= MOST_WAITING:
             raise Refusal("busy", f"{MOST_WAITING} commands are waiting")
         return Running(packet.request_id, command, arguments)
+
+    def run_scheduled(self, request_id: int, code: int, payload: bytes, on_end: Ended) -> None:
+        """Admit and run a command of the schedule: the same checks, no reports on the line, no id used up."""
+        packet = Packet(PacketType.COMMAND, code, request_id, payload, self._dictionary.prefix, True)
+        try:
+            running = self._admit(self._dictionary.command_of_code(code), packet)
+        except Refusal as refusal:
+            on_end("rejected", refusal.reason, refusal.detail)
+            return
+        running.on_end = on_end
+        self._waiting.append(running)
+        self.run(self._now_s)
 
     # --- running ------------------------------------------------------------------------------------------------
 
@@ -189,7 +209,7 @@ class CommandDesk:
 
     def progress(self, percent: int) -> None:
         """A word on the way; not stored, a retry gets what comes after it."""
-        if self._current is not None:
+        if self._current is not None and self._current.on_end is None:
             payload = self._payload("progress", percent=percent)
             self._outbox.report(self._current.request_id, self._current.command.code, payload)
 
@@ -201,6 +221,10 @@ class CommandDesk:
     def _stage(
         self, running: Running, stage: str, reason: str = "none", detail: str = "", returned: bytes = b""
     ) -> None:
+        if running.on_end is not None:
+            if stage in ("completed", "failed"):
+                running.on_end(stage, reason, detail)
+            return
         request = self._memory.request(running.request_id)
         if request is None:
             request = StoredRequest(running.request_id, running.command.code, "", "")

@@ -1,15 +1,19 @@
-"""What happens to a unit before it leaves the factory: the golden catalogue is burnt."""
+"""What happens to a unit before it leaves the factory: golden catalogue, calibration, parameters and triplets are burnt."""
 
 from __future__ import annotations
 
-from gss.catalogue_tools.onboard import FORMATS, read_header
+from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.catalogue_tools.triplets import HEADER_VERSION, encode_triplets
 from gss.device.golden import Golden
-from gss.device.simulator.memory import GOLDEN, BankRecord, Memory
+from gss.device.simulator.memory import FACTORY, GOLDEN, BankRecord, Memory
+from gss.device.simulator.record import area_name
+from gss.device.table_use import calibration_values, chain_of, parameter_values
+from gss.device.tables import TABLE_FORMAT, encode_table
 from gss.domain.profiles import CameraProfile
 
 
 def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
-    """Put the factory catalogue into the golden bank and make it the active one."""
+    """Put the factory catalogue into the golden bank, and the tables that belong to it into theirs."""
     header = read_header(golden.image)
     record = BankRecord(
         stars=header.stars,
@@ -19,3 +23,17 @@ def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
         profile=profile.name,
     )
     memory.burn(GOLDEN, golden.image, record)
+    for kind, values in (("calibration", calibration_values(profile)), ("parameters", parameter_values(profile))):
+        table = BankRecord(format_version=TABLE_FORMAT, profile=profile.name)
+        memory.burn(area_name(kind, FACTORY), encode_table(kind, profile.name, values), table)
+    # Only Oersted's chain works with triplets; the others leave their factory bank empty.
+    prepared = chain_of(profile).prepare(decode(golden.image), profile)
+    if hasattr(prepared, "triplets"):
+        image = encode_triplets(prepared.triplets, header.body_crc32)
+        table = BankRecord(
+            stars=header.stars,
+            pairs=len(prepared.triplets),
+            format_version=HEADER_VERSION,
+            profile=profile.name,
+        )
+        memory.burn(area_name("triplets", FACTORY), image, table)

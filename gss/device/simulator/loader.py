@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from gss.device.dictionary import Dictionary, Value
+from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.codec import Decoded
-from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count
-from gss.device.simulator.bank_writer import BankWriter
-from gss.device.simulator.firmware import Refusal, StarTracker
-from gss.device.simulator.images import SLOTS, frame_bytes, thumbnail
-from gss.device.simulator.memory import BANKS, FlashError, Memory
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count, request_patience_s
+from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
+from gss.device.simulator.downloads import Downloads
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.images import SLOTS
+from gss.device.simulator.memory import FlashError, Memory
+from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Outgoing, Session
 
 CHUNK_RANGE = (16, 1536)
@@ -23,12 +26,13 @@ MOST_SESSIONS = 8
 
 
 class Loader:
-    """All transfers of the device. ``news``: (event name, text) for the device to report. ``origin_s``: zero of the
-    device's clock."""
+    """All transfers of the device. ``news``: (event name, text) for the device to report. ``device_time``: the device's clock
+    at a time of the line. ``image_memory``: has it power?"""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
         self._memory, self._tracker = memory, tracker
-        self._writer = BankWriter(dictionary, memory, tracker.profile.name)
+        self._writer = BankWriter(dictionary, memory, tracker.profile)
+        self._downloads = Downloads(memory, tracker, self._writer)
         self._bytes_per_s = bytes_per_s
         self._sessions: dict[int, Session] = {}
         self._parts: dict[tuple[str, int], Session] = {}
@@ -36,7 +40,8 @@ class Loader:
         self._turn = 0
         self._refused_s: dict[int, float] = {}
         self.news: list[tuple[str, str]] = []
-        self.origin_s = 0.0
+        self.device_time: Callable[[float], float] = lambda now_s: now_s
+        self.image_memory: Callable[[], bool] = lambda: True
 
     @property
     def open_sessions(self) -> int:
@@ -63,11 +68,17 @@ class Loader:
             del self._sessions[session.id]
         return len(open_now)
 
-    def busy_with(self, bank: str) -> bool:
-        """Does an open upload hold this bank?"""
-        return any(
-            s.receiver and s.kind == "catalogue" and s.bank == bank and not s.committed for s in self._sessions.values()
-        )
+    def busy_with(self, area: str) -> bool:
+        """Does an open upload hold this bank, or bank of a table?"""
+        return any(s.receiver and s.area == area and not s.committed for s in self._sessions.values())
+
+    def drop_images(self) -> None:
+        """Image memory lost its power: transfers of images, up and down, are over."""
+        self._parts.clear()
+        for session in list(self._sessions.values()):
+            if not session.committed and not session.area and (session.receiver or session.frame_number):
+                self._abort(session.id, session.request_id, "powered_off", "image memory lost its power")
+                del self._sessions[session.id]
 
     # --- messages -----------------------------------------------------------------------------------------------
 
@@ -156,25 +167,36 @@ class Loader:
     def _open_upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
         kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
         chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
-        if kind == "catalogue":
-            self._writer.check(v, target, size)
-            return self._open_bank(request_id, target, size, chunk_bytes, digest, now_s)
+        if kind in FLASH_KINDS:
+            area = self._writer.check(v, target, size)
+            return self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
         if kind != "image" or target >= SLOTS:
             raise Refusal("not_found", f"nothing to write: {kind} {target}")
-        if size != self._tracker.frame_size:
-            raise Refusal("too_large", f"an image has {self._tracker.frame_size} B, got {size}")
+        self._need_image_memory()
+        if size != self._tracker.imager.frame_size:
+            raise Refusal("too_large", f"an image has {self._tracker.imager.frame_size} B, got {size}")
         return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
 
-    def _open_bank(
-        self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
+    def _need_image_memory(self) -> None:
+        if not self.image_memory():
+            raise Refusal("powered_off", "sram has no power")
+
+    def _open_area(
+        self,
+        request_id: int,
+        kind: str,
+        target: int,
+        area: str,
+        size: int,
+        chunk_bytes: int,
+        digest: bytes,
+        now_s: float,
     ) -> Session:
-        for session_id in [
-            s.id for s in self._sessions.values() if s.receiver and s.kind == "catalogue" and s.target == target
-        ]:
+        for session_id in [s.id for s in self._sessions.values() if s.receiver and s.area == area]:
             del self._sessions[session_id]
-        receiver, chunk_bytes, resumed = self._writer.open(target, size, chunk_bytes, digest)
+        receiver, resumed = self._writer.open(area, size, chunk_bytes, digest)
         session = Session(
-            self._new_id(), request_id, "catalogue", target, size, chunk_bytes, digest, bytearray(), now_s, resumed
+            self._new_id(), request_id, kind, target, size, chunk_bytes, digest, bytearray(), now_s, resumed, area=area
         )
         session.receiver = receiver
         self._memory.save()
@@ -183,16 +205,22 @@ class Loader:
     def _open_image(
         self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
     ) -> Session:
-        part = self._parts.get(("image", target))
+        part, there = self._parts.get(("image", target)), self._tracker.slots.get(target)
+        data, held, resumed, number = bytearray(size), [], False, 0
         if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
-            data, chunk_bytes, resumed = part.data, part.chunk_bytes, True
-            held = [i for first, last in part.receiver.held.ranges()[0] for i in range(first, last + 1)]
+            data, resumed = part.data, True
+            held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
             self._sessions.pop(part.id, None)
-        else:
-            data, held, resumed = bytearray(size), [], False
+        elif there is not None and there.source == "uploaded" and hashlib.sha256(there.data).digest() == digest:
+            # It was committed, and only the ground does not know it yet.
+            data, resumed, number = bytearray(there.data), True, there.number
+            held = list(range(chunk_count(size, chunk_bytes)))
         session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
         session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
-        self._parts["image", target] = session
+        session.frame_number = number
+        session.committed = number > 0
+        if not number:
+            self._parts["image", target] = session
         return session
 
     def _chunk(self, session: Session, v: Mapping[str, Value]) -> None:
@@ -201,7 +229,7 @@ class Loader:
         index, data = int(v["index"]), bytes(v["data"])  # type: ignore[arg-type]
         if receiver.accept(index, int(v["serial"]), len(data)) and not session.committed:
             at = index * session.chunk_bytes
-            if session.kind == "image":
+            if not session.area:
                 session.data[at : at + len(data)] = data
             else:
                 try:
@@ -219,13 +247,13 @@ class Loader:
         self.news.append(("FLASH_ERROR", detail))
 
     def _status(self, session: Session, page: StatusPage) -> None:
-        if session.kind == "catalogue" and not session.committed:
+        if session.area and not session.committed:
             self._writer.keep_progress(session)
         self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
 
     def _content(self, session: Session) -> bytes:
         """What is stored, read back."""
-        if session.kind == "image":
+        if not session.area:
             return bytes(session.data)
         return self._writer.read(session)
 
@@ -243,7 +271,7 @@ class Loader:
             # Nothing tells which chunk is wrong: the next attempt starts from an empty bank.
             del self._sessions[session.id]
             self._parts.pop((session.kind, session.target), None)
-            if session.kind == "catalogue":
+            if session.area:
                 self._writer.erase(session)
 
     def _commit(self, session: Session, now_s: float) -> None:
@@ -252,31 +280,32 @@ class Loader:
             if session.receiver is None or hashlib.sha256(content).digest() != session.sha256:
                 self._abort(session.id, session.request_id, "incomplete", "not verified")
                 return
-            if session.kind == "catalogue":
+            if session.area:
                 try:
                     self._writer.commit(session, content)
                 except Refusal as refusal:
                     self._abort(session.id, session.request_id, refusal.reason, refusal.detail)
                     return
-            if session.kind == "image":
-                frame = self._tracker.put_image(session.target, content, now_s - self.origin_s)
+            else:
+                t = self._tracker
+                frame = t.imager.put_image(session.target, content, t.exposure_ms, self.device_time(now_s), t.mode)
                 self._parts.pop(("image", session.target), None)
                 session.frame_number = frame.number
             session.committed = True
         self._out.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
 
     def _end(self, session: Session, service: str) -> None:
-        if session.kind == "catalogue" and session.receiver and not session.committed:
+        if session.area and session.receiver and not session.committed:
             self._writer.keep_progress(session)
         del self._sessions[session.id]
         if service == "ABORT_TRANSFER":
-            self.news.append(("TRANSFER_ABORTED", f"{session.kind} {session.target}"))
+            self.news.append(("TRANSFER_ABORTED", session.name))
 
     # --- down ---------------------------------------------------------------------------------------------------
 
     def _open_download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
         kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
-        data, number = self._download_content(kind, target)
+        data, number = self._downloads.content(v)
         digest = hashlib.sha256(data).digest()
         session = Session(
             self._new_id(),
@@ -291,20 +320,10 @@ class Loader:
             v["held_sha256"] == digest,
             number,
         )
-        patience_s = (
-            0.5 + (WINDOW_CHUNKS // 4 + 2) * (chunk_bytes + 64) / self._bytes_per_s if self._bytes_per_s else 0.5
-        )
+        patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)
         # The ground may hold a part: the sender learns that first, from the ground's STATUS pages.
         session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
         return session
-
-    def _download_content(self, kind: str, target: int) -> tuple[bytes, int]:
-        if kind == "catalogue":
-            if target >= len(BANKS) or not self._memory.record.banks[BANKS[target]].size:
-                raise Refusal("bank_empty", f"bank {target} holds nothing")
-            return self._memory.content(BANKS[target]), 0
-        frame = self._tracker.stored(target)
-        return (frame.data if kind in ("frame", "image") else frame_bytes(thumbnail(frame.pixels))), frame.number
 
     def next_chunk(self, now_s: float) -> Outgoing | None:
         """The next chunk down, sessions in turn."""
@@ -331,6 +350,6 @@ class Loader:
             if now_s - session.heard_s > SILENT_S:
                 if not session.committed and not (session.sender and session.sender.complete):
                     self._end(session, "silence")
-                    self.news.append(("TRANSFER_SUSPENDED", f"{session.kind} {session.target} went silent"))
+                    self.news.append(("TRANSFER_SUSPENDED", f"{session.name} went silent"))
                 else:
                     del self._sessions[session.id]

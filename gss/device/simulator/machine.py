@@ -11,26 +11,32 @@ import numpy as np
 
 from gss import __version__
 from gss.device.dictionary import Dictionary
-from gss.device.protocol.codec import decode
+from gss.device.protocol.codec import decode, encode
 from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import Packet, PacketType
 from gss.device.simulator.bank_orders import BankOrders
+from gss.device.simulator.clock import DeviceClock
 from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
 from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.housekeeping import Housekeeper
 from gss.device.simulator.images import SLOTS
 from gss.device.simulator.loader import CHUNK_RANGE, Loader
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.outbox import Outbox
-from gss.device.simulator.reports import frame_report, pose_values, timing_values
+from gss.device.simulator.power import Power
+from gss.device.simulator.reports import frame_report
+from gss.device.simulator.schedule import Schedule
 from gss.device.simulator.sessions import WINDOW_CHUNKS
+from gss.device.simulator.setting_orders import SettingOrders
+from gss.device.simulator.table_orders import TableOrders
 from gss.device.simulator.tracker_orders import TrackerOrders
-from gss.domain.angles import ARCSEC_RAD
+from gss.device.simulator.training import Training
+from gss.device.simulator.unit_orders import UnitOrders
 from gss.domain.errors import CorruptData
 
 HOUSEKEEPING_S = 1.0
 BOOT_S = 0.3
 LAST_WORDS_S = 0.2
-DAY_AND_NIGHT_S = 5700.0
 
 
 @dataclass(frozen=True)
@@ -43,22 +49,56 @@ class Identity:
 
 
 class Device:
-    """A star tracker on a line."""
+    """A star tracker on a line. ``training``: the instructor's desk of a simulated one, also for tests."""
 
     def __init__(
-        self, dictionary: Dictionary, identity: Identity, memory: Memory, tracker: StarTracker, now_s: float
+        self,
+        dictionary: Dictionary,
+        identity: Identity,
+        memory: Memory,
+        tracker: StarTracker,
+        now_s: float,
+        *,
+        framing: str = "cobs",
     ) -> None:
         self._dictionary, self._identity, self._memory, self._tracker = dictionary, identity, memory, tracker
-        self._receiver = LineReceiver(from_device=False)
-        self._outbox = Outbox(dictionary)
+        self._now_s = now_s
+        self._origin_s = now_s - memory.record.time_base_s
+        self.clock = DeviceClock(memory, memory.record.time_base_s)
+        self.power = Power()
+        self._receiver = LineReceiver(from_device=False, framing=framing)
+        self._outbox = Outbox(dictionary, framing)
         self._loader = Loader(dictionary, memory, tracker, identity.line_baud / 10)
+        self._loader.device_time = lambda at_s: self.clock.at(at_s - self._origin_s)
+        self._loader.image_memory = lambda: self.power.on("sram")
+        tracker.device_time = self.clock.at
         self._desk = CommandDesk(dictionary, memory, self._outbox, self.housekeeping)
-        self._orders = TrackerOrders(tracker, self._outbox, self._desk, lambda: (self._now_s, self.time_s))
-        self._banks = BankOrders(memory, tracker, self._loader, self._outbox)
-        self._desk.handlers = self._orders.handlers() | self._banks.handlers() | self._own_handlers()
-        self._desk.on_completed = self._command_completed
-        self._origin_s = self._loader.origin_s = now_s - memory.record.time_base_s
+        self._make_rooms()
         self._boot("power_on", now_s)
+
+    def _make_rooms(self) -> None:
+        """Handlers by subject, all over the same tracker, memory and outbox."""
+        tracker, memory, outbox, loader, desk = self._tracker, self._memory, self._outbox, self._loader, self._desk
+        self._orders = TrackerOrders(tracker, outbox, desk, self.power, lambda: (self._now_s, self.sky_s))
+        self._banks = BankOrders(memory, tracker, loader, outbox)
+        self._tables = TableOrders(memory, tracker, loader, outbox)
+        self._schedule = Schedule(self._dictionary, memory, outbox, desk, lambda: self.time_s)
+        self._unit = UnitOrders(self.power, tracker, self._orders, loader, memory, outbox, self._registers)
+        settings = SettingOrders(tracker, self._orders, self.clock, outbox, lambda: self.sky_s)
+        self.training = Training(
+            tracker, memory, self.power, self.clock, outbox, lambda: self.sky_s, self._ask_watchdog_reset
+        )
+        self._housekeeper = Housekeeper(
+            tracker, memory, self.power, desk, self._receiver, loader, self._orders, self._banks, self._schedule
+        )
+        rooms = (self._orders, self._banks, self._tables, self._schedule, self._unit, settings)
+        desk.handlers = self._own_handlers()
+        for room in rooms:
+            desk.handlers |= room.handlers()
+        if self._identity.simulated:
+            desk.handlers |= self.training.handlers()
+        desk.guards = self._orders.guards()
+        desk.on_completed = self._command_completed
 
     # --- boot and time ------------------------------------------------------------------------------------------
 
@@ -69,35 +109,53 @@ class Device:
         record.reset_cause = cause
         self._now_s = self._booted_s = now_s
         self._asleep_until_s = self._housekeeping_due_s = now_s + BOOT_S
-        self._reset_due_s: float | None = None
+        self._reset: tuple[str, float] | None = None
         self._outbox.time_s = self.time_s
+        if cause == "power_on":
+            # Nobody knows how long the clock stood still.
+            record.utc_offset_s = None
         self._loader.restart()
         self._receiver.restart()
-        self._orders.restart()
+        self._orders.reset()
+        self.power.restart()
         self._outbox.event("BOOT", f"{cause}, boot {record.boots}")
         self._desk.restart()
+        self._tables.restart()
         self._banks.restart()
+        for problem in self._tracker.tables.load():
+            self._outbox.event("TABLE_CORRUPT", problem)
+        self._schedule.restart()
         self._memory.save()
 
     def reset(self, cause: str, now_s: float) -> None:
         """Restart; what is not in flash is gone."""
-        self._memory.record.time_base_s = now_s - self._origin_s
+        self._now_s = max(now_s, self._now_s)
+        self._memory.record.time_base_s = self.time_s
         self._outbox.clear()
         self._boot(cause, now_s)
 
     def shut_down(self, now_s: float) -> None:
         """Power off in good order: the device's clock goes on from here."""
-        self._memory.record.time_base_s = now_s - self._origin_s
+        self._now_s = max(now_s, self._now_s)
+        self._memory.record.time_base_s = self.time_s
         self._memory.save()
+
+    @property
+    def sky_s(self) -> float:
+        """Simulated seconds, by which the sky moves; the device's clock as long as it is right."""
+        return self._now_s - self._origin_s
 
     @property
     def time_s(self) -> float:
         """The device's clock."""
-        return self._now_s - self._origin_s
+        return self.clock.at(self.sky_s)
 
     def _command_completed(self, name: str) -> None:
         if name == "RESET":
-            self._reset_due_s = self._now_s + LAST_WORDS_S
+            self._reset = ("command", self._now_s + LAST_WORDS_S)
+
+    def _ask_watchdog_reset(self) -> None:
+        self._reset = ("watchdog", self._now_s + LAST_WORDS_S)
 
     # --- line ---------------------------------------------------------------------------------------------------
 
@@ -128,10 +186,15 @@ class Device:
         self._outbox.time_s = self.time_s
         if now_s < self._asleep_until_s:
             return
-        if self._reset_due_s is not None and now_s >= self._reset_due_s:
-            self.reset("command", now_s)
+        if self._reset is not None and now_s >= self._reset[1]:
+            self.reset(self._reset[0], now_s)
             return
+        self.training.advance()
+        if self.power.advance(self.sky_s):
+            self._unit.apply()
         self._banks.advance(self._now_s)
+        self._tables.advance(self._now_s)
+        self._schedule.advance()
         self._desk.run(self._now_s)
         self._orders.run_cycle()
         self._loader.step(self._now_s)
@@ -140,8 +203,12 @@ class Device:
             missed = np.ceil((now_s - self._housekeeping_due_s) / HOUSEKEEPING_S)
             self._housekeeping_due_s += HOUSEKEEPING_S * max(1.0, missed)
             self._send_housekeeping(0)
+            self._flush_loader()
 
     def _flush_loader(self) -> None:
+        for name, text in self.power.news:
+            self._outbox.event(name, text)
+        self.power.news.clear()
         for message in self._loader.take_messages():
             self._outbox.transfer(message)
         for name, text in self._loader.news:
@@ -208,84 +275,17 @@ class Device:
 
     # --- housekeeping -------------------------------------------------------------------------------------------
 
-    def _send_housekeeping(self, request_id: int) -> None:
-        self._outbox.telemetry(("housekeeping", self.housekeeping() | self._analogue(), {}), request_id)
-
     def housekeeping(self) -> Returns:
-        """The packet's digital values."""
-        return self._tracker_values() | self._unit_values() | pose_values(self._tracker.quaternion)
-
-    def _tracker_values(self) -> Returns:
-        t = self._tracker
-        values: Returns = {
-            "mode": t.mode,
-            "tracking_state": t.mode if t.mode in ("tracking", "assisted") else "lost",
-            "cycle_running": self._orders.cycle_running,
-            "iteration": t.iteration,
-            "attitude_age_s": self.time_s - t.attitude_time_s if t.attitude_time_s is not None else 0.0,
-            "centroids_found": len(t.detection.centroids) if t.detection else 0,
-            "regions_invalid": min(255, t.detection.invalid) if t.detection else 0,
-            "stars_matched": t.matched,
-            "match_confidence": 100.0 * t.matching.confidence if t.matching else 0.0,
-            "sigma_cross_arcsec": t.sigma_rad[0] / ARCSEC_RAD,
-            "sigma_roll_arcsec": t.sigma_rad[1] / ARCSEC_RAD,
-            "rate_deg_s": float(np.degrees(t.rate_rad_s(self.time_s))),
-            "exposure_ms": t.exposure_ms,
-            "threshold_dn": t.threshold_dn,
-            "min_pixels": t.min_pixels,
-            "max_pixels": t.max_pixels,
-            "background_dn": float(t.detection.black_dn) if t.detection else 0.0,
-        }
-        return values | timing_values(t.timing)
-
-    def _unit_values(self) -> Returns:
-        record = self._memory.record
-        bank = record.banks[record.active]
-        return {
-            "last_frame": record.frames,
-            "latchups": 0,
-            "gain": 1,
-            "period_ms": 1000,
-            "imager_on": True,
-            "fpga_on": True,
-            "sram_on": True,
-            "latched_rails": 0,
-            "time_set": False,
-            "utc_s": float("nan"),
-            "scheduled": 0,
-            "next_scheduled_s": float("nan"),
-            "triplets_bank": "factory",
-            "calibration_bank": "factory",
-            "parameters_bank": "factory",
-            "orbit_known": False,
-            "training_faults": 0,
-            "resets": record.resets,
-            "reset_cause": record.reset_cause,
-            "uptime_s": int(self._now_s - self._booted_s),
-            "commands_accepted": self._desk.accepted & 0xFFFF,
-            "commands_rejected": self._desk.rejected & 0xFFFF,
-            "frames_good": self._receiver.good,
-            "frames_bad": self._receiver.bad_total,
-            "transfer_sessions": self._loader.open_sessions,
-            "flash_used_bytes": self._memory.used_bytes,
-            "active_bank": record.active,
-            "active_valid": self._tracker.catalogue is not None,
-            "catalogue_stars": bank.stars,
-            "catalogue_pairs": bank.pairs,
-            "catalogue_sha256": bytes.fromhex(bank.sha256) if bank.sha256 else bytes(32),
-            "confirm_left_s": self._banks.confirm_left_s,
+        """All values of the packet, the converters' as raw."""
+        faults = self.training.at_work if self._identity.simulated else 0
+        return self._housekeeper.values(self.sky_s, self.time_s, self._now_s - self._booted_s) | {
+            "utc_s": self.clock.utc_s(self.sky_s),
+            "training_faults": faults,
         }
 
-    def _analogue(self) -> Returns:
-        """Raw converter values of a healthy unit; a slow swing stands in for the orbit's day and night."""
-        swing = float(np.sin(2 * np.pi * self.time_s / DAY_AND_NIGHT_S))
-        busy = self._orders.cycle_running or self._desk.busy
-        return {
-            "sensor_temperature_c": round((12.0 + 6.0 * swing + 50.0) / 0.0625),
-            "processor_temperature_c": round(1650 + 90 * swing + 40 * busy),
-            "supply_3v3_v": 3302 - 8 * busy,
-            "current_processor_ma": 285 + 130 * busy,
-            "current_imager_ma": 20 + 520 * busy,
-            "current_fpga_ma": 30 + 180 * busy,
-            "current_sram_ma": 40 + 60 * busy,
-        }
+    def _send_housekeeping(self, request_id: int) -> None:
+        self._outbox.telemetry(("housekeeping", self.housekeeping(), {}), request_id)
+
+    def _registers(self) -> bytes:
+        """Settings and counters as bytes: those of a housekeeping packet."""
+        return encode(self._dictionary.packet("housekeeping").fields, self.housekeeping())

@@ -1,4 +1,4 @@
-"""What the device remembers: flash with erase-before-write, catalogue banks in it, and a small non-volatile record."""
+"""What the device remembers: banks of catalogues and tables in flash, and a small non-volatile record."""
 
 from __future__ import annotations
 
@@ -6,106 +6,64 @@ import hashlib
 import json
 import mmap
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+from gss.device.simulator.flash import SECTOR_BYTES, Flash, FlashError
+from gss.device.simulator.record import (
+    BANK_BYTES,
+    BANKS,
+    FACTORY,
+    GOLDEN,
+    TABLE_BANKS,
+    TABLES,
+    TRIPLET_BYTES,
+    BankRecord,
+    InUse,
+    Record,
+    StoredRequest,
+    SuspendedUpload,
+    area_name,
+    record_from_json,
+)
+from gss.device.tables import TABLE_BYTES
 
-SECTOR_BYTES = 4096
-BANK_BYTES = 192 * 1024
-BANKS = ("A", "B", "C", "golden")
-GOLDEN = "golden"
+__all__ = [
+    "BANKS",
+    "BANK_BYTES",
+    "FACTORY",
+    "GOLDEN",
+    "SECTOR_BYTES",
+    "TABLES",
+    "TABLE_BANKS",
+    "BankRecord",
+    "Flash",
+    "FlashError",
+    "Memory",
+    "StoredRequest",
+    "SuspendedUpload",
+]
+
+
 KEPT_REQUESTS = 64
 
 
-class FlashError(Exception):
-    """A cell was to be set from 0 to 1 without erasing its sector."""
+@lru_cache(maxsize=8)
+def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
+    """Offset and room of every bank: catalogues, then triplets, calibrations, parameters."""
+    room = {**dict.fromkeys(BANKS, bank_bytes)}
+    room |= {area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS}
+    found, at = {}, 0
+    for name, size in room.items():
+        found[name] = (at, size)
+        at += -(-size // SECTOR_BYTES) * SECTOR_BYTES
+    return found
 
 
-class Flash:
-    """Bytes whose bits programming can only clear. ``cells`` is a bytearray, or a file mapped into memory."""
-
-    def __init__(self, cells: bytearray | mmap.mmap) -> None:
-        self._cells: Any = cells
-
-    def __len__(self) -> int:
-        return len(self._cells)
-
-    def read(self, offset: int, count: int) -> bytes:
-        """Bytes as they are."""
-        return bytes(self._cells[offset : offset + count])
-
-    def erase(self, offset: int, count: int) -> None:
-        """All sectors that the range touches become FF."""
-        first = offset // SECTOR_BYTES * SECTOR_BYTES
-        last = -(-(offset + count) // SECTOR_BYTES) * SECTOR_BYTES
-        self._cells[first:last] = b"\xff" * (last - first)
-
-    def program(self, offset: int, data: bytes) -> None:
-        """Clear bits; writing the same data twice is harmless, other data over old is a FlashError."""
-        old = np.frombuffer(self.read(offset, len(data)), np.uint8)
-        new = old & np.frombuffer(data, np.uint8)
-        self._cells[offset : offset + len(data)] = new.tobytes()
-        if new.tobytes() != data:
-            raise FlashError(f"flash at {offset} was not erased")
-
-    def flip(self, offset: int, bit: int = 0) -> None:
-        """Radiation: one bit changes."""
-        self._cells[offset] = self._cells[offset] ^ (1 << bit)
-
-
-@dataclass(frozen=True)
-class BankRecord:
-    """What is known about a bank's content; ``sha256`` of the first ``size`` bytes, hexadecimal."""
-
-    state: str = "empty"
-    size: int = 0
-    sha256: str = ""
-    stars: int = 0
-    pairs: int = 0
-    epoch_jyear: float = 0.0
-    format_version: int = 0
-    profile: str = ""
-
-
-@dataclass(frozen=True)
-class SuspendedUpload:
-    """A write into a bank that is not finished; ``held``: chunk ranges that are surely in flash."""
-
-    size: int
-    chunk_bytes: int
-    sha256: str
-    held: tuple[tuple[int, int], ...] = ()
-
-
-@dataclass(frozen=True)
-class StoredRequest:
-    """A command that was seen: digest of code and arguments, and its last report, hexadecimal payload."""
-
-    request_id: int
-    code: int
-    digest: str
-    report: str
-
-
-@dataclass
-class Record:
-    """The non-volatile record; survives resets and restarts."""
-
-    boots: int = 0
-    resets: int = 0
-    reset_cause: str = "power_on"
-    time_base_s: float = 0.0
-    frames: int = 0
-    next_session: int = 1
-    last_request_id: int = 0
-    active: str = GOLDEN
-    previous: str = GOLDEN
-    unconfirmed: bool = False
-    banks: dict[str, BankRecord] = field(default_factory=lambda: {b: BankRecord() for b in BANKS})
-    uploads: dict[str, SuspendedUpload] = field(default_factory=dict)
-    requests: list[StoredRequest] = field(default_factory=list)
+def flash_bytes(bank_bytes: int) -> int:
+    """Size of the whole flash."""
+    return max(offset + -(-size // SECTOR_BYTES) * SECTOR_BYTES for offset, size in _layout(bank_bytes).values())
 
 
 class Memory:
@@ -117,14 +75,14 @@ class Memory:
     @classmethod
     def in_ram(cls, bank_bytes: int = BANK_BYTES) -> Memory:
         """Fresh memory for tests."""
-        return cls(Flash(bytearray(b"\xff" * (len(BANKS) * bank_bytes))), Record(), lambda _: None, bank_bytes)
+        return cls(Flash(bytearray(b"\xff" * (flash_bytes(bank_bytes)))), Record(), lambda _: None, bank_bytes)
 
     @classmethod
     def in_directory(cls, directory: Path, bank_bytes: int = BANK_BYTES) -> Memory:
         """Memory in two files, made where they are missing."""
         directory.mkdir(parents=True, exist_ok=True)
         image, notes = directory / "flash.bin", directory / "record.json"
-        size = len(BANKS) * bank_bytes
+        size = flash_bytes(bank_bytes)
         if not image.exists() or image.stat().st_size != size:
             image.write_bytes(b"\xff" * size)
             notes.unlink(missing_ok=True)
@@ -144,8 +102,12 @@ class Memory:
         self._save(json.dumps(asdict(self.record)))
 
     def offset(self, bank: str) -> int:
-        """Where a bank begins."""
-        return BANKS.index(bank) * self.bank_bytes
+        """Where a bank, or a bank of a table, begins."""
+        return _layout(self.bank_bytes)[bank][0]
+
+    def capacity(self, bank: str) -> int:
+        """How much it holds."""
+        return _layout(self.bank_bytes)[bank][1]
 
     def content(self, bank: str) -> bytes:
         """What a bank holds now, at the length its record says."""
@@ -167,7 +129,7 @@ class Memory:
 
     def erase_bank(self, bank: str) -> None:
         """Empty a bank, its record and its unfinished upload."""
-        self.flash.erase(self.offset(bank), self.bank_bytes)
+        self.flash.erase(self.offset(bank), self.capacity(bank))
         self.record.banks[bank] = BankRecord()
         self.record.uploads.pop(bank, None)
         self.save()
@@ -198,6 +160,24 @@ class Memory:
         self.save()
         return bank
 
+    def activate_table(self, table: str, bank: str) -> None:
+        """Use another table from now on, on trial."""
+        self.record.tables[table] = InUse(bank, self.record.tables[table].active, True)
+        self.save()
+
+    def confirm_table(self, table: str) -> None:
+        """Keep the active table."""
+        self.record.tables[table] = replace(self.record.tables[table], unconfirmed=False)
+        self.save()
+
+    def fall_back_table(self, table: str) -> str:
+        """Return to the table before and say which bank; the factory's where that one is damaged."""
+        used = self.record.tables[table]
+        bank = used.previous if self.intact(area_name(table, used.previous)) else FACTORY
+        self.record.tables[table] = InUse(bank, used.active, False)
+        self.save()
+        return bank
+
     def remember(self, request: StoredRequest) -> None:
         """Keep the last requests with their reports."""
         kept = [r for r in self.record.requests if r.request_id != request.request_id]
@@ -209,17 +189,5 @@ class Memory:
 
     @property
     def used_bytes(self) -> int:
-        """Flash in use by catalogues."""
+        """Flash in use by catalogues and tables."""
         return sum(b.size for b in self.record.banks.values())
-
-
-def record_from_json(text: str) -> Record:
-    """The record as :meth:`Memory.save` wrote it."""
-    raw = json.loads(text)
-    raw["banks"] = {name: BankRecord(**value) for name, value in raw["banks"].items()}
-    raw["uploads"] = {
-        name: SuspendedUpload(**(value | {"held": tuple(map(tuple, value["held"]))}))
-        for name, value in raw["uploads"].items()
-    }
-    raw["requests"] = [StoredRequest(**value) for value in raw["requests"]]
-    return Record(**raw)

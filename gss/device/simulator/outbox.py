@@ -23,9 +23,9 @@ def short_text(text: str) -> str:
 class Outbox:
     """Frames packets with the device's clock. ``time_s`` is set by its owner."""
 
-    def __init__(self, dictionary: Dictionary) -> None:
+    def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
         self._dictionary = dictionary
-        self._sender = LineSender(to_device=False, prefix=dictionary.prefix)
+        self._sender = LineSender(to_device=False, prefix=dictionary.prefix, framing=framing)
         self._frames: deque[bytes] = deque()
         self.time_s = 0.0
 

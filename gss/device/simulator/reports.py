@@ -15,8 +15,7 @@ from gss.domain.angles import ARCSEC_RAD
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.results import Attitude, Centroids, Truth
 from gss.domain.rotation import matrix_from_quaternion
-from gss.pipeline.chains.cubestar import Detection
-from gss.pipeline.chains.cubestar_match import Matching
+from gss.pipeline.chains.onboard import Detection, Matched
 
 Row = Mapping[str, Value]
 Report = tuple[str, dict[str, Value], dict[str, list[Row]]]
@@ -57,10 +56,10 @@ def _centroid_rows(c: Centroids) -> list[Row]:
     ]
 
 
-def match_report(frame_number: int, matching: Matching) -> Report:
+def match_report(frame_number: int, matching: Matched) -> Report:
     """Packet "matches": the stars of the attitude, or the verified ones before it is known."""
     rows: list[Row] = [
-        {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.verification_votes[i])}
+        {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.weight[i])}
         for i in matching.selected
     ]
     return "matches", {"frame_number": frame_number}, {"items": rows}

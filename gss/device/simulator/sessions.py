@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from gss.device.dictionary import Value
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender
-from gss.device.simulator.memory import BANKS
 
 WINDOW_CHUNKS = 16
 
@@ -24,7 +23,8 @@ class Outgoing:
 
 @dataclass
 class Session:
-    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set."""
+    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set. ``area``: of flash that an
+    upload writes, "" for images."""
 
     id: int
     request_id: int
@@ -40,8 +40,9 @@ class Session:
     receiver: ChunkReceiver | None = None
     sender: ChunkSender | None = None
     committed: bool = False
+    area: str = ""
 
     @property
-    def bank(self) -> str:
-        """Name of the target bank."""
-        return BANKS[self.target]
+    def name(self) -> str:
+        """For a line of text."""
+        return self.area or f"{self.kind} {self.target}"

@@ -1,0 +1,75 @@
+"""What can be read from the device: images whole and in part, banks, their sections, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gss.catalogue_tools.onboard import HEADER_BYTES, STAR_BYTES, image_bytes, read_header
+from gss.device.dictionary import Value
+from gss.device.protocol.windows import encode_windows, windows_round
+from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.images import StoredFrame, frame_bytes, thumbnail
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.refusal import Refusal
+from gss.domain.errors import BadInput, CorruptData
+
+SECTIONS = ("star_list", "distance_table")
+
+
+class Downloads:
+    """Contents by kind and target."""
+
+    def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter) -> None:
+        self._memory, self._tracker, self._writer = memory, tracker, writer
+
+    def content(self, v: Mapping[str, Value]) -> tuple[bytes, int]:
+        """Bytes and frame number (0 for what is no image) of an OPEN_DOWNLOAD; Refusal where there is nothing."""
+        kind, target = str(v["kind"]), int(v["target"])
+        if kind in FLASH_KINDS:
+            return self._flash(self._writer.area(kind, target)), 0
+        if kind in SECTIONS:
+            return self._section(kind, self._flash(self._writer.area("catalogue", target))), 0
+        frame = self._tracker.imager.stored(target)
+        if kind == "region":
+            return self._region(frame, v), frame.number
+        if kind == "star_windows":
+            return self._windows(frame, int(v["columns"])), frame.number
+        return (frame_bytes(thumbnail(frame.pixels)) if kind == "thumbnail" else frame.data), frame.number
+
+    def _flash(self, area: str) -> bytes:
+        if self._memory.record.banks[area].state not in ("committed", "corrupt"):
+            raise Refusal("bank_empty", f"{area} is {self._memory.record.banks[area].state}")
+        return self._memory.content(area)
+
+    def _section(self, kind: str, image: bytes) -> bytes:
+        """Stars or pairs of a bank image, as its format has them."""
+        try:
+            header = read_header(image)
+        except CorruptData as error:
+            raise Refusal("bank_corrupt", str(error)) from error
+        end = HEADER_BYTES + header.stars * STAR_BYTES[header.format_name]
+        total = image_bytes(header.format_name, header.stars, header.pairs)
+        return image[HEADER_BYTES:end] if kind == "star_list" else image[end:total]
+
+    @staticmethod
+    def _region(frame: StoredFrame, v: Mapping[str, Value]) -> bytes:
+        col, row, columns, rows = (int(v[n]) for n in ("col_px", "row_px", "columns", "rows"))
+        height, width = frame.pixels.shape
+        if not (columns and rows and col + columns <= width and row + rows <= height):
+            got = f"{columns} x {rows} from ({col}, {row})"
+            raise Refusal("out_of_range", f"the image has {width} x {height} px, asked for {got}")
+        return frame_bytes(frame.pixels[row : row + rows, col : col + columns])
+
+    def _windows(self, frame: StoredFrame, side_px: int) -> bytes:
+        """Round the centroids found in that image; it is searched where that has not been done yet."""
+        tracker = self._tracker
+        if tracker.frame is not frame or tracker.detection is None:
+            tracker.find_centroids(frame.slot)
+        assert tracker.detection is not None  # noqa: S101 - just found
+        height, width = frame.pixels.shape
+        centres = [(float(c), float(r)) for c, r in tracker.detection.centroids.pixels]
+        try:
+            return encode_windows(frame.pixels, windows_round(centres, side_px, width, height))
+        except BadInput as error:
+            raise Refusal("out_of_range", str(error)) from error

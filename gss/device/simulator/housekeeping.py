@@ -1,0 +1,112 @@
+"""The housekeeping packet: what every room of the unit has to tell, put together once a second."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.device.protocol.line import LineReceiver
+from gss.device.simulator.bank_orders import BankOrders
+from gss.device.simulator.command_desk import CommandDesk, Returns
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.loader import Loader
+from gss.device.simulator.memory import TABLES, Memory
+from gss.device.simulator.power import Power
+from gss.device.simulator.reports import pose_values, timing_values
+from gss.device.simulator.schedule import Schedule
+from gss.device.simulator.tracker_orders import TrackerOrders
+from gss.domain.angles import ARCSEC_RAD
+
+UNKNOWN = float("nan")
+
+
+class Housekeeper:
+    """Reads, changes nothing but what the thermometer says."""
+
+    def __init__(
+        self,
+        tracker: StarTracker,
+        memory: Memory,
+        power: Power,
+        desk: CommandDesk,
+        receiver: LineReceiver,
+        loader: Loader,
+        cycle: TrackerOrders,
+        banks: BankOrders,
+        schedule: Schedule,
+    ) -> None:
+        self._tracker, self._memory, self._power, self._desk, self._receiver = tracker, memory, power, desk, receiver
+        self._loader, self._cycle, self._banks, self._schedule = loader, cycle, banks, schedule
+
+    def values(self, sky_s: float, time_s: float, uptime_s: float) -> Returns:
+        """Digital values, and raw ones where the dictionary has a conversion. ``sky_s``: simulated, ``time_s``: device."""
+        busy = self._cycle.cycle_running or self._desk.busy
+        sensor_c = self._tracker.sky.environment.sensor_temperature_c(sky_s)
+        return (
+            self._attitude(sky_s, time_s)
+            | self._settings()
+            | self._unit(uptime_s)
+            | self._flash()
+            | self._power.values(sky_s, busy, sensor_c)
+        )
+
+    def _attitude(self, sky_s: float, time_s: float) -> Returns:
+        t = self._tracker
+        values: Returns = {
+            "mode": t.mode,
+            "tracking_state": t.mode if t.mode in ("tracking", "assisted") else "lost",
+            "cycle_running": self._cycle.cycle_running,
+            "iteration": t.iteration,
+            "attitude_age_s": max(0.0, time_s - t.attitude_time_s) if t.attitude_time_s is not None else 0.0,
+            "centroids_found": min(255, len(t.detection.centroids)) if t.detection else 0,
+            "regions_invalid": min(255, t.detection.invalid) if t.detection else 0,
+            "stars_matched": t.matched,
+            "match_confidence": 100.0 * t.matching.confidence if t.matching is not None else 0.0,
+            "sigma_cross_arcsec": t.sigma_rad[0] / ARCSEC_RAD,
+            "sigma_roll_arcsec": t.sigma_rad[1] / ARCSEC_RAD,
+            "rate_deg_s": float(np.degrees(t.rate_rad_s(sky_s))),
+            "background_dn": float(t.detection.black_dn) if t.detection else 0.0,
+            "orbit_known": t.known.orbit is not None,
+        }
+        return values | timing_values(t.timing) | pose_values(t.quaternion)
+
+    def _settings(self) -> Returns:
+        t = self._tracker
+        return {
+            "exposure_ms": t.exposure_ms,
+            "threshold_dn": t.threshold_dn,
+            "min_pixels": t.min_pixels,
+            "max_pixels": t.max_pixels,
+            "gain": t.imager.gain,
+            "period_ms": self._cycle.period_ms,
+        }
+
+    def _unit(self, uptime_s: float) -> Returns:
+        record, waiting = self._memory.record, self._schedule.waiting
+        return {
+            "last_frame": record.frames,
+            "resets": record.resets & 0xFFFF,
+            "reset_cause": record.reset_cause,
+            "uptime_s": int(uptime_s),
+            "time_set": record.utc_offset_s is not None,
+            "scheduled": len(waiting),
+            "next_scheduled_s": waiting[0].at_s if waiting else UNKNOWN,
+            "commands_accepted": self._desk.accepted & 0xFFFF,
+            "commands_rejected": self._desk.rejected & 0xFFFF,
+            "frames_good": self._receiver.good,
+            "frames_bad": self._receiver.bad_total,
+            "transfer_sessions": self._loader.open_sessions,
+        }
+
+    def _flash(self) -> Returns:
+        record = self._memory.record
+        bank = record.banks[record.active]
+        values: Returns = {
+            "flash_used_bytes": self._memory.used_bytes,
+            "active_bank": record.active,
+            "active_valid": self._tracker.catalogue is not None,
+            "catalogue_stars": bank.stars,
+            "catalogue_pairs": bank.pairs,
+            "catalogue_sha256": bytes.fromhex(bank.sha256) if bank.sha256 else bytes(32),
+            "confirm_left_s": self._banks.confirm_left_s,
+        }
+        return values | {f"{table}_bank": record.tables[table].active for table in TABLES}

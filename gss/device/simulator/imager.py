@@ -1,0 +1,137 @@
+"""The camera of the unit: exposures into image memories, and what can be wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.device.simulator.images import Pixels, StoredFrame
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.sky import Sky
+from gss.domain.profiles import CameraProfile
+
+SENSOR_START_MS = 70.0
+SENSOR_BYTES_PER_MS = 10_000.0
+COPY_BYTES_PER_MS = 1_000.0
+GLARE = 0.9
+DOT_SIGMA_PX = 1.2
+
+
+@dataclass
+class ImagerFaults:
+    """Flaws that an instructor switches on. ``dots``: false stars per image."""
+
+    stuck: bool = False
+    blinded: bool = False
+    dots: int = 0
+
+
+class Imager:
+    """Image memories over a sky. Durations: 70 ms start, 10 MB/s out of the sensor, 1 MB/s to the processor (Erlank 2013
+    §5.3.3)."""
+
+    def __init__(self, profile: CameraProfile, sky: Sky, memory: Memory) -> None:
+        self.profile, self._sky, self._memory = profile, sky, memory
+        self.faults = ImagerFaults()
+        self._last: Pixels | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Image memory is empty, the gain is the profile's own."""
+        self.gain = 1
+        self.repeated = False
+        self.slots: dict[int, StoredFrame] = {}
+
+    @property
+    def frame_size(self) -> int:
+        """Bytes of one image."""
+        camera = self.profile.camera
+        return camera.columns * camera.rows * (1 if self.profile.sensor.bits <= 8 else 2)
+
+    def capture_ms(self, exposure_ms: int) -> float:
+        """From the start of the sensor to the image in the FPGA's memory."""
+        return SENSOR_START_MS + exposure_ms + self.frame_size / SENSOR_BYTES_PER_MS
+
+    @property
+    def transfer_ms(self) -> float:
+        """From the FPGA's memory to the processor's."""
+        return self.frame_size / COPY_BYTES_PER_MS
+
+    def middle_s(self, start_s: float, exposure_ms: int) -> float:
+        """Mid-exposure of an image whose command came at ``start_s``: it begins 70 ms later, the first image is thrown away."""
+        return start_s + SENSOR_START_MS / 1000 + exposure_ms / 2000
+
+    def capture(self, slot: int, exposure_ms: int, mid_s: float, device_s: float, mode: str) -> StoredFrame:
+        """Expose into an image memory. ``mid_s``: middle in simulated time, ``device_s``: the same by the device's clock."""
+        record = self._memory.record
+        record.frames += 1
+        drawn = self._sky.expose(mid_s, exposure_ms / 1000, record.frames)
+        pixels = self._flawed(self._amplified(drawn.pixels), record.frames)
+        self.repeated = (
+            self._last is not None and self._last.shape == pixels.shape and bool((self._last == pixels).all())
+        )
+        self._last = pixels
+        bits = self.profile.sensor.bits
+        frame = StoredFrame(record.frames, slot, pixels, exposure_ms, device_s, "captured", mode, bits, drawn.truth)
+        self.slots[slot] = frame
+        return frame
+
+    def _amplified(self, pixels: Pixels) -> Pixels:
+        """The signal above bias times the commanded gain, cut off at the converter's end."""
+        if self.gain == 1:
+            return pixels
+        sensor = self.profile.sensor
+        signal = (pixels.astype(float) - sensor.bias_dn) * self.gain + sensor.bias_dn
+        return self._converted(signal, pixels)
+
+    def _converted(self, signal_dn: np.ndarray, like: Pixels) -> Pixels:
+        cut = np.rint(np.clip(signal_dn, 0, self.profile.sensor.saturation_dn))
+        made: Pixels = cut.astype(np.uint8) if like.dtype == np.uint8 else cut.astype(np.uint16)
+        return made
+
+    def _flawed(self, pixels: Pixels, number: int) -> Pixels:
+        if self.faults.stuck and self._last is not None and self._last.shape == pixels.shape:
+            return self._last
+        top = self.profile.sensor.saturation_dn
+        if self.faults.blinded:
+            pixels = self._converted(pixels + GLARE * top, pixels)
+        if self.faults.dots:
+            rng = np.random.default_rng([number, self.faults.dots])
+            signal = pixels.astype(float)
+            rows, columns = signal.shape
+            for _ in range(self.faults.dots):
+                col, row = rng.uniform(4, columns - 5), rng.uniform(4, rows - 5)
+                c, r = int(col), int(row)
+                y, x = np.mgrid[r - 4 : r + 5, c - 4 : c + 5]
+                spot = np.exp(-((x - col) ** 2 + (y - row) ** 2) / (2 * DOT_SIGMA_PX**2))
+                signal[r - 4 : r + 5, c - 4 : c + 5] += rng.uniform(0.3, 0.9) * top * spot
+            pixels = self._converted(signal, pixels)
+        return pixels
+
+    def put_image(self, slot: int, data: bytes, exposure_ms: int, device_s: float, mode: str) -> StoredFrame:
+        """An uploaded image takes a memory."""
+        camera, sensor = self.profile.camera, self.profile.sensor
+        kind = np.uint8 if sensor.bits <= 8 else np.dtype(">u2")
+        flat = np.frombuffer(data, kind).reshape(camera.rows, camera.columns)
+        pixels: Pixels = flat.astype(np.uint8) if sensor.bits <= 8 else flat.astype(np.uint16)
+        self._memory.record.frames += 1
+        number = self._memory.record.frames
+        frame = StoredFrame(number, slot, pixels, exposure_ms, device_s, "uploaded", mode, sensor.bits)
+        self.slots[slot] = frame
+        return frame
+
+    def stored(self, slot: int) -> StoredFrame:
+        """The image in a memory."""
+        if slot not in self.slots:
+            raise Refusal("no_image", f"slot {slot} holds no image")
+        return self.slots[slot]
+
+    def sram(self, address: int, length: int) -> bytes:
+        """Image memories one behind the other; zeros where none is."""
+        out, size = bytearray(), self.frame_size
+        for at in range(address, address + length):
+            frame = self.slots.get(at // size)
+            out.append(frame.data[at % size] if frame else 0)
+        return bytes(out)

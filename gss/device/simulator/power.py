@@ -1,0 +1,126 @@
+"""Power of the unit: three rails that can be switched and can latch up, their currents, temperatures.
+
+A latch-up raises a rail's current at once; after ``TRIP_S`` the protection switches the rail off, and it stays off until
+CLEAR_LATCHUP. The numbers are those of a healthy unit with a slow swing for the orbit's day and night.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.device.dictionary import Value
+
+RAILS = ("imager", "fpga", "sram")
+TRIP_S = 1.5
+DAY_AND_NIGHT_S = 5700.0
+# (idle, busy, latched up) in tenths of a milliampere.
+CURRENTS = {"imager": (20, 540, 2400), "fpga": (30, 210, 1400), "sram": (40, 100, 1100)}
+LEAK = 2
+PROCESSOR = (285, 415)
+SENSOR_C_PER_LSB, SENSOR_ZERO_C = 0.0625, -50.0
+SENSOR_HOT_C, PROCESSOR_HOT_C, HYSTERESIS_C = 55.0, 75.0, 3.0
+PROCESSOR_C_PER_LSB, PROCESSOR_MEAN, PROCESSOR_SWING, PROCESSOR_BUSY = 0.05, 1650, 90, 40
+
+
+@dataclass
+class Rail:
+    """One switched supply. ``latched``: the protection switched it off. ``short_since_s``: a latch-up draws current."""
+
+    on: bool = True
+    latched: bool = False
+    short_since_s: float | None = None
+
+
+class Power:
+    """State of the rails at simulated times. ``news``: (event, text) for the device to tell."""
+
+    def __init__(self) -> None:
+        self.rails = {name: Rail() for name in RAILS}
+        self.latchups = 0
+        self.offset_c = 0.0
+        self.sensor_c = 12.0
+        self._hot = False
+        self.news: list[tuple[str, str]] = []
+
+    def restart(self) -> None:
+        """A reset switches everything on that is not latched up."""
+        for rail in self.rails.values():
+            rail.on = not rail.latched
+
+    def switch(self, name: str, on: bool) -> bool:
+        """POWER; True if it changed anything. A rail that latched up stays off."""
+        rail = self.rails[name]
+        changed = rail.on != on
+        rail.on = on
+        if not on:
+            rail.short_since_s = None
+        return changed
+
+    def latch_up(self, name: str, now_s: float) -> None:
+        """Radiation strikes: a rail that is off has nothing to latch."""
+        rail = self.rails[name]
+        if rail.on and rail.short_since_s is None:
+            rail.short_since_s = now_s
+
+    def clear(self, name: str) -> bool:
+        """CLEAR_LATCHUP: on again; True if it was latched."""
+        rail = self.rails[name]
+        was = rail.latched or rail.short_since_s is not None
+        rail.on, rail.latched, rail.short_since_s = True, False, None
+        return was
+
+    def advance(self, now_s: float) -> list[str]:
+        """Let time pass; the rails that the protection has just switched off."""
+        tripped = []
+        for name, rail in self.rails.items():
+            if rail.short_since_s is not None and now_s - rail.short_since_s >= TRIP_S:
+                rail.on, rail.latched, rail.short_since_s = False, True, None
+                self.latchups += 1
+                tripped.append(name)
+                drew = CURRENTS[name][2] / 10
+                self.news.append(("LATCHUP", f"{name} drew {drew:.0f} mA and was switched off"))
+        return tripped
+
+    def on(self, name: str) -> bool:
+        """Has this unit power?"""
+        return self.rails[name].on
+
+    @property
+    def latched(self) -> int:
+        """Rails that wait for CLEAR_LATCHUP."""
+        return sum(rail.latched for rail in self.rails.values())
+
+    def values(self, now_s: float, busy: bool, sensor_c: float) -> dict[str, Value]:
+        """Raw converter values of housekeeping. ``sensor_c``: the chip's temperature."""
+        swing = float(np.sin(2 * np.pi * now_s / DAY_AND_NIGHT_S))
+        processor = (
+            PROCESSOR_MEAN + PROCESSOR_SWING * swing + PROCESSOR_BUSY * busy + self.offset_c / PROCESSOR_C_PER_LSB
+        )
+        self._watch_heat(sensor_c, processor)
+        values: dict[str, Value] = {
+            "sensor_temperature_c": _raw((sensor_c - SENSOR_ZERO_C) / SENSOR_C_PER_LSB),
+            "processor_temperature_c": _raw(processor),
+            "supply_3v3_v": 3302 - 8 * busy - 25 * sum(r.short_since_s is not None for r in self.rails.values()),
+            "current_processor_ma": PROCESSOR[busy],
+        }
+        for name, rail in self.rails.items():
+            current = CURRENTS[name][2 if rail.short_since_s is not None else int(busy)] if rail.on else LEAK
+            values[f"current_{name}_ma"] = current
+            values[f"{name}_on"] = rail.on
+        return values | {"latchups": self.latchups & 0xFFFF, "latched_rails": self.latched}
+
+    def _watch_heat(self, sensor_c: float, processor_raw: float) -> None:
+        """Say once that it is too hot, and again only after it has cooled down."""
+        processor_c = -60.0 + 0.05 * processor_raw + 1e-6 * processor_raw**2
+        over_c = max(sensor_c - SENSOR_HOT_C, processor_c - PROCESSOR_HOT_C)
+        if over_c > 0 and not self._hot:
+            self._hot = True
+            self.news.append(("OVERHEAT", f"sensor {sensor_c:.0f} °C, processor {processor_c:.0f} °C"))
+        elif over_c < -HYSTERESIS_C:
+            self._hot = False
+
+
+def _raw(value: float) -> int:
+    return int(np.clip(round(value), 0, 0xFFFF))

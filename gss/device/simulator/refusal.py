@@ -1,0 +1,11 @@
+"""How the unit says no."""
+
+from __future__ import annotations
+
+
+class Refusal(Exception):
+    """A command or transfer cannot be carried out: the dictionary's reason and a sentence."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(detail)
+        self.reason, self.detail = reason, detail

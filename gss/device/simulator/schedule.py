@@ -1,0 +1,153 @@
+"""Commands for later: kept in the flash record, run by the command desk with all its checks when the device's clock says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from gss.device.dictionary import Dictionary
+from gss.device.protocol.codec import check_arguments, decode, fixed_bytes
+from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.outbox import Outbox
+from gss.device.simulator.record import ScheduleEntry
+from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.reports import Report
+from gss.domain.errors import BadInput, CorruptData
+
+MOST_WAITING = 16
+MOST_ENDED = 16
+NEVER = ("HELLO", "SCHEDULE", "ABORT")
+"""What makes no sense later, or would schedule itself."""
+
+
+class Schedule:
+    """Handlers and the clockwork. ``time_s``: the device's clock."""
+
+    def __init__(
+        self, dictionary: Dictionary, memory: Memory, outbox: Outbox, desk: CommandDesk, time_s: Callable[[], float]
+    ) -> None:
+        self._dictionary, self._memory, self._outbox, self._desk, self._time_s = (
+            dictionary,
+            memory,
+            outbox,
+            desk,
+            time_s,
+        )
+
+    def handlers(self) -> dict[str, Handler]:
+        """By command name."""
+        return {"SCHEDULE": self.schedule, "LIST_SCHEDULE": self.list_schedule, "CANCEL": self.cancel}
+
+    @property
+    def waiting(self) -> list[ScheduleEntry]:
+        """What is still to come, the next one first."""
+        entries = [e for e in self._memory.record.schedule if e.state == "waiting"]
+        return sorted(entries, key=lambda e: (e.at_s, e.schedule_id))
+
+    # --- commands -----------------------------------------------------------------------------------------------
+
+    def schedule(self, a: Arguments, request_id: int) -> Returns:
+        at_s, length, payload = float(a["at_s"]), int(a["length"]), bytes(a["payload"])  # type: ignore[arg-type]
+        self._check(int(a["command_code"]), payload[:length])
+        if at_s <= self._time_s():
+            raise Refusal("out_of_range", f"it is {self._time_s():.1f} s already, asked for {at_s:.1f} s")
+        if len(self.waiting) >= MOST_WAITING:
+            raise Refusal("schedule_full", f"{MOST_WAITING} commands wait already")
+        record = self._memory.record
+        entry = ScheduleEntry(record.next_schedule, at_s, int(a["command_code"]), payload[:length].hex(), request_id)
+        record.next_schedule += 1
+        record.schedule.append(entry)
+        self._memory.save()
+        self._outbox.telemetry(_report(entry), request_id)
+        return {"schedule_id": entry.schedule_id}
+
+    def _check(self, code: int, payload: bytes) -> None:
+        """Its bytes must be a command; its conditions are looked at when its time comes."""
+        command = self._dictionary.command_of_code(code)
+        if command is None or command.name not in self._desk.handlers:
+            raise Refusal("unknown_command", f"code {code}")
+        if command.name in NEVER:
+            raise Refusal("wrong_state", f"{command.name} cannot be scheduled")
+        if len(payload) != fixed_bytes(command.arguments):
+            raise Refusal("bad_length", f"{command.name} has {fixed_bytes(command.arguments)} B, got {len(payload)}")
+        try:
+            check_arguments(command, decode(command.arguments, payload).values)
+        except (BadInput, CorruptData) as error:
+            raise Refusal("out_of_range", error.message) from error
+
+    def list_schedule(self, _: Arguments, request_id: int) -> Returns:
+        entries = self._memory.record.schedule
+        for entry in entries:
+            self._outbox.telemetry(_report(entry), request_id)
+        return {"count": len(entries)}
+
+    def cancel(self, a: Arguments, request_id: int) -> Returns:
+        wanted = int(a["schedule_id"])
+        chosen = [e for e in self.waiting if wanted in (0, e.schedule_id)]
+        if wanted and not chosen:
+            raise Refusal("not_found", f"nothing waits with number {wanted}")
+        for entry in chosen:
+            self._put(replace(entry, state="cancelled"), request_id)
+        return {"count": len(chosen)}
+
+    # --- clockwork ----------------------------------------------------------------------------------------------
+
+    def restart(self) -> None:
+        """After a reset: what should have run while the processor was down was missed, and says so."""
+        for entry in self.waiting:
+            if entry.at_s <= self._time_s():
+                self._put(replace(entry, state="missed"), 0)
+                self._outbox.event("SCHEDULE_FAILED", f"{self._name(entry)} was missed")
+
+    def advance(self) -> None:
+        """Run what is due, each once."""
+        for entry in self.waiting:
+            if entry.at_s > self._time_s():
+                return
+            # Marked before it runs: what a reset interrupts has failed, and nothing runs twice.
+            self._put(replace(entry, state="failed", reason="reset"), 0, tell=False)
+            self._desk.run_scheduled(
+                entry.request_id,
+                entry.command_code,
+                bytes.fromhex(entry.payload),
+                lambda stage, reason, detail, e=entry: self._ended(e, stage, reason, detail),  # type: ignore[misc]
+            )
+
+    def _ended(self, entry: ScheduleEntry, stage: str, reason: str, detail: str) -> None:
+        name = self._name(entry)
+        if stage == "completed":
+            self._put(replace(entry, state="done"), entry.request_id)
+            self._outbox.event("SCHEDULE_RUN", name, entry.request_id)
+        else:
+            self._put(replace(entry, state="failed", reason=reason), entry.request_id)
+            self._outbox.event("SCHEDULE_FAILED", f"{name}: {reason}, {detail}".rstrip(", "), entry.request_id)
+
+    def _name(self, entry: ScheduleEntry) -> str:
+        command = self._dictionary.command_of_code(entry.command_code)
+        return f"{command.name if command else entry.command_code} (schedule {entry.schedule_id})"
+
+    def _put(self, entry: ScheduleEntry, request_id: int, *, tell: bool = True) -> None:
+        """Replace an entry; of those that ended only the last ones are kept."""
+        record = self._memory.record
+        entries = [entry if e.schedule_id == entry.schedule_id else e for e in record.schedule]
+        ended = [e.schedule_id for e in entries if e.state != "waiting"]
+        forgotten = set(ended[: max(0, len(ended) - MOST_ENDED)])
+        record.schedule = [e for e in entries if e.schedule_id not in forgotten]
+        self._memory.save()
+        if tell:
+            self._outbox.telemetry(_report(entry), request_id)
+
+
+def _report(entry: ScheduleEntry) -> Report:
+    payload = bytes.fromhex(entry.payload)
+    values: Returns = {
+        "schedule_id": entry.schedule_id,
+        "at_s": entry.at_s,
+        "command_code": entry.command_code,
+        "length": len(payload),
+        "payload": payload.ljust(64, b"\0"),
+        "state": entry.state,
+        "reason": entry.reason,
+    }
+    return "schedule_entry", values, {}

@@ -1,0 +1,79 @@
+"""The tables in use: read from flash, turned into chain, camera, constants and triplets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gss.catalogue_tools.triplets import bank_crc32_of, decode_triplets
+from gss.device.simulator.memory import FACTORY, TABLES, Memory
+from gss.device.simulator.record import area_name
+from gss.device.table_use import calibrated, chain_of, check_parameters
+from gss.device.tables import Scalar, decode_table
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.profiles import CameraProfile
+from gss.domain.stars import OnboardCatalogue
+from gss.domain.triplets import TripletTable
+from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
+from gss.pipeline.chains.onboard import OnboardChain
+
+
+class Tables:
+    """What the active tables say. A table that cannot be read is left out and its problem told: the unit's own values hold."""
+
+    def __init__(self, profile: CameraProfile, memory: Memory) -> None:
+        self._own, self._memory = profile, memory
+        self.profile = profile
+        self.parameters: dict[str, Scalar] = {}
+        self.triplets: TripletTable | None = None
+        self.chain: OnboardChain = chain_of(profile)
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Changes when another table becomes active."""
+        record = self._memory.record
+        areas = [area_name(t, record.tables[t].active) for t in TABLES]
+        return tuple(f"{area} {record.banks[area].sha256}" for area in areas)
+
+    def load(self) -> list[str]:
+        """Read all three anew; what is wrong with them."""
+        self.profile, self.parameters, self.triplets = self._own, {}, None
+        problems = []
+        for table in TABLES:
+            bank = self._memory.record.tables[table].active
+            area = area_name(table, bank)
+            if self._memory.record.banks[area].state == "empty" and bank == FACTORY:
+                continue
+            try:
+                self._take(table, self._memory.content(area))
+            except (BadInput, CorruptData) as error:
+                problems.append(f"{table} {bank}: {error}")
+        self.chain = chain_of(self._own, self.parameters)
+        return problems
+
+    def _take(self, table: str, content: bytes) -> None:
+        if table == "calibration":
+            self.profile = calibrated(self._own, decode_table(table, content)[1])
+        elif table == "parameters":
+            values = decode_table(table, content)[1]
+            check_parameters(self.profile, values)
+            self.parameters = values
+        else:
+            self.triplets = decode_triplets(content)
+
+    def prepare(self, catalogue: OnboardCatalogue) -> Any:
+        """What the chain makes of a bank; with the triplet table where the chain uses one. The factory's belongs to the golden
+        catalogue: with another one the chain makes its own."""
+        prepared = self.chain.prepare(catalogue, self.profile)
+        used = self._memory.record.tables["triplets"].active
+        if self.triplets is None or not hasattr(prepared, "triplets"):
+            return prepared
+        if used == FACTORY and not self._belongs():
+            return prepared
+        return prepare_with_triplets(catalogue, self.profile, self.triplets)
+
+    def _belongs(self) -> bool:
+        """Was the active triplet table made for the active bank?"""
+        record = self._memory.record
+        table = self._memory.content(area_name("triplets", record.tables["triplets"].active))
+        body_crc = int.from_bytes(self._memory.content(record.active)[56:60], "little")
+        return bank_crc32_of(table) in (0, body_crc)

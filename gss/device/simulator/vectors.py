@@ -1,0 +1,61 @@
+"""Matched vectors as Sunsat's star sensor hands them to the attitude control (Jacobs 1995 §3.4, §7.5)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.device.dictionary import Value
+from gss.device.simulator.images import StoredFrame
+from gss.device.simulator.reports import Report, Row
+from gss.domain.camera import Camera
+from gss.domain.results import Outcome, SolveResult
+from gss.pipeline.chains.apriori import KnownOrbit
+from gss.pipeline.chains.onboard import Detection, Solution
+from gss.pipeline.chains.sunsat_frames import attitude_angles_rad
+from gss.pipeline.chains.sunsat_vectors import matched_vectors
+
+J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
+"""2000-01-01 12:00 since 1970; the minute between UTC and TT does not show in a velocity."""
+MOST_VECTORS = 255
+
+
+def solved_result(chain: str, camera: Camera, detection: Detection, solution: Solution) -> SolveResult:
+    """An attitude in the pipeline's words."""
+    return SolveResult(
+        chain,
+        Outcome.SOLVED,
+        "",
+        camera,
+        detection.regions,
+        detection.centroids,
+        solution.matches,
+        solution.attitude,
+        solution.false_match_probability,
+    )
+
+
+def vector_report(
+    frame: StoredFrame, result: SolveResult, row: NDArray[np.integer], orbit: KnownOrbit, utc_s: float
+) -> Report:
+    """Packet "matched_vectors". ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw are those of the attitude found."""
+    assert result.attitude is not None  # noqa: S101 - only solved frames have vectors
+    assert result.matches is not None  # noqa: S101
+    elements = orbit.elements_at(frame.time_s)
+    angles_rad = attitude_angles_rad(result.attitude.cam_from_icrs, elements)
+    days = (utc_s - J2000_UTC_S) / DAY_S
+    vectors = matched_vectors(result, elements, angles_rad, days, orbit.speed_m_s)
+    stars = row[result.matches.centroid]
+    items: list[Row] = [
+        {
+            "star": int(stars[i]),
+            **dict(zip(("body_x", "body_y", "body_z"), map(float, vectors.observed_body[i]), strict=True)),
+            **dict(zip(("orbit_x", "orbit_y", "orbit_z"), map(float, vectors.reference_orbit[i]), strict=True)),
+        }
+        for i in range(min(len(vectors), MOST_VECTORS))
+        if stars[i] >= 0
+    ]
+    roll, pitch, yaw = np.degrees(angles_rad)
+    values: dict[str, Value] = {"frame_number": frame.number, "frame_time_s": frame.time_s}
+    values |= {"roll_deg": float(roll), "pitch_deg": float(pitch), "yaw_deg": float(yaw)}
+    return "matched_vectors", values, {"items": items}
