@@ -28,6 +28,8 @@ STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
+# A trail that leaves less than this in each of its overlapping spots is far below one electron in any pixel.
+FAINTEST_STEP_E = 0.05
 
 
 @dataclass(frozen=True)
@@ -137,13 +139,25 @@ def _expected_light(
     if lights is not None:
         icrs, v_mag = np.concatenate([icrs, lights.icrs]), np.concatenate([v_mag, lights.v_mag])
     paths = _paths(icrs, camera, cam_from_icrs, exposure_s, rate_rad_s, BLUR_STEP_SIGMAS * sensor.psf_sigma_px)
-    star_e = sensor.star_e(v_mag, exposure_s)
+    steps = paths.shape[1]
+    step_e = sensor.star_e(v_mag, exposure_s) / steps
+    if steps > 1:
+        visible = step_e > FAINTEST_STEP_E
+        paths, step_e = paths[visible], step_e[visible]
     places = [paths.reshape(-1, 2)]
-    portions = [np.repeat(star_e / paths.shape[1], paths.shape[1])]
+    portions = [np.repeat(step_e, steps)]
     if false_stars:
         places.append(np.array([[f.col_px, f.row_px] for f in false_stars], float))
         portions.append(sensor.star_e(np.array([f.v_mag for f in false_stars]), exposure_s))
     return spots(camera.rows, camera.columns, np.concatenate(places), np.concatenate(portions), sensor.psf_sigma_px)
+
+
+def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> float:
+    """The longest exposure whose trails :func:`render` draws at an angular velocity; infinite where the camera stands."""
+    step_px = BLUR_STEP_SIGMAS * sensor.psf_sigma_px
+    sweep_px_s = float(np.linalg.norm(rate_rad_s)) * max(camera.focal_col_px, camera.focal_row_px)
+    drawn_px = (MAX_BLUR_STEPS - 1) * step_px * np.cos(camera.half_diagonal_rad) ** 2
+    return float(drawn_px / sweep_px_s) if sweep_px_s > 0 else float("inf")
 
 
 def _paths(

@@ -267,3 +267,17 @@ def test_heat_makes_the_dark_brighter() -> None:
     cool = level()
     sky.environment.temperature_offset_c = 16.0
     assert (level() - cool) * sensor.gain_e_per_dn == pytest.approx(3 * sensor.dark_current_e_s, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["aim", "cubestar"])
+def test_the_fastest_tumble_can_be_drawn(name: str) -> None:
+    """Twenty degrees per second smear every star below the noise; a frame comes all the same, Moon, truth and all."""
+    sky = _sky(name)
+    sky.environment.make_real()
+    _towards(sky, sky.environment.bodies(0.0).moon.icrs, 1.0)
+    still = sky.expose(0.0, 0.25, 1)
+    sky.environment.set_motion("tumble", 0.0, rate_rad_s=float(np.radians(20.0)))
+    fast = sky.expose(0.0, 0.25, 1)
+    assert np.array_equal(fast.truth.hip, still.truth.hip)
+    assert fast.truth.v_mag == pytest.approx(still.truth.v_mag)
+    assert len(_found(sky, fast.pixels)) < len(_found(sky, still.pixels)) or name == "aim"

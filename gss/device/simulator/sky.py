@@ -20,7 +20,7 @@ from gss.domain.angles import Array
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import Truth
 from gss.domain.stars import StarTable
-from gss.pipeline.render import STAMP_SIGMAS, Lights, render, stars_near
+from gss.pipeline.render import STAMP_SIGMAS, Lights, longest_trail_s, render, stars_near
 from gss.pipeline.veil import Veil, earth_disc, earth_stray, halo, sun_stray
 
 FAINTER_MAG = 2.5
@@ -61,15 +61,18 @@ class Sky:
         world, profile = self.environment, self._profile
         pose = world.motion.at(mid_time_s)
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, frame_number]))
+        # Of a trail too long to draw the middle part is drawn, with the light that falls on it.
+        trail_s = 0.999 * longest_trail_s(profile.camera, profile.sensor, pose.rate_rad_s)
+        share = min(1.0, trail_s / exposure_s)
         drawn = render(
             self._apparent(pose, mid_time_s, exposure_s),
             profile.camera,
-            profile.sensor,
+            replace(profile.sensor, zero_point_e_s=profile.sensor.zero_point_e_s * share),
             pose.cam_from_icrs,
             exposure_s,
             rng,
-            rate_rad_s=pose.rate_rad_s,
-            lights=self._lights(pose, mid_time_s),
+            rate_rad_s=pose.rate_rad_s * share,
+            lights=self._lights(pose, mid_time_s, min(exposure_s, trail_s)),
             veil=self._veil(pose, mid_time_s),
             chip=world.chip,
             dark_factor=world.dark_factor,
@@ -90,8 +93,8 @@ class Sky:
         )
         return replace(near, icrs=aberrate(near.icrs, self.environment.velocity_c(time_s)))
 
-    def _lights(self, pose: Pose, time_s: float) -> Lights | None:
-        """Planets and the Moon's disc, as far as they are near the field."""
+    def _lights(self, pose: Pose, time_s: float, trail_s: float) -> Lights | None:
+        """Planets and the Moon's disc, as far as they are near the field. A disc that is smeared needs fewer points."""
         world = self.environment
         if not (world.planets or world.moon):
             return None
@@ -101,7 +104,9 @@ class Sky:
             icrs.append(bodies.planets_icrs)
             v_mag.append(bodies.planets_v_mag)
         if world.moon and self._near(bodies.moon.icrs, pose):
-            points, point_v_mag = moon_points(bodies, self._profile.camera.pixel_rad)
+            pixel_rad = self._profile.camera.pixel_rad
+            trail_px = float(np.linalg.norm(pose.rate_rad_s)) * trail_s / pixel_rad
+            points, point_v_mag = moon_points(bodies, pixel_rad, 1 + trail_px)
             icrs.append(points)
             v_mag.append(np.full(len(points), point_v_mag))
         places, brightness = np.concatenate(icrs), np.concatenate(v_mag)
@@ -141,10 +146,10 @@ class Sky:
         return float(np.cos(min(np.pi, self._profile.camera.half_diagonal_rad + margin_rad)))
 
 
-def moon_points(bodies: Bodies, pixel_rad: float) -> tuple[Array, float]:
-    """(n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each."""
+def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[Array, float]:
+    """(n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each; fewer by ``smear``."""
     moon = bodies.moon
-    count = int(np.clip(6 * (moon.radius_rad / pixel_rad) ** 2, *MOON_POINTS))
+    count = int(np.clip(6 * (moon.radius_rad / pixel_rad) ** 2 / smear, *MOON_POINTS))
     order = np.arange(count)
     radius, angle = np.sqrt((order + 0.5) / count), order * GOLDEN_ANGLE_RAD
     toward_sun = bodies.sun.icrs * bodies.sun.distance_km - moon.icrs * moon.distance_km
