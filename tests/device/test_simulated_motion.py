@@ -139,6 +139,8 @@ def test_motion_changes_at_run_time_from_where_the_camera_is() -> None:
     assert isinstance(world.orbit, GroundSite)
     assert world.in_eclipse(0.0)
     assert world.rate_rad_s(150.0) == pytest.approx(7.2921e-5, rel=1e-4)
+    world.set_motion("slew", 180.0, rate_rad_s=0.01, from_rad=(3.0, -0.5, 0.2))
+    assert ra_dec_roll_rad(world.motion.at(180.0).cam_from_icrs) == pytest.approx((3.0, -0.5, 0.2), abs=1e-9)
     world.set_motion("point", 200.0, ra_rad=2.0, dec_rad=0.5, roll_rad=1.0, duration_s=10.0)
     assert ra_dec_roll_rad(world.motion.at(210.0).cam_from_icrs) == pytest.approx((2.0, 0.5, 1.0), abs=1e-9)
     world.set_motion("zenith", 300.0)

@@ -94,15 +94,17 @@ class Environment:
         dec_rad: float = 0.0,
         roll_rad: float = 0.0,
         duration_s: float = 60.0,
+        from_rad: tuple[float, float, float] | None = None,
     ) -> None:
         """From the attitude of now on: back on the orbit (zenith), stand still (inertial), turn about camera y (slew),
-        tumble, drift with the Earth (ground), or turn to a place within ``duration_s`` (point)."""
+        tumble, drift with the Earth (ground), or turn to a place within ``duration_s`` (point). ``from_rad``: first jump
+        to that right ascension, declination and roll."""
         if kind not in MOTIONS:
             raise BadInput("unknown motion", expected=" | ".join(MOTIONS), got=kind)
         if not abs(rate_rad_s) <= FASTEST_RAD_S:
             expected = f"at most {np.degrees(FASTEST_RAD_S):g} °/s"
             raise BadInput("the rate is out of range", expected=expected, got=f"{np.degrees(rate_rad_s):g} °/s")
-        now = self.motion.at(time_s).cam_from_icrs
+        now = self.motion.at(time_s).cam_from_icrs if from_rad is None else cam_from_icrs(*from_rad)
         if kind == "zenith":
             self.motion, self.orbit = self._home
         elif kind == "inertial":
