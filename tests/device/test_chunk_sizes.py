@@ -1,0 +1,81 @@
+"""From losses to the size of chunks, and held ranges from one grid to another."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gss.device.protocol.chunk_size import (
+    FRAME_OVERHEAD_BYTES,
+    best_chunk_bytes,
+    carried_share,
+    loss_per_byte,
+    regrid,
+    smaller_chunk_bytes,
+)
+from gss.device.protocol.transfer import ChunkSender, ChunkSet, chunk_count
+
+
+@pytest.mark.parametrize(
+    ("bit_error_rate", "best"), [(0.0, 1024), (1e-6, 1024), (1e-5, 1024), (1e-4, 256), (3e-4, 128), (1e-2, 128)]
+)
+def test_the_best_size_follows_the_bit_error_rate(bit_error_rate: float, best: int) -> None:
+    """A byte survives with (1 − p)⁸; the size that carries most on such a line, large ones first where it is all the same."""
+    assert best_chunk_bytes(-8 * math.log1p(-bit_error_rate)) == best
+
+
+def test_losses_tell_the_rate_they_come_from() -> None:
+    """Of frames of 1064 bytes at one bit in ten thousand 57.3 % are lost."""
+    rate = -8 * math.log1p(-1e-4)
+    lost = round(1000 * (1 - math.exp(-rate * 1064)))
+    assert loss_per_byte(lost, 1000, 1064) == pytest.approx(rate, rel=0.01)
+    assert loss_per_byte(0, 1000, 1064) == loss_per_byte(3, 0, 10) == 0.0
+    assert math.isfinite(loss_per_byte(1000, 1000, 1064))
+
+
+@pytest.mark.parametrize(
+    ("chunk_bytes", "lost", "sent", "smaller"),
+    [
+        (1024, 0, 500, None),
+        (1024, 3, 3, None),  # too little to tell
+        (1024, 1, 100, None),  # a small loss does not pay for more headers
+        (1024, 57, 100, 256),
+        (1024, 8, 8, 128),
+        (256, 20, 100, None),
+        (128, 90, 100, None),
+    ],
+)
+def test_a_transfer_is_opened_again_only_where_it_pays(
+    chunk_bytes: int, lost: int, sent: int, smaller: int | None
+) -> None:
+    """Enough experience, and clearly more content on the line afterwards."""
+    assert smaller_chunk_bytes(chunk_bytes, lost, sent) == smaller
+    if smaller is not None:
+        rate = loss_per_byte(lost, sent, chunk_bytes + FRAME_OVERHEAD_BYTES)
+        assert carried_share(smaller, rate) > carried_share(chunk_bytes, rate)
+
+
+@given(st.integers(1, 5000), st.integers(1, 700), st.integers(1, 700), st.data())
+def test_regridding_claims_exactly_the_chunks_whose_every_byte_is_held(
+    size: int, old: int, new: int, data: st.DataObject
+) -> None:
+    """Byte by byte: what is claimed is held, and nothing that is wholly held is left out."""
+    count = chunk_count(size, old)
+    held = ChunkSet(count, data.draw(st.lists(st.integers(0, count - 1), max_size=40)))
+    there = bytearray(size)
+    for first, last in held.ranges()[0]:
+        there[first * old : (last + 1) * old] = b"\1" * (min((last + 1) * old, size) - first * old)
+    expected = [i for i in range(chunk_count(size, new)) if all(there[i * new : (i + 1) * new])]
+    assert regrid(held.ranges()[0], size, old, new) == expected
+
+
+def test_a_sender_asks_at_once_after_its_last_chunk() -> None:
+    """Nothing follows that would make the receiver report; without asking, a lost last chunk would cost its patience."""
+    sender = ChunkSender(3, 16, 5.0)
+    assert [sender.next_chunk(0.0) for _ in range(3)] == [(0, 1), (1, 2), (2, 3)]
+    assert sender.request_due(0.0) == (3, 0)
+    assert sender.request_due(4.9) is None
+    assert sender.request_due(5.1) == (3, 0)
