@@ -33,7 +33,7 @@ async function answer<R>(path: string, init?: RequestInit): Promise<R> {
     const body: unknown = await response.json().catch(() => null);
     throw new ApiError(response.status, problemOf(response.status, body));
   }
-  return (await response.json()) as R;
+  return (response.status === 204 ? null : await response.json()) as R;
 }
 
 const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
@@ -44,6 +44,9 @@ const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R>
     body: body === undefined ? null : JSON.stringify(body),
     signal: signal ?? null,
   });
+
+const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
+  answer<R>(path, { method, headers: { 'X-GSS': '1', 'Content-Type': 'application/json' }, body: body === undefined ? null : JSON.stringify(body) });
 
 export interface RawImage {
   columns: number;
@@ -127,6 +130,43 @@ export const api = {
   jobs: () => get<T.Job[]>('/jobs'),
   cancelJob: (id: number) => post<T.Job>(`/jobs/${id}/cancel`),
   events: (after: number, limit = 200) => get<T.EventRow[]>(`/events?after=${after}&limit=${limit}`),
+  authority: () => get<T.Authority>('/authority'),
+  authorityAction: (action: 'take' | 'release' | 'break', reason = '') => post<T.Authority>(`/authority/${action}`, action === 'break' ? { reason } : undefined),
+  withdraw: (id: number) => post<T.Command>(`/commands/${id}/withdraw`),
+  alarms: (open: boolean, limit = 200) => get<T.AlarmRow[]>(`/alarms${query({ open: String(open), limit })}`),
+  alarmAction: (id: number, action: 'acknowledge' | 'unshelve' | 'clear', note: string) => post<T.AlarmRow>(`/alarms/${id}/${action}`, { note }),
+  shelve: (id: number, minutes: number, note: string) => post<T.AlarmRow>(`/alarms/${id}/shelve`, { minutes, note }),
+  limits: () => get<T.Limits>('/telemetry/limits'),
+  chooseLimitSet: (name: string) => send<T.Limits>('PUT', '/telemetry/limits/set', { name, note: '' }),
+  stacks: () => get<T.Stack[]>('/stacks'),
+  saveStack: (body: T.StackIn, id: number | null) => (id === null ? post<T.Stack>('/stacks', body) : send<T.Stack>('PUT', `/stacks/${id}`, body)),
+  dropStack: (id: number) => send<null>('DELETE', `/stacks/${id}`),
+  checkStack: (id: number) => post<T.StackCheck>(`/stacks/${id}/check`),
+  runStack: (id: number, confirm: string[]) => post<T.StackRun>(`/stacks/${id}/run`, { confirm }),
+  stackRuns: () => get<T.StackRun[]>('/stack-runs?limit=20'),
+  runAction: (id: number, action: 'pause' | 'resume' | 'stop') => post<T.StackRun>(`/stack-runs/${id}/${action}`),
+  schedule: () => get<T.Schedule>('/schedule'),
+  refreshSchedule: () => post<T.Command>('/schedule/refresh'),
+  checkScheduled: (body: unknown, signal?: AbortSignal) => post<T.ScheduleCheck>('/schedule/check', body, signal),
+  addScheduled: (body: unknown) => post<T.Command>('/schedule', body),
+  cancelScheduled: (id: number) => post<T.Command>(`/schedule/${id}/cancel`),
+  tables: (kind: string) => get<T.Table[]>(`/tables${query({ kind, limit: 100 })}`),
+  tablesOnBoard: () => get<T.OnBoardTable[]>('/tables/on-board'),
+  tableDefaults: (kind: string, profile: string) => get<{ content: Record<string, string | number> }>(`/tables/defaults${query({ kind, profile })}`),
+  addTable: (body: unknown) => post<T.TableDetail>('/tables', body),
+  uploadTable: (id: number, bank: string) => post<T.Transfer>(`/tables/${id}/upload`, { bank }),
+  startDownload: (body: unknown) => post<T.Transfer>('/transfers/download', body),
+  uploadFrame: (id: number, slot: number, solve: boolean) => post<T.Transfer>(`/frames/${id}/upload`, { slot, solve }),
+  experiments: () => get<T.ExperimentEntry[]>('/campaigns/experiments'),
+  runExperiments: (body: { names: string[]; trials: number | null; seed: number }) => post<T.Job>('/campaigns/experiments', body),
+  reprocess: (body: { chain: string; again: boolean }) => post<T.Job>('/campaigns/reprocess', body),
+  compareChains: () => get<T.ChainRecord[]>('/campaigns/chains'),
+  contact: (id: number) => get<T.ContactDetail>(`/contacts/${id}`),
+  noteContact: (id: number, note: string) => send<T.ContactDetail>('PUT', `/contacts/${id}/note`, { note }),
+  replay: () => get<T.Replay>('/replay'),
+  startReplay: (id: number, speed: number | null) => post<T.Replay>(`/contacts/${id}/replay`, { speed }),
+  steerReplay: (body: { speed?: number | null; paused?: boolean; at?: string }) => send<T.Replay>('PUT', '/replay', body),
+  endReplay: () => send<T.Replay>('DELETE', '/replay'),
   contacts: () => get<T.Contact[]>('/contacts'),
   sky: (mag = 4.5) => get<T.Sky>(`/sky?mag=${mag}`),
   profiles: () => get<T.Profile[]>('/profiles'),

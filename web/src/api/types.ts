@@ -35,6 +35,24 @@ export type Transfer = S['TransferOut'];
 export type Job = S['JobOut'];
 export type EventRow = S['EventOut'];
 export type Contact = S['ContactOut'];
+export type Authority = S['AuthorityOut'];
+export type AlarmRow = S['AlarmRow'];
+export type Stack = S['StackOut'];
+export type StackIn = S['StackIn'];
+export type Step = S['StepOut'];
+export type StackCheck = S['StackCheckOut'];
+export type StackRun = S['StackRunOut'];
+export type Schedule = S['ScheduleOut'];
+export type ScheduleCheck = S['ScheduleCheckOut'];
+export type Limits = S['LimitsOut'];
+export type Limit = S['LimitOut'];
+export type ContactDetail = S['ContactDetailOut'];
+export type Replay = S['ReplayOut'];
+export type Table = S['TableOut'];
+export type TableDetail = S['TableDetailOut'];
+export type OnBoardTable = S['OnBoardTableOut'];
+export type ExperimentEntry = S['ExperimentOut'];
+export type ChainRecord = S['ChainRecordOut'];
 export type Sky = S['SkyOut'];
 export type Profile = S['ProfileOut'];
 export type CatalogueIn = S['CatalogueIn'];
@@ -54,3 +72,15 @@ export interface Problem {
   hint: string;
 }
 export type ArgumentValue = number | string | boolean;
+/** What a job of experiments leaves in its result. */
+export interface ExperimentRecord {
+  name: string;
+  title: string;
+  source: string;
+  columns: string[];
+  rows: (string | number | null)[][];
+  conditions: string[];
+  seed: number;
+  notes: string[];
+  series: { title: string; x_label: string; y_label: string; x: number[]; y: number[] }[];
+}

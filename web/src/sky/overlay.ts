@@ -33,6 +33,16 @@ export function drawOverlays(ctx: Ctx, s: Screen, scene: Scene, colour: (name: s
 
 function missingRows(ctx: Ctx, s: Screen, frame: Frame, colour: string): void {
   if (frame.complete) return;
+  if (frame.held.length) {
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(s.x, s.y, frame.columns * s.scale, frame.rows * s.scale);
+    for (const [col, row, columns, rows] of frame.held) ctx.rect(s.x + col * s.scale, s.y + row * s.scale, columns * s.scale, rows * s.scale);
+    ctx.clip('evenodd');
+    hatch(ctx, s.x, s.y, frame.columns * s.scale, frame.rows * s.scale, colour);
+    ctx.restore();
+    return;
+  }
   let next = 0;
   const held = [...frame.rows_held].sort((a, b) => a[0] - b[0]);
   for (const [first, last] of [...held, [frame.rows, frame.rows] as [number, number]]) {

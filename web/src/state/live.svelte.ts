@@ -22,6 +22,16 @@ class Live {
   values = $state<T.Value[]>([]);
   sparks = $state<Record<string, (number | null)[]>>({});
   commands = $state<T.Command[]>([]);
+  authority = $state<T.Authority | null>(null);
+  /** Open alarms as the server sorts them: worst first. */
+  alarms = $state<T.AlarmRow[]>([]);
+  runs = $state<T.StackRun[]>([]);
+  schedule = $state<T.Schedule | null>(null);
+  onBoardTables = $state<T.OnBoardTable[]>([]);
+  limitsTick = $state(0);
+  replay = $state<T.Replay | null>(null);
+  replayValues = $state<T.Value[]>([]);
+  replayLog = $state<{ at: string; text: string; level: string }[]>([]);
   cycles = $state<T.Cycle[]>([]);
   transfers = $state<T.Transfer[]>([]);
   jobs = $state<T.Job[]>([]);
@@ -54,6 +64,16 @@ class Live {
       case 'job': this.jobs = upsert(this.jobs, data as T.Job); return;
       case 'cycle': this.putCycle(data as T.Cycle); return;
       case 'event': this.lastEvent = data as T.EventRow; return;
+      case 'authority': this.authority = data as T.Authority; return;
+      case 'alarm': return this.putAlarm(data as T.AlarmRow);
+      case 'stack_run': this.runs = upsert(this.runs, data as T.StackRun); return;
+      case 'schedule': this.schedule = data as T.Schedule; return;
+      case 'tables': this.onBoardTables = data as T.OnBoardTable[]; return;
+      case 'limits': this.limitsTick += 1; return;
+      case 'replay': return this.putReplay(data as T.Replay);
+      case 'replay.telemetry': this.replayValues = (data as T.Latest).values; return;
+      case 'replay.command': { const c = data as { at: string; name: string; stage: string; detail: string }; return this.putReplayed(c.at, `${c.name} ${c.stage}${c.detail ? `: ${c.detail}` : ''}`, c.stage === 'failed' || c.stage === 'rejected' ? 'critical' : 'ok'); }
+      case 'replay.event': { const e = data as { at: string; name: string; severity: string; text: string }; return this.putReplayed(e.at, `${e.name} ${e.text}`, e.severity); }
       case 'dropped': void this.load(); return;
       case 'frame': return this.putFrame((data as T.Frame).id, true);
       case 'solution': return this.putFrame((data as T.Solution).frame_id, false);
@@ -73,6 +93,23 @@ class Live {
       const now = typeof v.value === 'number' && v.state !== 'stale' ? v.value : null;
       this.sparks[keyOf(v)] = [...(this.sparks[keyOf(v)] ?? []), now].slice(-SPARK_POINTS);
     }
+  }
+
+  private putAlarm(alarm: T.AlarmRow): void {
+    const before = this.alarms.find((a) => a.id === alarm.id);
+    const rest = this.alarms.filter((a) => a.id !== alarm.id);
+    const rank = ['critical', 'warning', 'watch', 'ok'];
+    this.alarms = alarm.state === 'closed' ? rest : [...rest, alarm].sort((a, b) => rank.indexOf(a.worst) - rank.indexOf(b.worst) || b.id - a.id);
+    if (!before && alarm.state === 'raised' && alarm.worst !== 'watch') toast(alarm.worst === 'critical' ? 'critical' : 'warning', alarm.text, `alarm ${alarm.id}`);
+  }
+
+  private putReplay(replay: T.Replay): void {
+    if (replay.state === 'none' || replay.contact_id !== this.replay?.contact_id) { this.replayLog = []; this.replayValues = []; }
+    this.replay = replay;
+  }
+
+  private putReplayed(at: string, text: string, level: string): void {
+    this.replayLog = [{ at, text, level }, ...this.replayLog].slice(0, 200);
   }
 
   private putCycle(cycle: T.Cycle): void {
@@ -105,6 +142,12 @@ class Live {
       api.commands(100).then((v) => { this.commands = v; }),
       api.cycles(12).then((v) => { this.cycles = v; }),
       api.transfers(20).then((v) => { this.transfers = v; }),
+      api.authority().then((v) => { this.authority = v; }),
+      api.alarms(true).then((v) => { this.alarms = v; }),
+      api.stackRuns().then((v) => { this.runs = v; }),
+      api.schedule().then((v) => { this.schedule = v; }),
+      api.tablesOnBoard().then((v) => { this.onBoardTables = v; }),
+      api.replay().then((v) => { this.replay = v; }),
       api.jobs().then((v) => { this.jobs = v; }),
     ]);
     this.frameTick += 1;

@@ -18,7 +18,7 @@ export interface StreamHandlers {
   online: (filled: { from: string; to: string; count: number } | null) => void;
   offline: (since: number) => void;
 }
-export const KINDS = ['link', 'telemetry', 'command', 'transfer', 'frame', 'solution', 'job', 'event', 'cycle', 'dropped'] as const;
+export const KINDS = ['link', 'telemetry', 'command', 'transfer', 'frame', 'solution', 'job', 'event', 'cycle', 'dropped', 'authority', 'alarm', 'stack_run', 'schedule', 'tables', 'limits', 'replay', 'replay.telemetry', 'replay.command', 'replay.event'] as const;
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 

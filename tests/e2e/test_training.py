@@ -1,0 +1,149 @@
+"""What goes wrong in a contact, and what an operator does then: alarms, authority, stacks, schedule, tables, replay."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+
+def choose(page, kind: str, fault: str, value: str) -> None:
+    """Set the instructor's form and inject."""
+    page.get_by_test_id("training-fault").select_option(fault)
+    page.get_by_test_id("training-SIM_INJECT-value").fill(value)
+    page.get_by_test_id(f"training-{kind}").click()
+
+
+def test_an_alarm_latches_until_it_is_back_and_seen(page, picture):
+    """Overheating raises an alarm in header and monitor; acknowledged it stays while hot; cool again it closes."""
+    page.goto("/commands?side=training")
+    expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
+    choose(page, "SIM_INJECT", "overheat", "60")
+    expect(page.get_by_test_id("training")).to_contain_text("1 at work")
+    picture("training")
+    expect(page.get_by_test_id("alarm")).to_contain_text("Sensor temperature")
+    page.goto("/telemetry?page=power")
+    row = page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]").first
+    expect(row).to_have_attribute("data-state", "raised")
+    picture("alarms")
+    row.get_by_test_id("acknowledge").click()
+    expect(row).to_have_attribute("data-state", "acked")
+    row.get_by_test_id("shelve").click()
+    page.get_by_test_id("alarm-note").fill("heater test")
+    page.get_by_test_id("alarm-note-save").click()
+    expect(row).to_have_attribute("data-state", "shelved")
+    row.get_by_test_id("unshelve").click()
+    page.goto("/commands?side=training")
+    page.get_by_test_id("training-calm").click()
+    page.goto("/telemetry?page=power")
+    expect(page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")).to_have_count(0)
+
+
+def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(page, picture):
+    """Controls say who holds it; after breaking it commands go out again; ABORT was never blocked."""
+    taken = page.request.post("/api/authority/take", headers={"X-GSS": "1", "X-GSS-User": "operator-2"})
+    if not taken.ok:
+        page.request.post("/api/authority/release", headers={"X-GSS": "1"})
+        taken = page.request.post("/api/authority/take", headers={"X-GSS": "1", "X-GSS-User": "operator-2"})
+    assert taken.ok, taken.text()
+    page.goto("/commands")
+    expect(page.get_by_test_id("authority")).to_contain_text("operator-2 holds it")
+    expect(page.get_by_test_id("command-send")).to_be_disabled()
+    page.keyboard.press("Shift+Escape")
+    expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
+    page.get_by_test_id("authority-break").click()
+    expect(page.get_by_test_id("authority-break-now")).to_be_disabled()
+    page.get_by_test_id("authority-reason").fill("operator-2 left the desk")
+    picture("authority")
+    page.get_by_test_id("authority-break-now").click()
+    expect(page.get_by_test_id("authority")).to_contain_text("you hold it")
+    page.get_by_test_id("command-send").click()
+    expect(page.get_by_test_id("history-row").first).to_contain_text("completed")
+
+
+def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
+    """Two steps complete; a hazardous stack wants names; a scheduled command is listed by the device and taken back."""
+    page.goto("/commands")
+    page.get_by_test_id("stack-new").click()
+    page.get_by_test_id("stack-name").fill("evening start")
+    page.get_by_test_id("step-command").first.select_option("SET_EXPOSURE")
+    page.get_by_test_id("step-add").click()
+    page.get_by_test_id("step-command").nth(1).select_option("TAKE_IMAGE")
+    page.get_by_test_id("stack-save").click()
+    expect(page.get_by_test_id("stack-step")).to_have_count(2)
+    page.get_by_test_id("stack-run").click()
+    expect(page.locator("[data-testid=stack-step][data-state=completed]")).to_have_count(2)
+    expect(page.get_by_test_id("stack")).to_contain_text("completed")
+
+    page.get_by_test_id("schedule-add").click()
+    page.get_by_test_id("schedule-command").select_option("GET_STATUS")
+    at = datetime.now(UTC) + timedelta(minutes=30)
+    page.get_by_test_id("schedule-at").fill(at.strftime("%Y-%m-%dT%H:%M:%S"))
+    expect(page.get_by_test_id("schedule-form")).to_contain_text("device time")
+    page.get_by_test_id("schedule-send").click()
+    waiting = page.locator("[data-testid=schedule-row][data-state=waiting]")
+    expect(waiting.first).to_contain_text("GET_STATUS")
+    picture("stack-and-schedule")
+    waiting.first.get_by_test_id("schedule-cancel").click()
+    expect(waiting).to_have_count(0)
+
+
+def test_a_calibration_is_written_sent_activated_and_confirmed(page, picture):
+    """From the profile's values to an active table, with verify by read-back and a typed name."""
+    page.goto("/catalogues")
+    page.get_by_test_id("table-new").click()
+    page.get_by_test_id("table-name").fill("after bench test")
+    page.get_by_test_id("table-save").click()
+    page.get_by_test_id("table-row").first.get_by_test_id("table-send").click()
+    bank = page.locator("[data-testid=table-bank]").filter(has_text="committed")
+    expect(bank).to_have_count(1)
+    bank.get_by_test_id("table-activate").click()
+    page.get_by_test_id("hazard-name").fill("ACTIVATE_TABLE")
+    page.get_by_test_id("hazard-queue").click()
+    page.get_by_test_id("table-confirm").click()
+    expect(page.locator("[data-testid=table-bank]").filter(has_text="after bench test")).to_contain_text("active")
+    picture("tables")
+
+
+def test_a_stored_frame_goes_up_and_is_solved_on_board(page):
+    """Taken, stored, sent back into another image memory, and named by the sensor itself."""
+    page.goto("/live")
+    page.get_by_test_id("cmd-TAKE_IMAGE").click()
+    expect(page.get_by_test_id("cmd-TAKE_IMAGE")).to_contain_text("ago")
+    expect(page.get_by_role("heading", name=re.compile(r"Frame \d"))).to_be_visible()
+    page.goto("/frames")
+    page.get_by_test_id("frame-row").first.click()
+    page.get_by_test_id("open-send").click()
+    page.get_by_test_id("send-slot").select_option("2")
+    page.get_by_test_id("send-frame-start").click()
+    expect(page.get_by_test_id("send-frame")).to_contain_text("committed")
+    expect(page.get_by_test_id("chain-row").filter(has_text="on board")).to_contain_text("solved")
+
+
+def test_a_contact_is_read_back_replayed_and_reported(page, picture):
+    """Counters and gaps; the capture goes through the decoder again; the pass report prints."""
+    page.goto("/contacts")
+    page.get_by_test_id("contact-row").first.click()
+    expect(page.get_by_test_id("contact-detail")).to_contain_text("Counters")
+    page.get_by_test_id("replay-speed").select_option("max")
+    page.get_by_test_id("replay-start").click()
+    expect(page.get_by_test_id("replay")).to_contain_text("ended")
+    picture("contact")
+    report = page.request.get(page.get_by_test_id("pass-report").get_attribute("href"))
+    assert report.ok
+    assert "<script" not in report.text()
+    assert "SIM-0001" in report.text()
+
+
+def test_an_experiment_shows_the_papers_figures_beside_ours(page, picture):
+    """A small run of Erlank's Table 3.6, as a job, as a table."""
+    page.goto("/campaigns")
+    page.get_by_test_id("trials").fill("500")
+    page.get_by_test_id("run-erlank-3-6").click()
+    expect(page.locator("[data-experiment=erlank-3-6]")).to_contain_text("Erlank 2013 Table 3.6", timeout=60_000)
+    expect(page.locator("[data-experiment=erlank-3-6]")).to_contain_text("84.04")
+    picture("campaigns")
