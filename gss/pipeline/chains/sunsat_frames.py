@@ -111,7 +111,8 @@ def celestial_from_sphere(ra_rad: Array | float, dec_rad: Array | float) -> Arra
 
 
 def sphere_from_celestial(unit: Array) -> tuple[Array, Array]:
-    """Right ascension and declination (``ctocs``, eq. 1.22, which leaves out the case x < 0 of the declination's digits)."""
+    """Right ascension and declination (``ctocs``, eq. 1.22); by arctangents, since its arcsine of z loses half the
+    digits at the poles."""
     return ra_dec_from_unit(unit)
 
 
