@@ -81,7 +81,7 @@ async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
   return { columns, rows, bits, ...decode(buffer, response.headers.get('X-Dtype') ?? '', columns * rows) };
 }
 
-function query(values: Record<string, string | number | undefined>): string {
+export function query(values: Record<string, string | number | undefined>): string {
   const used = Object.entries(values).filter(([, v]) => v !== undefined && v !== '');
   return used.length ? `?${new URLSearchParams(used.map(([k, v]) => [k, String(v)] as [string, string])).toString()}` : '';
 }
@@ -92,6 +92,7 @@ export const api = {
   closeLink: () => post<T.Link>('/link/close'),
   acknowledgeDictionary: () => post<T.Link>('/link/acknowledge-dictionary'),
   dictionary: () => get<T.Dictionary>('/dictionary'),
+  findCommands: (filter: Record<string, string | number | undefined>) => get<T.Command[]>(`/commands${query({ limit: 200, ...filter })}`),
   commands: (limit = 100, contact?: number) => get<T.Command[]>(`/commands${query({ limit, contact })}`),
   send: (name: string, args: Record<string, T.ArgumentValue>, confirm = '') => post<T.Command>('/commands', { name, arguments: args, confirm }),
   check: (name: string, args: Record<string, T.ArgumentValue>, signal?: AbortSignal) => post<T.Check>('/commands/check', { name, arguments: args }, signal),
