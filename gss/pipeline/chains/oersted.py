@@ -30,7 +30,7 @@ from gss.pipeline.track.constant_rate import average_estimates
 from gss.pipeline.track.differential import differential_attitude
 
 # Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. How they divide is ours.
-DETECT_MS, REGION_MS = 250.0, 1.0
+DETECT_MS, REGION_MS = 250.0, 0.5
 INITIAL_MS, CANDIDATE_MS, PREDICTIONAL_MS, ATTITUDE_MS, STAR_MS = 700.0, 2.5, 120.0, 80.0, 1.0
 MAX_REGIONS = 1000
 

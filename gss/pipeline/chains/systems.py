@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from gss.domain.errors import NotFound
+from gss.pipeline.chains.aim import AimChain
 from gss.pipeline.chains.cubestar_onboard import CubestarChain
 from gss.pipeline.chains.far_mst_onboard import FarMstChain
 from gss.pipeline.chains.oersted import OerstedChain
 from gss.pipeline.chains.onboard import OnboardChain
 from gss.pipeline.chains.sunsat_onboard import SunsatChain
 
-SYSTEMS: dict[str, OnboardChain] = {c.name: c for c in (CubestarChain(), FarMstChain(), SunsatChain(), OerstedChain())}
+SYSTEMS: dict[str, OnboardChain] = {
+    c.name: c for c in (CubestarChain(), FarMstChain(), SunsatChain(), OerstedChain(), AimChain())
+}
 
 
 def system(name: str) -> OnboardChain:

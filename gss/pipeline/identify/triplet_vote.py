@@ -64,20 +64,22 @@ def vote(
     keep = np.flatnonzero(allowed[found])
     which, candidate = which[keep], found[keep].astype(np.intp)
     centroid = star[which]
-    agree = _agree(unit_cam, centroid, icrs, candidate, tolerance_rad)
+    agree = agreement_of_candidates(unit_cam, centroid, icrs, candidate, tolerance_rad)
     # One supporter per measured star, however many of its candidates agree.
     support = np.zeros((len(centroid), n), bool)
     a, b = np.nonzero(agree)
     support[a, centroid[b]] = True
     count = support.sum(axis=1)
-    chosen = _consistent_set(agree, count)
+    chosen = consistent_set(agree, count)
     row[centroid[chosen]] = candidate[chosen]
     votes[centroid[chosen]] = count[chosen]
     order = np.argsort(-count, kind="stable")
     return TripletVote(row, votes, triplet, which[order], candidate[order], len(keep) * (len(keep) - 1) // 2)
 
 
-def _agree(unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float) -> NDArray[np.bool_]:
+def agreement_of_candidates(
+    unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
+) -> NDArray[np.bool_]:
     """(c, c) pairs of candidates for different stars whose distance is the measured one."""
     here, there = unit_cam[centroid], icrs[candidate]
     off = np.abs(separation_rad(here[:, None], here[None]) - separation_rad(there[:, None], there[None]))
@@ -85,7 +87,7 @@ def _agree(unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tole
     return np.asarray((off <= tolerance_rad) & other)
 
 
-def _consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
+def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
     """The best supported candidate and, best first, every one that agrees with all taken before."""
     if not len(count) or not count.max():
         return np.empty(0, np.intp)

@@ -1,0 +1,86 @@
+"""Which stars are neighbours: a star list as a net whose links a search can walk (Moniteq 1983 §6.1).
+
+The stars lie on a sphere; its convex hull wraps them, and each edge of the hull links two neighbours. All faces are
+triangles, so n stars have 3n − 6 links. The document builds the hull after Preparata and Hong; any hull is the same hull.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, cKDTree
+
+from gss.domain.angles import Array, separation_rad
+
+Index = NDArray[np.intp]
+FEWEST_FOR_A_HULL = 5
+
+
+@dataclass(frozen=True)
+class NeighbourLinks:
+    """The neighbours of row r of n stars are ``neighbour[start[r]:start[r + 1]]``, ascending; each link is entered at both ends."""
+
+    start: Index
+    neighbour: Index
+
+    def __len__(self) -> int:
+        return len(self.start) - 1
+
+    @property
+    def links(self) -> int:
+        """Links, each counted once."""
+        return len(self.neighbour) // 2
+
+    def of(self, row: int) -> Index:
+        """The neighbours of one star."""
+        return self.neighbour[self.start[row] : self.start[row + 1]]
+
+    def pairs(self) -> tuple[Index, Index]:
+        """Both ends of each link, the lower row first."""
+        owner = np.repeat(np.arange(len(self)), np.diff(self.start))
+        once = owner < self.neighbour
+        return owner[once], self.neighbour[once]
+
+
+def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
+    """The net of (n, 3) unit vectors. A star that the hull leaves out, because another has its place, hangs on the nearest."""
+    unit = np.asarray(icrs, float)
+    n = len(unit)
+    if n < FEWEST_FOR_A_HULL:
+        return _net(n, *np.triu_indices(n, 1))
+    face = ConvexHull(unit).simplices
+    ends = np.concatenate([face[:, [0, 1]], face[:, [1, 2]], face[:, [2, 0]]])
+    left_out = np.setdiff1d(np.arange(n), ends)
+    if len(left_out):
+        _, near = cKDTree(unit).query(unit[left_out], 2)
+        other = np.where(near[:, 0] == left_out, near[:, 1], near[:, 0])
+        ends = np.concatenate([ends, np.stack([left_out, other], axis=1)])
+    return _net(n, ends.min(axis=1), ends.max(axis=1))
+
+
+def _net(n: int, low: NDArray[np.integer], high: NDArray[np.integer]) -> NeighbourLinks:
+    once = np.unique(np.asarray(low, np.int64) * n + high)
+    a, b = np.divmod(once, n)
+    owner, other = np.concatenate([a, b]), np.concatenate([b, a])
+    order = np.lexsort((other, owner))
+    start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=n))])
+    return NeighbourLinks(start.astype(np.intp), other[order].astype(np.intp))
+
+
+@dataclass(frozen=True)
+class LinkLengths:
+    """The links of a net by ascending length: both rows, and the angle between them."""
+
+    first: Index
+    second: Index
+    length_rad: Array
+
+    @classmethod
+    def of(cls, links: NeighbourLinks, icrs: Array) -> LinkLengths:
+        """Lengths from (n, 3) unit vectors."""
+        first, second = links.pairs()
+        length = separation_rad(icrs[first], icrs[second])
+        order = np.lexsort((second, first, length))
+        return cls(first[order], second[order], length[order])

@@ -1,0 +1,164 @@
+"""The chain of the AIM smart camera (Moniteq 1983): coarse mask, mean locator, linked neighbours, differential attitude.
+
+Its normal way is to know roughly where it points and to verify the stars expected there. Without that a field of 3.45° holds too
+few stars for the whole sky as often as not, which the document's own statistics say (§2.1) and the reason of such a frame
+repeats. What the document leaves open, and what we add against false attitudes: ``aim_parameters.SOURCES``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.attitude import weighted_covariance_rad2
+from gss.pipeline.chains.aim_detect import find_centroids
+from gss.pipeline.chains.aim_match import AimCatalogue, Matching, match_stars, prepare
+from gss.pipeline.chains.aim_parameters import NAME, AimParameters, default_parameters
+from gss.pipeline.chains.modes import Hint, Mode, next_mode
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.regions import Pixels
+from gss.pipeline.track.differential import differential_attitude
+
+# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs a pixel. The report has no execution times; per operation ours.
+PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
+DENSITY_RADIUS_RAD = float(np.radians(5.0))
+LOOSE = 2.0
+
+
+def calculate_attitude(
+    matching: Matching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    hint: Hint | None = None,
+) -> Solution:
+    """Differential small-angle attitude, iterated (Moniteq 1983 §6.2), and the checks that keep a false one from leaving the
+    chain: residuals, the hint, and the false-match bound. One camera leaves the angle about its axis weak; the
+    covariance says how weak, and two cameras go together in :mod:`gss.pipeline.track.cameras_together`."""
+    chosen, nan = matching.selected, float("nan")
+    if matching.reason or matching.cam_from_icrs is None:
+        return Solution(None, None, nan, matching.reason)
+    rows, unit = matching.row[chosen], matching.unit_cam[chosen]
+    reference = catalogue.icrs[rows]
+    sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
+    attitude = differential_attitude(unit, reference, matching.cam_from_icrs)
+    if attitude is None:
+        return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
+    probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
+    reason = _objection(matching, attitude, camera, catalogue, parameters, hint, probability)
+    if reason and parameters.proves:
+        return Solution(None, None, probability, reason)
+    weights = np.ones(len(chosen))
+    residual_px = centroids.pixels[chosen] - camera.project(reference @ attitude.T)
+    matches = Matches(chosen.astype(np.int32), catalogue.stars.hip[rows].astype(np.int32), weights, residual_px)
+    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
+    return Solution(Attitude(quaternion_from_matrix(attitude), covariance), matches, probability, "")
+
+
+def _objection(
+    matching: Matching,
+    attitude: Array,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    hint: Hint | None,
+    probability: float,
+) -> str:
+    """Why this attitude should not be believed, or ""."""
+    chosen = matching.selected
+    miss_rad = np.linalg.norm(catalogue.icrs[matching.row[chosen]] @ attitude.T - matching.unit_cam[chosen], axis=1)
+    if np.max(miss_rad) > 1.05 * parameters.tolerance_rad:
+        return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
+    if matching.mode is not Mode.LOST_IN_SPACE and hint is not None:
+        boresight = np.asarray(hint.boresight_icrs, float)
+        off_rad = float(np.arccos(np.clip(boresight @ attitude[2] / np.linalg.norm(boresight), -1, 1)))
+        limit_rad = _hint_error_rad(camera, parameters)
+        if off_rad > limit_rad:
+            return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
+    if probability > parameters.max_false_probability:
+        return (
+            f"{len(chosen)} of {len(matching.row)} centroids verified could be accidental: "
+            f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
+        )
+    return ""
+
+
+def _hint_error_rad(camera: Camera, parameters: AimParameters) -> float:
+    return max(parameters.assisted_radius_rad - camera.half_diagonal_rad, parameters.capture_rad)
+
+
+def false_match_probability(
+    matching: Matching, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+) -> float:
+    """Bound on the expected number of accidental identifications with as many stars as this one.
+
+    Every pair of linked stars tried is a way to place the picture; a star counts as met within twice the tolerance, because a
+    close pair turns the picture loosely. The density is that of the sky round the field (Moniteq 1983 §2.1 makes the same
+    estimate with the mean density of the sky).
+    """
+    n, k = len(matching.row), len(matching.selected)
+    near = int(np.count_nonzero(catalogue.icrs @ attitude[2] >= np.cos(DENSITY_RADIUS_RAD)))
+    per_sr = max(near, k) / (2 * np.pi * (1 - np.cos(DENSITY_RADIUS_RAD)))
+    chance = chance_within(per_sr, LOOSE * parameters.tolerance_rad)
+    if matching.mode is Mode.TRACKING:
+        return accidental_bound(
+            tracking_hypotheses(n, per_sr, LOOSE * parameters.tolerance_rad, parameters.capture_rad), k, n, chance
+        )
+    return accidental_bound(float(max(matching.hypotheses, 1)), k, n, chance)
+
+
+class AimChain:
+    """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
+
+    name = NAME
+
+    def parameters(
+        self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
+    ) -> AimParameters:
+        base = default_parameters(profile, exposure_s)
+        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
+        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
+        radius_rad = base.assisted_radius_rad
+        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
+            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
+        return replace(
+            base,
+            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
+            min_area_px=smallest,
+            max_area_px=max(largest, smallest),
+            assisted_radius_rad=radius_rad,
+        )
+
+    def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
+        return prepare(catalogue, profile)
+
+    def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
+        return find_centroids(pixels, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
+
+    def match_stars(self, centroids: Centroids, work: Work) -> Matching:
+        return match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
+
+    def calculate_attitude(self, matching: Matching, centroids: Centroids, work: Work) -> Solution:
+        return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
+
+    def next_mode(self, mode: Mode, solved: bool) -> Mode:
+        """Expected stars while they are found; then a part of the sky; when that fails too, all of it (Fig. 6.1)."""
+        return next_mode(mode, solved)
+
+    def detect_ms(self, pixels: int, detection: Detection) -> float:
+        return PIXEL_MS * pixels + REGION_MS * (len(detection.centroids) + detection.invalid)
+
+    def match_ms(self, matching: Matching) -> float:
+        return OPERATION_MS * matching.operations
+
+    def attitude_ms(self, matching: Matching) -> float:
+        return ATTITUDE_MS + STAR_MS * len(matching.selected)

@@ -1,0 +1,294 @@
+"""Names for centroids as the AIM smart camera finds them: expected stars verified, or a blind search (Moniteq 1983 §6.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.neighbours import LinkLengths, NeighbourLinks, neighbour_links
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
+from gss.domain.stars import OnboardCatalogue
+from gss.pipeline.attitude import svd
+from gss.pipeline.chains.aim_parameters import AimParameters, detectable_mag
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.identify.neighbour_pattern import (
+    PairHypotheses,
+    magnitude_fits,
+    pair_attitudes,
+    pair_hypotheses,
+    supporters,
+)
+from gss.pipeline.identify.triplet_vote import agreement_of_candidates, consistent_set
+from gss.pipeline.track.constant_rate import extrapolate
+from gss.pipeline.track.link_walk import walk
+from gss.pipeline.track.predictional import Fit, predictional_fit
+from gss.pipeline.track.search_and_track import VERIFIED_ENOUGH, raises_guidance_error
+
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+FURTHEST_STEP_RAD = float(np.radians(3.0))
+FITTED = 12
+
+
+@dataclass(frozen=True)
+class AimCatalogue:
+    """A bank as AIM uses it: star list, unit vectors at full width (n, 3), links to neighbours and their lengths, a tree for
+    nearest stars, and the magnitude down to which the list is whole."""
+
+    stars: OnboardCatalogue
+    icrs: Array
+    links: NeighbourLinks
+    lengths: LinkLengths
+    tree: cKDTree
+    limit_mag: float
+
+    def __len__(self) -> int:
+        return len(self.stars)
+
+
+def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
+    """The bank with its net of neighbours."""
+    icrs = catalogue.icrs.astype(float)
+    icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
+    links = neighbour_links(icrs)
+    known = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
+    limit = min(float(known.max()), detectable_mag(profile)) if len(known) else profile.sensor.faint_limit_mag
+    return AimCatalogue(catalogue, icrs, links, LinkLengths.of(links, icrs), cKDTree(icrs), limit)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Stars expected in the field: ``rows``, where they are in the predicted camera frame (n, 3), and how many places were
+    looked at."""
+
+    rows: Index
+    predicted_cam: Array
+    cam_from_icrs: Array
+    checks: int
+
+
+def expected_stars(catalogue: AimCatalogue, camera: Camera, hint: Hint, parameters: AimParameters) -> Expected:
+    """The stars of the field predicted from the last attitudes, found along the links from those of the field before (step 2b)."""
+    if hint.quaternion is None:
+        raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
+    last = matrix_from_quaternion(hint.quaternion)
+    ahead = last
+    if hint.earlier:
+        step = extrapolate(hint.quaternion, hint.earlier[0])
+        ahead = step if rotation_angle_rad(step, last) <= FURTHEST_STEP_RAD else last
+    radius = camera.half_diagonal_rad
+    before = np.flatnonzero(catalogue.icrs @ last[2] >= np.cos(radius))
+    found = walk(catalogue.links, catalogue.icrs, before, ahead[2], radius + parameters.capture_rad)
+    return Expected(found.rows, catalogue.icrs[found.rows] @ ahead.T, ahead, found.checks)
+
+
+@dataclass(frozen=True)
+class Matching:
+    """MATCH_STARS. ``mode``: the search that gave the result. Per centroid, (n,): ``row`` or −1. ``selected``: centroids for
+    the attitude, empty with a ``reason``; ``cam_from_icrs`` the attitude near which they fit. ``guidance_error``: Fig.
+    6.1's flag. ``hypotheses``: pairs of linked stars tried; ``checks``: stars and links looked at."""
+
+    mode: Mode
+    unit_cam: Array
+    row: Index
+    selected: Index
+    cam_from_icrs: Array | None
+    guidance_error: bool
+    hypotheses: int
+    checks: int
+    reason: str
+
+    @property
+    def weight(self) -> Array:
+        """(n,) one for every verified star."""
+        return (self.row >= 0).astype(float)
+
+    @property
+    def operations(self) -> int:
+        """Stars and links looked at, and pairs tried against all spots."""
+        return self.checks + self.hypotheses * len(self.row)
+
+    @property
+    def confidence(self) -> float:
+        """Share of the centroids that are identified."""
+        return len(self.selected) / len(self.row) if len(self.row) else 0.0
+
+
+@dataclass(frozen=True)
+class _Spots:
+    """What is known of the centroids that have a direction."""
+
+    index: Index
+    unit: Array
+    mag: Array
+    saturated: Mask
+
+
+def match_stars(
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    mode: Mode = Mode.LOST_IN_SPACE,
+    hint: Hint | None = None,
+) -> Matching:
+    """Names for centroids: verification of expected stars in tracking, blind search otherwise and after a guidance error."""
+    _check_hint(mode, hint)
+    unit = camera.unproject(centroids.pixels)
+    spots = _spots(centroids, unit, parameters)
+    guidance_error, checks = False, 0
+    if mode is Mode.TRACKING and hint is not None:
+        expected = expected_stars(catalogue, camera, hint, parameters)
+        checks = expected.checks
+        fit = _verify(spots, expected, camera, catalogue, parameters)
+        verified = 0 if fit is None else len(fit.row)
+        guidance_error = raises_guidance_error(verified, len(spots.index) - verified)
+        if not guidance_error:
+            return _matching(mode, unit, spots, fit, False, 0, checks, parameters)
+        mode = Mode.ASSISTED
+    fit, pairs = _blind(spots, camera, catalogue, parameters, mode, hint)
+    found = _matching(mode, unit, spots, fit, guidance_error, len(pairs), checks + pairs.checks, parameters)
+    if found.reason and pairs.left_out:
+        return replace(found, reason=f"{found.reason}; {len(pairs)} pairs of stars tried, {pairs.left_out} left out")
+    return found
+
+
+def _check_hint(mode: Mode, hint: Hint | None) -> None:
+    if mode is Mode.LOST_IN_SPACE:
+        return
+    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
+        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
+        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
+
+
+def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spots:
+    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    good = np.flatnonzero(np.isfinite(unit).all(axis=1))
+    flux = np.maximum(centroids.flux_dn[good], 1e-9) / (parameters.dn_at_mag_0 * parameters.light_share)
+    saturated = centroids.peak_dn[good] >= 0.97 * parameters.saturation_dn
+    return _Spots(good, unit[good], -2.5 * np.log10(flux), saturated)
+
+
+def _verify(
+    spots: _Spots, expected: Expected, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+) -> Fit | None:
+    """Stars present at their predicted places, as bright as they should be, and as far from each other (step 2e)."""
+    chord = np.linalg.norm(spots.unit[:, None] - expected.predicted_cam[None], axis=2)
+    near = chord <= 2 * np.sin(parameters.capture_rad / 2)
+    star_mag = catalogue.stars.v_mag[expected.rows].astype(float)
+    near &= magnitude_fits(spots.mag[:, None], spots.saturated[:, None], star_mag[None], parameters.magnitude_error)
+    spot, which = np.nonzero(near)
+    candidate = expected.rows[which]
+    agree = agreement_of_candidates(spots.unit, spot, catalogue.icrs, candidate, 2 * parameters.tolerance_rad)
+    chosen = consistent_set(agree, agree.sum(axis=1))
+    if len(chosen) < VERIFIED_ENOUGH:
+        return None
+    attitude = svd(spots.unit[spot[chosen]], catalogue.icrs[candidate[chosen]])
+    return _fit(spots, attitude, camera, catalogue, parameters)
+
+
+def _fit(
+    spots: _Spots, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+) -> Fit | None:
+    """Predicted image at that attitude, differential corrections, and only stars as bright as their spots."""
+    rows = np.flatnonzero(catalogue.icrs @ attitude[2] >= np.cos(camera.half_diagonal_rad + parameters.capture_rad))
+    radii = (2 * parameters.tolerance_rad, parameters.tolerance_rad)
+    fit = predictional_fit(spots.unit, catalogue.icrs, rows, attitude, radii, camera.half_diagonal_rad)
+    if fit is None:
+        return None
+    bright = magnitude_fits(
+        spots.mag[fit.measured],
+        spots.saturated[fit.measured],
+        catalogue.stars.v_mag[fit.row].astype(float),
+        parameters.magnitude_error,
+    )
+    return Fit(fit.cam_from_icrs, fit.measured[bright], fit.row[bright], fit.compared)
+
+
+def _blind(
+    spots: _Spots,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    mode: Mode,
+    hint: Hint | None,
+) -> tuple[Fit | None, PairHypotheses]:
+    """The best pattern of linked stars, and the pairs that were tried (step 3)."""
+    allowed = np.ones(len(catalogue), bool)
+    if mode is not Mode.LOST_IN_SPACE and hint is not None:
+        boresight = np.asarray(hint.boresight_icrs, float)
+        boresight = boresight / np.linalg.norm(boresight)
+        allowed = catalogue.icrs @ boresight >= np.cos(parameters.assisted_radius_rad)
+    star_mag = catalogue.stars.v_mag.astype(float)
+    pairs = pair_hypotheses(
+        spots.unit,
+        spots.mag,
+        spots.saturated,
+        catalogue.lengths,
+        star_mag,
+        allowed,
+        2 * parameters.tolerance_rad,
+        parameters.magnitude_error,
+        parameters.max_hypotheses,
+    )
+    if not len(pairs):
+        return None, pairs
+    attitudes = pair_attitudes(spots.unit, catalogue.icrs, pairs)
+    count = supporters(
+        spots.unit,
+        spots.mag,
+        spots.saturated,
+        pairs,
+        attitudes,
+        catalogue.icrs,
+        catalogue.tree,
+        star_mag,
+        2 * parameters.tolerance_rad,
+        parameters.magnitude_error,
+    )
+    best: Fit | None = None
+    for k in np.argsort(-count, kind="stable")[:FITTED].tolist():
+        fit = _fit(spots, attitudes[k], camera, catalogue, parameters)
+        if fit is not None and (best is None or len(fit.row) > len(best.row)):
+            best = fit
+    return best, pairs
+
+
+def _matching(
+    mode: Mode,
+    unit: Array,
+    spots: _Spots,
+    fit: Fit | None,
+    guidance_error: bool,
+    hypotheses: int,
+    checks: int,
+    parameters: AimParameters,
+) -> Matching:
+    row, selected = np.full(len(unit), -1, np.intp), np.empty(0, np.intp)
+    if fit is not None:
+        selected = spots.index[fit.measured]
+        row[selected] = fit.row
+        checks += fit.compared
+    reason = _too_few(len(unit), len(selected), parameters.min_verified(mode), mode, guidance_error)
+    attitude = None if fit is None else fit.cam_from_icrs
+    chosen = selected if not reason else selected[:0]
+    return Matching(mode, unit, row, chosen, attitude, guidance_error, hypotheses, checks, reason)
+
+
+def _too_few(centroids: int, verified: int, needed: int, mode: Mode, guidance_error: bool) -> str:
+    if centroids == 0:
+        return "no star found in the frame"
+    if verified >= needed:
+        return ""
+    after = " after a guidance error" if guidance_error else ""
+    stars = "centroid" if centroids == 1 else "centroids"
+    narrow = "; a field this narrow seldom shows enough without a hint" if mode is Mode.LOST_IN_SPACE else ""
+    return f"{verified} of {centroids} {stars} verified; {needed} needed in {mode.value.replace('_', ' ')} mode{after}{narrow}"

@@ -1,0 +1,140 @@
+"""The constants of the AIM smart camera's chain, where each comes from, and their values for a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.mean_locator import bias_gain, column_shares
+
+NAME = "aim"
+
+SOURCES: dict[str, str] = {
+    "threshold_dn": "ours: five times the noise of a dark pixel above the dark mean; Moniteq 1983 gives no threshold",
+    "coarse_block_px": "ours: 4 x 4, the read-out block of Moniteq 1983 §3.8; Fig. 6.1 names no size for its coarse image",
+    "coarse_sigmas": "ours: five times the noise of a block",
+    "window_px": "Moniteq 1983 §4.2: 3 x 3 adopted, 4 x 4 is what the sensor reads",
+    "gain": "Moniteq 1983 §4.2: linear bias corrector; its factor follows from the star's width "
+    "and the window (mean_locator.bias_gain)",
+    "dn_at_mag_0": "from the profile's sensor: magnitudes out of the light in a window",
+    "light_share": "from the PSF: how much of a star's light the window holds (K of Moniteq 1983 §4.3)",
+    "magnitude_error": "Moniteq 1983 §2.1: ξ = 0.5 mag",
+    "tolerance_rad": "ours: a quarter of a pixel, ten times the error of V 6, so that faint companions do not matter; "
+    "Moniteq 1983 §2.1 reckons with δ = 0.01°, 0.74 px",
+    "capture_rad": "ours: 0.3°; Moniteq 1983 §6.1 expects shifts below 1° between pictures and predicts them",
+    "assisted_radius_rad": "ours: half diagonal + 5°; 'large subsection of sky' in Moniteq 1983 Fig. 6.1",
+    "max_hypotheses": "ours: how many pairs of linked stars a blind search tries, best first",
+    "max_centroids": "ours: a field of 3.45° has some ten stars to V 7.5",
+    "min_verified": "ours: four without knowledge, three with a hint (Moniteq 1983 §2.1 asks for three), two in tracking (Fig. 6.1 "
+    "step 2f); with acceptance 'document' two everywhere (Fig. 6.1 step 3h)",
+    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
+    "acceptance": "ours 'proved': residuals and the false-match bound decide; 'document': a pattern of two linked stars is enough, "
+    "which by the document's own figure (§2.1) is accidental once in six",
+    "noise": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px stands for its systematic error "
+    "of 1 % and for companions",
+}
+
+
+@dataclass(frozen=True)
+class AimParameters:
+    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's dark mean."""
+
+    threshold_dn: float
+    dn_at_mag_0: float
+    tolerance_rad: float
+    assisted_radius_rad: float
+    saturation_dn: float
+    noise_dn: float
+    gain_e_per_dn: float
+    gain: float
+    light_share: float
+    coarse_block_px: int = 4
+    coarse_sigmas: float = 5.0
+    window_px: int = 3
+    min_area_px: int = 2
+    max_area_px: int = 60
+    max_invalid: int = 50
+    max_centroids: int = 20
+    magnitude_error: float = 0.5
+    capture_rad: float = float(np.radians(0.3))
+    max_hypotheses: int = 4000
+    min_verified_lost: int = 4
+    min_verified_assisted: int = 3
+    min_verified_tracking: int = 2
+    max_false_probability: float = 1e-3
+    acceptance: str = "proved"
+    floor_px: float = 0.03
+    max_small_regions: int = 100
+
+    def __post_init__(self) -> None:
+        if self.acceptance not in ("proved", "document"):
+            raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
+        if self.window_px not in (3, 4) or self.coarse_block_px < 1:
+            raise BadInput(
+                "window or block is impossible",
+                expected="a window of 3 or 4 px, a block of at least 1 px",
+                got=f"{self.window_px}, {self.coarse_block_px}",
+            )
+        if not (self.threshold_dn > 0 and self.tolerance_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
+            raise BadInput(
+                "detection parameters are impossible",
+                expected="threshold and tolerance above zero, 1 ≤ smallest ≤ largest area",
+                got=f"{self.threshold_dn}, {self.tolerance_rad}, {self.min_area_px}, {self.max_area_px}",
+            )
+
+    def min_verified(self, mode: Mode) -> int:
+        """Fewest verified stars for an attitude."""
+        if self.acceptance == "document" or mode is Mode.TRACKING:
+            return self.min_verified_tracking
+        return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
+
+    @property
+    def proves(self) -> bool:
+        """Whether the chain checks what it found."""
+        return self.acceptance == "proved"
+
+
+NOISE_SIGMAS = 5.0
+TOLERANCE_PX = 0.25
+HINT_ERROR_RAD = float(np.radians(5.0))
+FAINTEST_AREA_PX = 3.0
+
+
+def default_parameters(profile: CameraProfile, exposure_s: float | None = None, window_px: int = 3) -> AimParameters:
+    """Parameters for a camera: errors of positions in pixels, the corrector from the width of its stars."""
+    sensor, camera = profile.sensor, profile.camera
+    exposure = sensor.exposure_s if exposure_s is None else exposure_s
+    noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
+    ratio = 1.0 / sensor.psf_sigma_px
+    return AimParameters(
+        threshold_dn=max(2.0, float(np.ceil(NOISE_SIGMAS * noise_dn))),
+        dn_at_mag_0=float(sensor.star_e(0.0, exposure)) / sensor.gain_e_per_dn,
+        tolerance_rad=TOLERANCE_PX * camera.pixel_rad,
+        assisted_radius_rad=camera.half_diagonal_rad + HINT_ERROR_RAD,
+        saturation_dn=0.99
+        * min(float(sensor.saturation_dn), sensor.bias_dn + sensor.full_well_e / sensor.gain_e_per_dn),
+        noise_dn=noise_dn,
+        gain_e_per_dn=sensor.gain_e_per_dn,
+        gain=bias_gain(ratio, window_px),
+        light_share=light_share(ratio, window_px),
+        window_px=window_px,
+    )
+
+
+def light_share(ratio: float, window_px: int) -> float:
+    """Mean share of a star's light in the window, for stars within half a pixel of its middle."""
+    offset = np.linspace(-0.5, 0.5, 101)
+    return float(np.mean(column_shares(offset, ratio, window_px).sum(axis=-1)) ** 2)
+
+
+def detectable_mag(profile: CameraProfile) -> float:
+    """Magnitude of a star that covers ``FAINTEST_AREA_PX`` above the threshold: 2πσ² ln(peak / threshold)."""
+    sensor = profile.sensor
+    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
+    threshold_dn = default_parameters(profile).threshold_dn
+    star_e = spread_px2 * threshold_dn * np.exp(FAINTEST_AREA_PX / spread_px2) * sensor.gain_e_per_dn
+    return float(sensor.magnitude(star_e, sensor.exposure_s))

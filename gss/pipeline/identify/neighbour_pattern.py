@@ -1,0 +1,126 @@
+"""Blind search for a pattern of linked neighbours (Moniteq 1983 §6.1, Fig. 6.1 step 3).
+
+Two spots are a hypothesis when some link of the star list is as long as they are apart and both ends are as bright as the
+spots. Such a pair places the whole picture on the sky; the other spots then lie on stars, or not. The brightest spots are
+asked first, because they have the fewest candidates, and the number of hypotheses is counted and limited.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array, separation_rad
+from gss.domain.neighbours import LinkLengths
+
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+CHUNK = 512
+MOST_AMPLIFIED = 3.0
+
+
+@dataclass(frozen=True)
+class PairHypotheses:
+    """h hypotheses: spot ``i`` is star ``a`` and spot ``j`` is star ``b``; ``checks``: links looked at, ``left_out``: not tried."""
+
+    i: Index
+    j: Index
+    a: Index
+    b: Index
+    checks: int
+    left_out: int
+
+    def __len__(self) -> int:
+        return len(self.i)
+
+
+def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
+    """(…) whether a spot is as bright as a star; unknown magnitudes fit, and a ``saturated`` spot may be a brighter star."""
+    too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
+    return np.asarray(~too_bright & (~too_faint | saturated))
+
+
+def pair_hypotheses(
+    unit_cam: Array,
+    spot_mag: Array,
+    saturated: Mask,
+    lengths: LinkLengths,
+    star_mag: Array,
+    allowed: Mask,
+    tolerance_rad: float,
+    error_mag: float,
+    most: int,
+) -> PairHypotheses:
+    """Pairs of (n, 3) spots, brightest first, on links of ``allowed`` stars, at most ``most``."""
+    i, j = np.triu_indices(len(unit_cam), 1)
+    # Pairs of the brightest spots first: 01, 02, 12, 03 …
+    order = np.lexsort((i, j))
+    i, j = i[order], j[order]
+    apart = separation_rad(unit_cam[i], unit_cam[j])
+    low = np.searchsorted(lengths.length_rad, apart - tolerance_rad, "left")
+    high = np.searchsorted(lengths.length_rad, apart + tolerance_rad, "right")
+    count = high - low
+    pair = np.repeat(np.arange(len(i)), count)
+    link = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
+    first, second = lengths.first[link], lengths.second[link]
+    keep = allowed[first] & allowed[second]
+    pair, first, second = pair[keep], first[keep], second[keep]
+    both = np.stack([np.stack([first, second], 1), np.stack([second, first], 1)], 1).reshape(-1, 2)
+    pair = np.repeat(pair, 2)
+    fits = magnitude_fits(spot_mag[i[pair]], saturated[i[pair]], star_mag[both[:, 0]], error_mag)
+    fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both[:, 1]], error_mag)
+    index = np.flatnonzero(fits)
+    used = index[:most]
+    return PairHypotheses(
+        i[pair[used]], j[pair[used]], both[used, 0], both[used, 1], int(count.sum()), len(index) - len(used)
+    )
+
+
+def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
+    """(h, 3, 3) attitudes that lay the middle and the direction of each pair of spots on those of its stars."""
+    here, there = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
+    return np.asarray(np.einsum("hka,hkb->hab", here, there))
+
+
+def _axes(p: Array, q: Array) -> Array:
+    """(h, 3, 3) rows: middle, across, along."""
+    middle = p + q
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    across = np.cross(p, q)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    return np.stack([middle, across, np.cross(middle, across)], axis=1)
+
+
+def supporters(
+    unit_cam: Array,
+    spot_mag: Array,
+    saturated: Mask,
+    h: PairHypotheses,
+    attitudes: Array,
+    icrs: Array,
+    tree: cKDTree,
+    star_mag: Array,
+    tolerance_rad: float,
+    error_mag: float,
+) -> NDArray[np.intp]:
+    """(h,) how many spots lie on a star of fitting brightness when the sky is laid as each hypothesis says.
+
+    A close pair turns the picture loosely: the tolerance grows with the distance from its middle, up to three times.
+    """
+    count = np.zeros(len(h), np.intp)
+    for begin in range(0, len(h), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        sky = np.einsum("nk,hka->hna", unit_cam, attitudes[part])
+        distance, star = tree.query(sky)
+        middle = unit_cam[h.i[part]] + unit_cam[h.j[part]]
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        apart = np.linalg.norm(unit_cam[h.i[part]] - unit_cam[h.j[part]], axis=1)
+        lever = np.linalg.norm(unit_cam[None] - middle[:, None], axis=2) / np.maximum(apart, 1e-12)[:, None]
+        allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MOST_AMPLIFIED)
+        near = distance <= allowed_rad
+        near &= magnitude_fits(spot_mag[None], saturated[None], star_mag[star], error_mag)
+        count[part] = near.sum(axis=1)
+    return count

@@ -1,0 +1,52 @@
+"""One attitude of the body from several cameras: one sensor gives two angles well, two at right angles give all three
+(Moniteq 1983 §6.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.rotation import quaternion_from_matrix
+from gss.pipeline.attitude import covariance_rad2, svd
+from gss.pipeline.track.differential import differential_attitude
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Matched stars of one camera: (n, 3) measured in its frame, (n, 3) in ICRS, (n,) standard deviation per axis, and the mounting
+    ``body_from_cam`` (3, 3)."""
+
+    measured_cam: Array
+    reference_icrs: Array
+    sigma_rad: Array
+    body_from_cam: Array
+
+
+@dataclass(frozen=True)
+class BodyAttitude:
+    """``quaternion`` (4,) body_from_icrs; ``covariance_rad2`` (3, 3) of the small rotation vector in the body frame."""
+
+    quaternion: Array
+    covariance_rad2: Array
+
+
+def body_attitude(views: Sequence[CameraView], body_from_icrs: Array | None = None) -> BodyAttitude | None:
+    """Least squares over the stars of all cameras, weighted by 1/σ²; None where they leave an axis open.
+
+    ``body_from_icrs`` is the reference attitude of the differential method; without it a closed solution comes first.
+    """
+    used = [v for v in views if len(v.measured_cam)]
+    if sum(len(v.measured_cam) for v in used) < 2:
+        return None
+    measured = np.concatenate([v.measured_cam @ v.body_from_cam.T for v in used])
+    reference = np.concatenate([v.reference_icrs for v in used])
+    sigma = np.concatenate([np.broadcast_to(v.sigma_rad, len(v.measured_cam)) for v in used])
+    weights = 1.0 / sigma**2
+    start = svd(measured, reference, weights) if body_from_icrs is None else body_from_icrs
+    attitude = differential_attitude(measured, reference, start, weights)
+    if attitude is None:
+        return None
+    return BodyAttitude(quaternion_from_matrix(attitude), covariance_rad2(measured, sigma))

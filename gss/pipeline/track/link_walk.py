@@ -1,0 +1,65 @@
+"""Which stars are in the new field, found by walking from those of the last one (Moniteq 1983 §6.1, Fig. 6.1 step 2b).
+
+Along the links of a convex hull the way to any place goes downhill: from each star some neighbour is closer to it, and the
+stars inside a circle hang together. So the walk goes to the field's middle and spreads from there, and looks at a hundred stars
+where a search through the list looks at all.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.neighbours import NeighbourLinks
+
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Walk:
+    """``rows`` of the stars in the field, ascending; ``checks``: stars whose place was looked at."""
+
+    rows: Index
+    checks: int
+
+
+def walk(links: NeighbourLinks, icrs: Array, known: Index, centre_icrs: Array, radius_rad: float) -> Walk:
+    """The stars within ``radius_rad`` of a direction, from the ``known`` rows of the field before. Without any, or in a net
+    too small to be one, the list is searched."""
+    if not len(known):
+        return linear_search(icrs, centre_icrs, radius_rad)
+    least = float(np.cos(radius_rad))
+    cosine = {int(r): float(icrs[r] @ centre_icrs) for r in known}
+    start = _downhill(links, icrs, centre_icrs, max(cosine, key=lambda r: (cosine[r], -r)), cosine)
+    queue, inside = deque([start]), {start}
+    while queue:
+        for other in links.of(queue.popleft()).tolist():
+            if other not in cosine:
+                cosine[other] = float(icrs[other] @ centre_icrs)
+            if cosine[other] >= least and other not in inside:
+                inside.add(other)
+                queue.append(other)
+    rows = sorted(r for r in inside if cosine[r] >= least)
+    return Walk(np.array(rows, np.intp), len(cosine))
+
+
+def _downhill(links: NeighbourLinks, icrs: Array, centre: Array, row: int, cosine: dict[int, float]) -> int:
+    """From ``row`` to the star nearest the centre; every star looked at is entered in ``cosine``."""
+    while True:
+        near = links.of(row).tolist()
+        for other in near:
+            if other not in cosine:
+                cosine[other] = float(icrs[other] @ centre)
+        best = max(near, key=lambda r: (cosine[r], -r), default=row)
+        if cosine[best] <= cosine[row]:
+            return row
+        row = best
+
+
+def linear_search(icrs: Array, centre_icrs: Array, radius_rad: float) -> Walk:
+    """The stars in the field by looking at all (Fig. 6.1 step 2a)."""
+    return Walk(np.flatnonzero(icrs @ centre_icrs >= np.cos(radius_rad)), len(icrs))

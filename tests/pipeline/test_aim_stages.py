@@ -1,0 +1,278 @@
+"""The stages of the AIM smart camera: locator, mask, walk, state machine, differential attitude, two cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.neighbours import neighbour_links
+from gss.domain.rotation import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    random_quaternion,
+    rotation_angle_rad,
+    rotation_from_vector,
+)
+from gss.pipeline.coarse_mask import coarse_image, coarse_mask, dark_mean_dn, windows_mask
+from gss.pipeline.identify.neighbour_pattern import magnitude_fits
+from gss.pipeline.mean_locator import (
+    DarkModel,
+    bias_gain,
+    location_error_px,
+    mean_locations_px,
+    noise_coefficients,
+)
+from gss.pipeline.render import spots
+from gss.pipeline.track.cameras_together import CameraView, body_attitude
+from gss.pipeline.track.constant_rate import (
+    average_estimates,
+    extrapolate,
+    mean_attitude,
+    vector_from_rotation_rad,
+)
+from gss.pipeline.track.differential import differential_attitude
+from gss.pipeline.track.least_distance import pair_least_distance
+from gss.pipeline.track.link_walk import linear_search, walk
+from gss.pipeline.track.search_and_track import (
+    Search,
+    TrackerState,
+    after_frame,
+    raises_guidance_error,
+    search_of,
+)
+
+# Moniteq 1983 Figs. 4.2–4.4, recomputed from the report's model: (d/σ, δ) and E/d for three columns and for two.
+THREE = {(1.0, 0.1): -0.0487, (2.0, 0.25): -0.0127, (2.25, 0.5): -0.0186, (2.5, 0.3): -0.0152, (4.0, 0.2): -0.0875}
+TWO = {(1.0, 0.1): -0.0770, (2.5, 0.5): -0.1180, (3.0, 0.25): 0.0206, (6.0, 0.2): 0.1849}
+
+
+@pytest.mark.parametrize(("window", "table"), [(3, THREE), (2, TWO)])
+def test_location_error_is_the_reports(window: int, table: dict[tuple[float, float], float]) -> None:
+    """Interpolation and truncation error against pixel over width and offset, to the last printed digit."""
+    for (ratio, offset), error in table.items():
+        assert location_error_px(offset, ratio, window) == pytest.approx(error, abs=1e-4)
+
+
+def test_location_error_has_its_limits() -> None:
+    """A very wide star is found in the window's middle; a point star in its pixel's; the error is odd in the offset."""
+    assert location_error_px(0.3, 1e-3, 3) == pytest.approx(-0.3, abs=1e-3)
+    assert location_error_px(0.3, 1e3, 3) == pytest.approx(-0.3, abs=1e-6)
+    assert location_error_px(-0.2, 2.5, 3) == pytest.approx(-location_error_px(0.2, 2.5, 3))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "gain", "left_px"), [(2.0, 1.063, 0.0056), (2.2, 1.042, 0.0008), (2.5, 1.0385, 0.0095)]
+)
+def test_the_bias_corrector_takes_most_of_it(ratio: float, gain: float, left_px: float) -> None:
+    """Best factors, and what stays: a thousandth of a pixel at 2.2."""
+    offset = np.linspace(-0.5, 0.5, 101)
+    measured = offset + location_error_px(offset, ratio, 3)
+    assert bias_gain(ratio, 3) == pytest.approx(gain, abs=5e-4)
+    assert np.max(np.abs(bias_gain(ratio, 3) * measured - offset)) == pytest.approx(left_px, abs=2e-4)
+
+
+def test_noise_coefficients_are_the_reports() -> None:
+    """C is at least 1, 6, 20, 50 for 2 to 5 pixels, and A, B, C at 2.5 are the recomputed ones."""
+    for window, least in ((2, 1), (3, 6), (4, 20), (5, 50)):
+        assert noise_coefficients((0.0, 0.0), 1e2, window).c == pytest.approx(least, rel=1e-6)
+    n = noise_coefficients((0.5, 0.0), 2.5, 3)
+    assert (n.a, n.b, n.c) == pytest.approx((0.0797, 0.264, 8.27), rel=2e-3)
+
+
+def test_the_noise_model_is_what_windows_show() -> None:
+    """20 000 noisy windows scatter as the model says, to 3 %, with shares integrated by scipy's normal distribution."""
+    rng = np.random.default_rng(1)
+    model = DarkModel(0.005, 4000.0, 0.01, 5300.0)
+    offset, ratio, star_e, exposure = 0.4, 2.5, 43_400.0, 2.0
+    edge = np.arange(4) - 1.5
+    x, y = (np.diff(norm.cdf((edge - o) * ratio)) for o in (offset, 0.0))
+    light = star_e * np.outer(y, x)
+    shape = (20_000, 3, 3)
+    dark = rng.poisson(4000.0 * exposure * (1 + 0.01 * rng.normal(size=shape)))
+    frames = rng.poisson(light * (1 + 0.005 * rng.normal(size=shape))) + dark + np.sqrt(5300.0) * rng.normal(size=shape)
+    found, _, _ = mean_locations_px(frames, 4000.0 * exposure)
+    expected = model.position_sigma_px(noise_coefficients((offset, 0.0), ratio, 3), star_e, exposure)
+    assert np.std(found) == pytest.approx(expected, rel=0.03)
+    assert np.mean(found) - offset == pytest.approx(float(location_error_px(offset, ratio, 3)), abs=5e-4)
+
+
+def test_the_mean_locator_reads_columns_as_x() -> None:
+    """A spot to the right and below the middle has positive offsets, and the dark mean is taken off."""
+    frame = spots(3, 3, np.array([[1.2, 1.1]]), np.array([1000.0]), 0.45) + 7.0
+    x, y, light = mean_locations_px(frame[None], 7.0)
+    assert x[0] == pytest.approx(0.2, abs=0.01)
+    assert y[0] == pytest.approx(0.1, abs=0.01)
+    assert light[0] == pytest.approx(1000.0, rel=0.02)
+
+
+def test_the_dark_mean_ignores_stars() -> None:
+    """Stars and hot pixels do not lift it, and it is not a whole number where the dark is not."""
+    rng = np.random.default_rng(2)
+    frame = np.rint(50.3 + rng.normal(size=(256, 256)))
+    frame[10:20, 10:20] = 4000
+    assert dark_mean_dn(frame, 1.0) == pytest.approx(50.3, abs=0.02)
+    assert dark_mean_dn(np.full((8, 8), 4095), 1.0) == 4095
+
+
+def test_the_coarse_image_is_sums_and_its_mask_holds_the_star() -> None:
+    """Blocks keep the light; a faint star on a corner of four blocks is inside the mask, an empty frame has none."""
+    rng = np.random.default_rng(3)
+    frame = 50 + rng.normal(size=(30, 33)) + spots(30, 33, np.array([[15.5, 7.5]]), np.array([170.0]), 0.45)
+    assert coarse_image(frame, 4).sum() == pytest.approx(frame.sum())
+    mask = coarse_mask(frame, 50.0, 1.0, 4, 5.0)
+    assert mask[5:11, 13:19].all()
+    assert mask.mean() < 0.5
+    assert not coarse_mask(np.full((30, 33), 50), 50.0, 1.0, 4, 5.0).any()
+
+
+def test_windows_are_cut_at_the_frame() -> None:
+    """Predicted windows are squares of pixels; outside the frame, or nowhere, they vanish."""
+    mask = windows_mask((10, 12), np.array([[5.0, 5.0], [0.0, 9.0], [-30.0, 4.0], [np.nan, 1.0]]), 1.0)
+    assert mask[4:7, 4:7].all()
+    assert mask.sum() == 9 + 4
+
+
+def _cap_distance(icrs: Array, centre: Array, radius: float) -> set[int]:
+    return set(np.flatnonzero(icrs @ centre >= np.cos(radius)).tolist())
+
+
+def test_the_walk_finds_what_a_search_finds_with_far_fewer_looks() -> None:
+    """1° from field to field: the stars the whole list gives, from a twentieth of the looks (document: 120 of 3000)."""
+    icrs = load_stars(8.0).brighter_than(5.6).icrs[:3000]
+    links = neighbour_links(icrs)
+    rng = np.random.default_rng(4)
+    looks = []
+    for _ in range(100):
+        centre = matrix_from_quaternion(random_quaternion(rng))[2]
+        moved = rotation_from_vector(np.radians(1.0) * np.cross(centre, [0.6, 0.0, 0.8])) @ centre
+        before = np.flatnonzero(icrs @ centre >= np.cos(np.radians(5)))
+        found = walk(links, icrs, before, moved, np.radians(7.0))
+        assert set(found.rows.tolist()) == _cap_distance(icrs, moved, np.radians(7.0))
+        looks.append(found.checks if len(before) else 0)
+    assert 0 < np.mean(looks) < 150
+
+
+def test_the_walk_crosses_the_sky_when_it_must() -> None:
+    """From the wrong side of the sky the field is still found; without a known star the list is searched."""
+    icrs = load_stars(5.0).icrs
+    links = neighbour_links(icrs)
+    centre = np.array([0.0, 0.0, 1.0])
+    start = np.array([np.argmin(icrs @ centre)])
+    want = _cap_distance(icrs, centre, 0.1)
+    assert set(walk(links, icrs, start, centre, 0.1).rows.tolist()) == want
+    assert walk(links, icrs, start[:0], centre, 0.1).checks == len(icrs) == linear_search(icrs, centre, 0.1).checks
+
+
+def test_the_state_machine_follows_the_report() -> None:
+    """Startup, links, guidance error, subsection, full sky when motion data are too old, and back."""
+    state = TrackerState()
+    assert search_of(state, 3) is Search.STARTUP
+    state = after_frame(state, 3, 1)
+    assert search_of(state, 3) is Search.LINKS
+    assert after_frame(state, 1, 0).guidance_error is False  # a void field is no error
+    state = after_frame(state, 1, 2)
+    assert state.guidance_error
+    assert search_of(state, 3) is Search.SUBSECTION
+    for _ in range(4):
+        state = after_frame(state, 0, 2, blind_found=0)
+    assert search_of(state, 3) is Search.FULL_SKY
+    assert search_of(after_frame(state, 0, 2, blind_found=2), 3) is Search.LINKS
+    assert [raises_guidance_error(v, u) for v, u in ((2, 5), (1, 1), (0, 0))] == [False, True, False]
+
+
+def test_brightness_decides_within_its_error() -> None:
+    """Half a magnitude either way fits; saturated spots may be brighter stars; unknown magnitudes always fit."""
+    spot, star = np.array([4.0, 4.0, 4.0, 4.0, 1.5, 1.5]), np.array([4.4, 4.6, 3.4, np.nan, 0.0, 3.0])
+    saturated = np.array([False, False, False, False, True, True])
+    assert magnitude_fits(spot, saturated, star, 0.5).tolist() == [True, False, False, True, True, False]
+
+
+def _pairs(rng: np.random.Generator, attitude: Array, sigma: float, spread: float) -> tuple[Array, Array]:
+    cam = np.column_stack([spread * rng.uniform(-1, 1, (6, 2)), np.ones(6)])
+    cam /= np.linalg.norm(cam, axis=1, keepdims=True)
+    icrs = cam @ attitude
+    noisy = cam + sigma * rng.normal(size=cam.shape)
+    return noisy / np.linalg.norm(noisy, axis=1, keepdims=True), icrs
+
+
+def test_differential_corrections_end_at_the_least_squares() -> None:
+    """From 3° away, repeated corrections end where scipy's align_vectors does; one alone is off by the second order."""
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        truth = matrix_from_quaternion(random_quaternion(rng))
+        cam, icrs = _pairs(rng, truth, 1e-5, 0.03)
+        start = rotation_from_vector(np.radians([2.0, -2.0, 1.0])) @ truth
+        found = differential_attitude(cam, icrs, start)
+        best = Rotation.align_vectors(cam, icrs)[0].as_matrix()
+        assert found is not None
+        assert rotation_angle_rad(found, best) < 1e-9
+        once = differential_attitude(cam, icrs, start, steps=1)
+        assert once is not None
+        assert rotation_angle_rad(once, best) > ARCSEC_RAD
+
+
+def test_one_star_leaves_the_attitude_open() -> None:
+    """A single star, or several in one direction, give no attitude instead of a wild one."""
+    star = np.array([[0.0, 0.0, 1.0]])
+    assert differential_attitude(star, star, np.eye(3)) is None
+    assert differential_attitude(np.repeat(star, 3, 0), np.repeat(star, 3, 0), np.eye(3)) is None
+
+
+def test_two_cameras_at_right_angles_give_all_three_angles() -> None:
+    """One camera's angle about its axis is tens of times worse; with the second one all axes are good, as the errors show."""
+    rng = np.random.default_rng(6)
+    mount = [np.eye(3), rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))]
+    errors: list[list[Array]] = [[], []]
+    for _ in range(200):
+        truth = matrix_from_quaternion(random_quaternion(rng))
+        views = []
+        for body_from_cam in mount:
+            cam, icrs = _pairs(rng, body_from_cam.T @ truth, 2e-6, 0.03)
+            views.append(CameraView(cam, icrs, np.full(6, 2e-6), body_from_cam))
+        for k, used in enumerate((views[:1], views)):
+            got = body_attitude(used)
+            assert got is not None
+            errors[k].append(vector_from_rotation_rad(matrix_from_quaternion(got.quaternion) @ truth.T))
+            sigma = np.sqrt(np.diag(got.covariance_rad2))
+    one, two = (np.std(e, axis=0) for e in errors)
+    assert one[2] > 20 * one[0]
+    assert two.max() < 2 * one[0]
+    np.testing.assert_allclose(two, sigma, rtol=0.4)
+    assert body_attitude([]) is None
+
+
+def test_attitudes_are_extrapolated_and_averaged() -> None:
+    """A constant rate is continued exactly; a line through nine noisy estimates, or their mean at rest, is better than one."""
+    rng = np.random.default_rng(7)
+    start, step = matrix_from_quaternion(random_quaternion(rng)), rotation_from_vector(np.array([0.01, 0.02, -0.01]))
+    q = [quaternion_from_matrix(r) for r in (step @ start, start)]
+    assert rotation_angle_rad(extrapolate(*q), step @ step @ start) < 1e-12
+    line, mean = [], []
+    for _ in range(200):
+        noisy = [rotation_from_vector(1e-4 * rng.normal(size=3)) for _ in range(9)]
+        turning = [n @ np.linalg.matrix_power(step.T, k) @ start for k, n in enumerate(noisy)]
+        line.append(rotation_angle_rad(_matrix(average_estimates([quaternion_from_matrix(r) for r in turning])), start))
+        resting = [quaternion_from_matrix(n @ start) for n in noisy]
+        mean.append(rotation_angle_rad(_matrix(mean_attitude(resting)), start))
+    single = 1e-4 * np.sqrt(3)
+    assert np.sqrt(np.mean(np.square(line))) == pytest.approx(single * np.sqrt(0.378), rel=0.1)
+    assert np.sqrt(np.mean(np.square(mean))) == pytest.approx(single / 3, rel=0.1)
+
+
+def _matrix(quaternion: Array) -> Array:
+    return matrix_from_quaternion(quaternion)
+
+
+def test_least_distances_pair_each_star_once() -> None:
+    """The closest pair goes first, so a false star next to a taken one stays alone."""
+    along = np.array([0.0, 0.01, 0.02])
+    predicted = np.column_stack([along, np.zeros(3), np.ones(3)])
+    measured = np.column_stack([along[[2, 0]] + [0.001, 0.0005], np.zeros(2), np.ones(2)])
+    crowded = np.vstack([measured, [[0.001, 0, 1.0]]])
+    i, j = pair_least_distance(crowded, predicted, 0.005)
+    assert (i.tolist(), j.tolist()) == ([0, 1], [2, 0])
+    assert len(pair_least_distance(crowded[:0], predicted, 0.005)[0]) == 0
