@@ -1,0 +1,112 @@
+"""A ground station in this process on a sensor in memory: everything is real but the clock, which is the sensor's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gss.device.dictionary_file import load_dictionary
+from gss.operations.alarms import AlarmService
+from gss.operations.authority import AuthorityService
+from gss.operations.commanding import CommandService
+from gss.operations.contacts import ContactService
+from gss.operations.events import EventBus
+from gss.operations.link import LinkService
+from gss.operations.raw_capture import Retention
+from gss.operations.telemetry import TelemetryService
+from gss.store.engine import Database
+
+DAWN = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
+
+
+class Station:
+    """Link, telemetry, commands, alarms and contacts. ``spoil``: what the line does to each piece that comes down."""
+
+    def __init__(self, sensor: Any, database: Database, folder: Path, retention: Retention) -> None:
+        self.sensor, self.database, self.folder = sensor, database, folder / "captures"
+        self.dictionary = load_dictionary()
+        self.spoil: Callable[[bytes], bytes] = lambda data: data
+        self._read, sensor.read = sensor.read, self.read
+        self.bus = EventBus(database, self.now)
+        parts = (self.dictionary, database, self.bus)
+        self.link = LinkService(*parts, self.folder, self.now, sensor.monotonic_s, retention=retention)
+        self.telemetry = TelemetryService(*parts, self.now)
+        self.telemetry.contact = lambda: self.link.contact_id
+        self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
+        self.commands = CommandService(
+            self.link, database, self.bus, self.now, AuthorityService(database, self.bus, self.now)
+        )
+        self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now)
+        self.link.handlers += [
+            self.telemetry.handle,
+            self.commands.handle,
+            self.alarms.handle,
+            self.contacts.handle,
+        ]
+        self.link.start()
+
+    def now(self) -> datetime:
+        """The moment, by the sensor's clock."""
+        return DAWN + timedelta(seconds=self.sensor.now_s)
+
+    def read(self, *args: Any) -> bytes:
+        """What comes down, as the line leaves it."""
+        return self.spoil(self._read(*args))
+
+    def open(self) -> int:
+        """Open the line, wait for the sensor, and give the contact's id."""
+        self.link.open_later(self.sensor.url)
+        self.wait(lambda: self.link.hello is not None)
+        assert self.link.contact_id is not None
+        return self.link.contact_id
+
+    def close(self) -> None:
+        """Close the line and wait for the contact's end."""
+        contact_id = self.link.contact_id
+        self.link.close()
+        self.wait(lambda: self.link.contact_id is None)
+        if contact_id is not None:
+            self.wait(lambda: any(e.text.startswith("line closed") for e in self.bus.after(0, 1000)))
+
+    def listen(self, seconds: float) -> None:
+        """Let that much of the sensor's time pass."""
+        until_s = self.sensor.now_s + seconds
+        self.wait(lambda: self.sensor.now_s >= until_s)
+
+    def command(self, name: str, **arguments: Any) -> Any:
+        """Send a command and wait for its end."""
+        row = self.commands.send(name, arguments, confirm=name, user="ann", source="form")
+        self.wait(lambda: self.commands.get(row.id).finished is not None)
+        return self.commands.get(row.id)
+
+    def wait(self, done: Callable[[], bool]) -> None:
+        """Until something holds; the real time is only the limit after which a broken thing is given up."""
+        limit_s = time.monotonic() + 60
+        while not done():
+            assert time.monotonic() < limit_s, [event.text for event in self.bus.after(0, 1000)][-5:]
+            time.sleep(0.002)
+
+
+@pytest.fixture
+def make_station(sensor_in_memory, database, tmp_path) -> Iterator[Callable[..., Station]]:
+    """Stations; the line is given back at the end."""
+    made: list[Station] = []
+
+    def make(retention: Retention | None = None) -> Station:
+        made.append(Station(sensor_in_memory(), database, tmp_path, retention or Retention()))
+        return made[-1]
+
+    yield make
+    for station in made:
+        station.link.stop()
+
+
+@pytest.fixture
+def station(make_station) -> Station:
+    """One station."""
+    return make_station()

@@ -1,0 +1,183 @@
+"""A capture replayed through the decoder gives what the live line gave, at any speed, and touches nothing."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+from gss.device.session_events import DeviceEvent, Telemetry
+from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.operations.capture_decoder import CaptureDecoder, CommandSaid, decoded
+from gss.operations.clock import monotonic_s
+from gss.operations.raw_capture import RECEIVED, RECORD, Retention, capture_files, capture_span, read_captures
+from gss.operations.replay_capture import CaptureReplay, paced
+from gss.operations.telemetry import stored_values
+
+
+@pytest.fixture
+def contact(make_station):
+    """(station, contact id) of a closed contact with commands, a running cycle, damage, and several capture files."""
+    station = make_station(Retention(file_bytes=5000))
+    contact_id = station.open()
+    station.command("SET_EXPOSURE", exposure_ms=200)
+    station.command("START_CYCLE")
+    station.listen(8)
+    station.spoil = LineFaults(FaultRates(bit_error_rate=1e-4), 3).apply
+    station.listen(10)
+    station.spoil = lambda data: data
+    station.command("STOP_CYCLE")
+    station.listen(2)
+    station.close()
+    return station, contact_id
+
+
+def items_of(station, contact_id) -> tuple[list, CaptureDecoder]:
+    """Everything that the capture says."""
+    decoder = CaptureDecoder(station.dictionary)
+    return list(decoded(read_captures(capture_files(station.folder, contact_id)), decoder)), decoder
+
+
+def test_replayed_packets_are_the_stored_ones_every_one_of_them(contact):
+    """Names, device times, request ids, all values and lists, in order; events, commands and damage too."""
+    station, contact_id = contact
+    items, decoder = items_of(station, contact_id)
+    packets = [r.item for r in items if isinstance(r.item, Telemetry)]
+    rows = [
+        r
+        for r in reversed(station.telemetry.archive.packets(None, None, None, 100_000, None, contact_id))
+        if r.packet != "ground_line"
+    ]
+    assert len(packets) == len(rows) > 40
+    assert {p.packet for p in packets} >= {"housekeeping", "attitude", "centroids", "matches", "timing"}
+    for packet, row in zip(packets, rows, strict=True):
+        assert (packet.packet, packet.device_time_s, packet.request_id) == (
+            row.packet,
+            row.device_time_s,
+            row.request_id,
+        )
+        assert json.loads(json.dumps(stored_values(packet))) == row.values
+    detail = station.contacts.detail(contact_id)
+    sent = [
+        r.item for r in items if isinstance(r.item, CommandSaid) and r.item.stage == "sent" and r.item.name != "HELLO"
+    ]
+    assert [s.name for s in sent] == [c.name for c in detail.commands]
+    assert sent[0].values["exposure_ms"] == 200
+    events = [r.item.name for r in items if isinstance(r.item, DeviceEvent)]
+    assert events == [e.text.partition(":")[0] for e in detail.events if e.kind == "device"]
+    assert {"CYCLE_STARTED", "CYCLE_STOPPED"} <= set(events)
+    assert decoder.damaged == sum(detail.counters[n] for n in ("bad_crc", "too_long", "too_short")) > 0
+    assert decoder.received.gaps == detail.counters["gaps"]
+    assert decoder.foreign == 0
+
+
+def test_torn_and_senseless_ends_of_files_are_passed_over(contact):
+    """A cut record, a record of impossible length and an empty file cost only themselves."""
+    station, contact_id = contact
+    files = capture_files(station.folder, contact_id)
+    assert len(files) >= 3
+    whole = list(read_captures(files))
+    torn = files[0].read_bytes()
+    files[0].write_bytes(torn[:-1])
+    files[-1].write_bytes(files[-1].read_bytes() + RECORD.pack(1e9, RECEIVED, 0xFFFFFFFF) + b"x" * 50)
+    assert len(list(read_captures(files))) == len(whole) - 1
+    assert capture_span(files) == (whole[0][0], whole[-1][0])
+    files[1].write_bytes(b"")
+    items, _ = items_of(station, contact_id)
+    assert any(isinstance(r.item, Telemetry) for r in items)
+
+
+class Sleeper:
+    """A clock that sleeping moves."""
+
+    def __init__(self) -> None:
+        self.now_s, self.slept = 0.0, 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+        self.slept += seconds
+
+
+def test_a_replay_takes_the_contacts_time_over_its_speed(contact):
+    """From the first to the last thing said, to the millisecond of the clock."""
+    station, contact_id = contact
+    items, _ = items_of(station, contact_id)
+    for speed in (0.1, 1.0, 7.0, 1000.0):
+        clock = Sleeper()
+        assert list(paced(iter(items), speed, clock, clock.sleep)) == items
+        assert clock.slept == pytest.approx((items[-1].at_s - items[0].at_s) / speed, rel=1e-6)
+    clock = Sleeper()
+    assert list(paced(iter(items), None, clock, clock.sleep)) == items
+    assert clock.slept == 0
+
+
+@pytest.fixture
+def view(contact):
+    """(station, contact id, replay)."""
+    station, contact_id = contact
+    replay = CaptureReplay(station.dictionary, station.folder, station.telemetry.limits.rule, station.bus, monotonic_s)
+    yield station, contact_id, replay
+    replay.stop()
+
+
+def ends(replay) -> None:
+    """Wait until it has ended."""
+    limit_s = time.monotonic() + 30
+    while replay.state.state in ("running", "paused"):
+        assert time.monotonic() < limit_s
+        time.sleep(0.005)
+
+
+def test_the_view_speaks_under_its_own_topics_and_stores_nothing(view):
+    """replay, replay.telemetry, replay.command, replay.event; no row more than before; the board ends as the live one."""
+    station, contact_id, replay = view
+    live = {(v.packet, v.definition.name): v.value for v in station.telemetry.values()}
+    before = len(station.telemetry.archive.packets(None, None, None, 100_000, None)), len(station.bus.after(0, 10_000))
+    listener = station.bus.subscribe(lambda: None)
+    replay.start(contact_id, None)
+    ends(replay)
+    messages, _ = listener.take()
+    assert {m.topic for m in messages} == {"replay", "replay.telemetry", "replay.command", "replay.event"}
+    assert all(m.seq is None for m in messages)
+    after = len(station.telemetry.archive.packets(None, None, None, 100_000, None)), len(station.bus.after(0, 10_000))
+    assert after == before
+    state = replay.state
+    assert (state.state, state.at_s) == ("ended", state.end_s)
+    shown = {(v.packet, v.definition.name): v.value for v in replay.board.values(station.now())}
+    assert shown == live
+
+
+def test_a_replay_is_halted_sought_and_stopped(view):
+    """Halted it stays; sought it is there, forward and back; stopped it ends; what cannot be replayed is said."""
+    station, contact_id, replay = view
+    first_s, last_s = capture_span(capture_files(station.folder, contact_id))
+    replay.start(contact_id, 0.1)
+    replay.change(paused=True)
+    time.sleep(0.05)
+    held = replay.state.at_s
+    time.sleep(0.3)
+    assert replay.state.at_s == held
+    middle_s = (first_s + last_s) / 2
+    for wanted_s in (middle_s, first_s + 1, last_s - 1):
+        replay.change(paused=False, at_s=wanted_s)
+        limit_s = time.monotonic() + 10
+        while abs((replay.state.at_s or 0) - wanted_s) > 0.5:
+            assert time.monotonic() < limit_s, replay.state
+            time.sleep(0.005)
+    replay.change(as_fast_as_possible=True)
+    ends(replay)
+    assert replay.state.speed is None
+    with pytest.raises(Conflict, match="nothing is being replayed"):
+        replay.change(paused=True)
+    replay.start(contact_id, 0.1, from_s=middle_s)
+    assert replay.stop().reason == "stopped"
+    with pytest.raises(NotFound, match="no capture"):
+        replay.start(999, None)
+    for speed in (0.05, 1001.0):
+        with pytest.raises(BadInput, match="speed"):
+            replay.start(contact_id, speed)

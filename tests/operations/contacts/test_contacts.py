@@ -1,0 +1,164 @@
+"""Contacts from opening to closing: counters, silences with their cause, notes, the capture's files, the record's gaps."""
+
+from __future__ import annotations
+
+import pytest
+
+from gss.device.simulator.faults import FaultRates, LineFaults
+from gss.domain.errors import NotFound
+from gss.operations.contact_report import contact_report
+from gss.operations.raw_capture import Retention, capture_files, read_captures
+
+
+def test_a_contact_is_told_whole(station):
+    """Times, bytes of this contact alone, counters, commands, packets, capture; the next contact counts from zero."""
+    first = station.open()
+    station.command("GET_STATUS")
+    station.listen(12)
+    station.close()
+    detail = station.contacts.detail(first)
+    assert detail.row.ended is not None
+    assert 12 <= detail.duration_s < 20
+    assert [c.name for c in detail.commands] == ["GET_STATUS"]
+    assert detail.packets["housekeeping"] >= 12
+    assert "ground_line" not in detail.packets
+    assert (detail.counters["bad_crc"], detail.counters["gaps"], detail.error_rate) == (0, 0, 0.0)
+    assert detail.counters["bytes"] == detail.row.rx_bytes > 1000
+    assert detail.counters["sent_good"] >= 2
+    assert detail.silences == []
+    (file,) = detail.captures
+    assert file.present
+    assert file.bytes == station.contacts.file(first, file.file).stat().st_size
+    second = station.open()
+    station.listen(3)
+    station.close()
+    again = station.contacts.detail(second)
+    assert again.row.rx_bytes < detail.row.rx_bytes
+    assert [c.id for c, *_ in station.contacts.newest(10)] == [second, first]
+
+
+def test_a_note_is_kept_and_on_record(station):
+    """Who noted what; an unknown contact is told."""
+    contact_id = station.open()
+    assert station.contacts.note(contact_id, "first light", user="ann").row.note == "first light"
+    assert any(e.text == f"ann noted on contact {contact_id}: first light" for e in station.bus.after(0, 1000))
+    with pytest.raises(NotFound, match="no such contact"):
+        station.contacts.note(999, "x", user="ann")
+    with pytest.raises(NotFound, match="no such file"):
+        station.contacts.file(contact_id, "contact-000009-000.raw")
+
+
+def test_silence_is_a_span_with_a_cause(station):
+    """Six seconds in which the line gives nothing: one silence, lost on the line by the sequence counts."""
+    contact_id = station.open()
+    station.listen(5)
+    station.spoil = lambda data: b""
+    station.listen(6)
+    station.spoil = lambda data: data
+    station.listen(4)
+    station.close()
+    (silence,) = station.contacts.detail(contact_id).silences
+    assert 5 <= silence.to_s - silence.from_s <= 9
+    assert silence.cause.startswith("lost on the line")
+    record = station.contacts.record(contact_id)
+    (gap,) = record.gaps
+    assert (gap.missing, gap.explained, record.unexplained) == (6, True, ())
+
+
+def test_every_gap_of_a_noisy_line_is_explained(station):
+    """Bit errors for a minute: packets are missing, each gap has its cause, and what is held and missing is what was sent."""
+    contact_id = station.open()
+    faults = LineFaults(FaultRates(bit_error_rate=2e-4), 1)
+    station.spoil = faults.apply
+    station.listen(60)
+    station.spoil = lambda data: data
+    station.listen(3)
+    station.close()
+    record = station.contacts.record(contact_id)
+    assert len(record.gaps) >= 3
+    assert record.unexplained == ()
+    assert record.held < record.expected
+    assert abs(record.expected - 63) <= 3
+    assert all("the line" in gap.cause for gap in record.gaps)
+
+
+def test_a_restart_of_the_device_leaves_nothing_unexplained(station):
+    """RESET: the clock and the sequence counts start anew, and no gap is blamed on the line."""
+    contact_id = station.open()
+    station.listen(5)
+    station.commands.send("RESET", {}, confirm="RESET", user="ann", source="form")
+    station.listen(12)
+    station.close()
+    record = station.contacts.record(contact_id)
+    assert record.unexplained == ()
+    assert all(gap.cause.startswith("the device restarted") for gap in record.gaps)
+    assert any(e.text.startswith("BOOT") for e in station.bus.after(0, 1000))
+
+
+def test_a_device_that_keeps_quiet_by_itself_is_unexplained(station):
+    """Nothing was lost on the line, and yet there is a hole: that is what the check is for."""
+    contact_id = station.open()
+    station.listen(4)
+    device, advance = station.sensor.device, station.sensor.device._send_housekeeping
+    device._send_housekeeping = lambda request_id: None
+    station.listen(5)
+    device._send_housekeeping = advance
+    station.listen(4)
+    station.close()
+    (gap,) = station.contacts.record(contact_id).unexplained
+    assert gap.missing == 5
+
+
+def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
+    """The cable is pulled: the contact ends, the next one is another, and nothing is unexplained."""
+    first = station.open()
+    station.listen(3)
+    station.sensor.cut = True
+    station.wait(lambda: station.link.contact_id is None)
+    assert station.contacts.record(first).unexplained == ()
+    assert station.contacts.detail(first).row.ended is not None
+
+
+def test_capture_rotates_without_losing_a_byte(make_station):
+    """Small files: several of them, every byte of both directions in order; the list names them all."""
+    station = make_station(Retention(file_bytes=1500, keep_bytes=1 << 30))
+    seen: list[bytes] = []
+    station.spoil = lambda data: (seen.append(data), data)[1]
+    contact_id = station.open()
+    station.listen(20)
+    station.close()
+    files = capture_files(station.folder, contact_id)
+    assert len(files) >= 3
+    records = list(read_captures(files))
+    assert b"".join(d for _, way, d in records if way == 0) == b"".join(seen)
+    assert b"".join(d for _, way, d in records if way == 1) == b"".join(station.sensor.written)
+    assert [at for at, _, _ in records] == sorted(at for at, _, _ in records)
+    assert [c.file for c in station.contacts.detail(contact_id).captures] == [p.name for p in files]
+
+
+def test_dropped_captures_are_listed_as_gone(make_station):
+    """What retention took is named and not there."""
+    station = make_station(Retention(file_bytes=1000, keep_bytes=3000))
+    contact_id = station.open()
+    station.listen(20)
+    station.close()
+    captures = station.contacts.detail(contact_id).captures
+    assert not captures[0].present
+    assert captures[-1].present
+    assert sum(c.bytes for c in captures if c.present) <= 3000 + 2 * 1600
+
+
+def test_the_report_counts_iterations_and_draws_their_series(station):
+    """A minute of the cycle: every iteration counted, quality and series over the contact."""
+    contact_id = station.open()
+    station.command("START_CYCLE")
+    station.listen(15)
+    station.command("STOP_CYCLE")
+    station.close()
+    report = contact_report(station.contacts, station.telemetry.archive, station.database, contact_id)
+    rows = station.telemetry.archive.packets("attitude", None, None, 1000, None, contact_id)
+    assert report.attitude.iterations == len(rows) >= 10
+    assert report.attitude.solved == sum(r.values["outcome"] == "solved" for r in rows)
+    assert report.telemetry_packets == sum(report.detail.packets.values())
+    assert {s.key for s in report.series} >= {"housekeeping.stars_matched", "attitude.sigma_cross_arcsec"}
+    assert all(share == 0 for _, share in report.quality)
