@@ -182,9 +182,9 @@ def test_other_stages_solve_frames_too(changes: dict[str, object]) -> None:
 
 
 def test_far_mst_pure_noise_lists_are_never_solved() -> None:
-    """Random centroids, 8 and 20 of them, 60 times each, in every mode with a random hint never give an attitude."""
+    """Random centroids, 8 and 20 of them, 30 times each, in every mode with a random hint never give an attitude."""
     rng = np.random.default_rng(66)
-    for _ in range(60):
+    for _ in range(30):
         for count in (8, 20):
             centroids = Centroids.from_pixels(rng.uniform((0, 0), (1279, 1023), (count, 2)))
             for mode in Mode:
@@ -327,6 +327,26 @@ def test_turning_the_sky_turns_far_mst() -> None:
     assert rotation_angle_rad(after.attitude.cam_from_icrs @ turn, before.attitude.cam_from_icrs) < 1e-6
 
 
+def test_a_sequence_is_tracked_through_its_own_attitudes() -> None:
+    """Twelve frames at 3° per frame: the first lost in space, the rest by rate match from the hints of the answers before."""
+    rng = np.random.default_rng(21)
+    rotation, step = ORION, rotation_from_vector(np.radians([1.0, -2.8, 0.5]))
+    mode, answers = Mode.LOST_IN_SPACE, []
+    for k in range(12):
+        centroids, truth = _list(rng, rotation, 1)
+        hint = Hint.from_quaternion(answers[0], tuple(answers[1:])) if answers else None
+        work = _work(mode, hint)
+        matching = CHAIN.match_stars(centroids, work)
+        result = _solve_list(centroids, work)
+        assert assess(result, truth, CAMERA).verdict.value in ("correct", "imprecise")
+        assert result.attitude is not None
+        # The first step has no rate yet and 3° is beyond the radius: the figure match helps out.
+        assert (matching.method == "rate match") is (k >= 2)
+        answers.insert(0, result.attitude.quaternion)
+        mode, rotation = CHAIN.next_mode(mode, True), step @ rotation
+    assert mode is Mode.TRACKING
+
+
 def test_far_mst_gives_the_same_bits_twice() -> None:
     """Two runs, with and without a clock, agree in every bit: nothing is kept between frames."""
     frame = render(_stars(6.5), CAMERA, SENSOR, ORION, SENSOR.exposure_s, np.random.default_rng(8)).pixels
@@ -353,7 +373,7 @@ def test_the_four_attitude_methods_agree(method: str) -> None:
 
 
 def test_far_mst_covariance_is_the_scatter() -> None:
-    """Over 120 rendered frames the errors across the boresight, in predicted standard deviations, have rms √2 within 20 %."""
+    """Over 40 rendered frames the errors across the boresight, in predicted standard deviations, have rms √2 within 25 %."""
     rng = np.random.default_rng(19)
     squares = []
     for _ in range(40):

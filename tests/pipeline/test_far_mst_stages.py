@@ -183,7 +183,9 @@ def test_the_chain_sees_as_far_as_its_profile_says() -> None:
 
 
 def test_frames_that_are_none_are_refused() -> None:
-    """Too small or not two-dimensional arrays are BadInput."""
+    """Arrays too small, not two-dimensional or with values that are no numbers are BadInput."""
     for shape in ((3, 3), (4, 200), (5, 5, 3)):
         with pytest.raises(BadInput, match="frame"):
             find_centroids(np.zeros(shape, np.uint16), PARAMETERS)
+    with pytest.raises(BadInput, match="not numbers"):
+        find_centroids(np.full((20, 20), np.nan), PARAMETERS)

@@ -35,6 +35,8 @@ def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
     """Stars in a (rows, columns) frame, brightest first."""
     if pixels.ndim != 2 or min(pixels.shape) < PREFILTER_PX:
         raise BadInput("not a frame", expected="rows and columns of at least 5 pixels", got=f"shape {pixels.shape}")
+    if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
+        raise BadInput("the frame holds values that are not numbers", expected="finite pixels", got="NaN or infinity")
     p = parameters
     dark_dn, noise_dn = _levels(pixels, p)
     threshold_dn = p.threshold_sigma * max(noise_dn, p.noise_dn) if p.threshold_dn is None else p.threshold_dn
