@@ -237,12 +237,17 @@ class TransferService:
     # --- what happens -------------------------------------------------------------------------------------------
 
     def handle(self, events: Sequence[SessionEvent]) -> None:
-        """Follow the transfers among these events."""
-        for event in events:
-            if isinstance(event, TransferUpdate) and event.transfer_id in self._row_of:
-                self._update(self._row_of[event.transfer_id], event)
-            elif isinstance(event, TransferDone) and event.transfer_id in self._row_of:
-                self._done(self._row_of[event.transfer_id], event)
+        """Follow the transfers among these events. What arrived is stored before its transfer is said to be over."""
+        known = [e for e in events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of]
+        arrived = [event for event in known if isinstance(event, TransferDone)]
+        for done in arrived:
+            self._deliver(self._row_of[done.transfer_id], done)
+        for update in known:
+            if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
+                self._update(self._row_of[update.transfer_id], update)
+        for done in arrived:
+            self._parts.drop(self._row_of[done.transfer_id])
+            self._forget(self._row_of[done.transfer_id], done.transfer_id)
 
     def _update(self, row_id: int, update: TransferUpdate) -> None:
         before = self._live.get(row_id)
@@ -288,14 +293,17 @@ class TransferService:
             values["finished"] = self._now()
         return self._note(row_id, _words(update) if changed else "", update, **values)
 
-    def _done(self, row_id: int, done: TransferDone) -> None:
-        hook = self.done_hooks.get((done.direction, done.kind))
+    def _deliver(self, row_id: int, done: TransferDone) -> None:
         row = self.get(row_id).row
-        links = hook(row, done) if hook else {}
-        if links:
-            self._note(row_id, **links)
-        self._parts.drop(row_id)
-        self._forget(row_id, done.transfer_id)
+        try:
+            hook = self.done_hooks.get((done.direction, done.kind))
+            links = hook(row, done) if hook else {}
+            if links:
+                self._note(row_id, **links)
+        except GssError as error:
+            text = f"{row.subject} came, but cannot be used: {error}"
+            self._bus.record("transfer", "warning", text, transfer_id=row_id)
+            self._note(row_id, text)
 
     def _broken(self, row: Transfer, update: TransferUpdate) -> None:
         hook = self.broken_hooks.get(row.kind)

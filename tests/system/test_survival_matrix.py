@@ -1,0 +1,331 @@
+"""Server and sensor killed at every stage of a transfer: the content arrives whole, nothing is done twice, states stay honest.
+
+A tap between server and sensor reads every packet and can hold one back, so that a kill hits exactly the stage it is for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gss.device.dictionary_file import load_dictionary
+from gss.device.protocol.codec import decode
+from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.packet import Packet, PacketType
+
+pytestmark = pytest.mark.timeout(240)
+
+DICTIONARY = load_dictionary()
+SERVICES = {service.code: service.name for service in DICTIONARY.services if service.packet == "transfer"}
+UP, DOWN = "up", "down"
+
+
+def name_of(packet: Packet) -> str:
+    if packet.type is PacketType.TRANSFER:
+        return SERVICES[packet.code]
+    if packet.type is PacketType.COMMAND:
+        return DICTIONARY.command_of_code(packet.code).name
+    return packet.type.name
+
+
+class Tap:
+    """Sits on the line. ``hold``: (direction, packet name, how many of them pass first); ``held`` is set when it struck."""
+
+    def __init__(self, sensor_port: Callable[[], int]) -> None:
+        self._sensor_port = sensor_port
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.hold: tuple[str, str, int] | None = None
+        self.held = threading.Event()
+        self.packets: list[tuple[str, str, int, bytes]] = []
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                server, _ = self._listener.accept()
+            except OSError:
+                return
+            sensor = self._connect()
+            if sensor is None:
+                server.close()
+                continue
+            self._open = [server, sensor]
+            pumps = [
+                threading.Thread(target=self._pump, args=(a, b, way), daemon=True)
+                for a, b, way in ((server, sensor, UP), (sensor, server, DOWN))
+            ]
+            for pump in pumps:
+                pump.start()
+            for pump in pumps:
+                pump.join()
+
+    def _connect(self) -> socket.socket | None:
+        try:
+            return socket.create_connection(("127.0.0.1", self._sensor_port()), timeout=5)
+        except OSError:
+            return None
+
+    def _pump(self, source: socket.socket, sink: socket.socket, way: str) -> None:
+        receiver = LineReceiver(from_device=way == DOWN)
+        try:
+            while data := source.recv(4096):
+                for packet in receiver.feed(data):
+                    self.packets.append((way, name_of(packet), packet.request_id, packet.payload))
+                    self._look(way, name_of(packet))
+                if not (self.held.is_set() and self.hold and self.hold[0] == way):
+                    sink.sendall(data)
+        except OSError:
+            pass
+        finally:
+            source.close()
+            sink.close()
+
+    def _look(self, way: str, name: str) -> None:
+        """From the packet to hold on nothing passes in its direction: the data it came in is dropped."""
+        if self.hold is None or self.held.is_set() or (way, name) != self.hold[:2]:
+            return
+        if self.hold[2] > 0:
+            self.hold = (way, name, self.hold[2] - 1)
+        else:
+            self.held.set()
+
+    def wait(self) -> None:
+        assert self.held.wait(30), f"{self.hold} never came"
+
+    def release(self) -> None:
+        self.hold = None
+        self.held.clear()
+
+    def close(self) -> None:
+        self._listener.close()
+        for end in self._open:
+            end.close()
+
+
+class Sensor:
+    """A simulator that can be killed and started again on its flash."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(exist_ok=True)
+        self.port = 0
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "gss.device.simulator", "--profile", "cubestar", "--tcp", "0", "--seed", "7"]
+        self.process = subprocess.Popen(
+            [*command, "--state-dir", str(self._folder), "--baud", "0"], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        ready = next(line for line in self.process.stdout if line.startswith("READY"))
+        self.port = int(ready.split()[1].rsplit(":", 1)[1])
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> Iterator[Sensor]:
+    made = Sensor(tmp_path / "sensor")
+    yield made
+    if made.process.poll() is None:
+        made.process.send_signal(signal.SIGTERM)
+        made.process.wait(timeout=10)
+        made.process.stdout.close()
+
+
+@pytest.fixture
+def tap(sensor: Sensor) -> Iterator[Tap]:
+    made = Tap(lambda: sensor.port)
+    yield made
+    made.close()
+
+
+def online(console):
+    return console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
+
+
+def build(console, name: str, faint_mag: float) -> int:
+    """A catalogue of the whole sky in the store; its id."""
+    body = {"name": name, "profile": "cubestar", "format": "cubestar", "faint_mag": faint_mag, "orbit": "none"}
+    job = console.post("/catalogues", body, status=202)
+    done = console.wait("the catalogue", lambda: _ended(console.get("/jobs"), job["id"]))
+    return done["result"]["catalogue_id"]
+
+
+def _ended(jobs, job_id):
+    return next((j for j in jobs if j["id"] == job_id and j["state"] == "done"), None)
+
+
+def ended(console, transfer_id: int, state: str):
+    """The transfer in its good end; fails at once in a bad one."""
+
+    def look():
+        row = console.get(f"/transfers/{transfer_id}")
+        assert row["state"] not in ("failed", "aborted"), row["reason"]
+        return row if row["state"] == state else None
+
+    return console.wait(f"the transfer to be {state}", look, 40)
+
+
+def failed(console, transfer_id: int):
+    """The transfer after it has failed."""
+
+    def look():
+        row = console.get(f"/transfers/{transfer_id}")
+        return row if row["state"] == "failed" else None
+
+    return console.wait("the transfer to fail", look, 40)
+
+
+UPLOAD_POINTS = {
+    "opening": (UP, "OPEN_UPLOAD", 0),
+    "transferring": (UP, "CHUNK", 8),
+    "verifying": (UP, "VERIFY", 0),
+    "before commit": (UP, "COMMIT", 0),
+    "after commit": (DOWN, "COMMITTED", 0),
+}
+DOWNLOAD_POINTS = {"opening": (UP, "OPEN_DOWNLOAD", 0), "transferring": (DOWN, "CHUNK", 120)}
+
+
+def hold_at(tap: Tap, point: tuple[str, str, int]) -> None:
+    tap.held.clear()
+    tap.hold = point
+
+
+def commands_sent(tap: Tap) -> Counter:
+    """How often each request id went up with each command that must not run twice."""
+    risky = {c.name for c in DICTIONARY.commands if not c.idempotent}
+    return Counter((name, request_id) for way, name, request_id, _ in tap.packets if way == UP and name in risky)
+
+
+def chunk_bytes(tap: Tap, way: str, since: int) -> int:
+    """Content that went that way since the tap had seen that many packets."""
+    layout = DICTIONARY.service("CHUNK").fields
+    seen = [p for w, name, _, p in tap.packets[since:] if (w, name) == (way, "CHUNK")]
+    return sum(len(decode(layout, payload).values["data"]) for payload in seen)
+
+
+def bank_content(folder: Path, bank: str, size: int) -> bytes:
+    """What the simulator's flash file holds."""
+    order = ("A", "B", "C", "golden")
+    cells = (folder / "flash.bin").read_bytes()
+    bank_bytes = 192 * 1024
+    start = order.index(bank) * bank_bytes
+    return cells[start : start + size]
+
+
+def test_server_killed_at_any_stage_of_an_upload(serve, sensor, tap, tmp_path):
+    """The next server finds the transfer paused by the restart, goes on with what the device holds, and ends committed."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
+        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
+        row = server.console.get(f"/catalogues/{catalogue}")
+        hold_at(tap, point)
+        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
+        tap.wait()
+        server.kill()
+        tap.release()
+        mark = len(tap.packets)
+
+        server = serve("--device", tap.url)
+        end = ended(server.console, transfer["id"], "committed")
+        assert end["sha256"] == row["sha256"], stage
+        assert any("the server restarted" in line for line in end["log"]), end["log"]
+        assert hashlib.sha256(bank_content(tmp_path / "sensor", "B", end["size"])).hexdigest() == row["sha256"], stage
+        again = chunk_bytes(tap, UP, mark)
+        if stage in ("verifying", "before commit", "after commit"):
+            assert again == 0, f"{stage}: {again} B were sent although the device held all"
+        elif stage == "transferring":
+            assert 0 < again < end["size"], stage
+    assert max(commands_sent(tap).values(), default=0) <= 1
+    assert len([t for t in server.console.get("/transfers", limit=100) if t["direction"] == "up"]) == len(UPLOAD_POINTS)
+
+
+def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
+    """The part that had come is on the ground's disk and is not sent again; the frame is whole, once."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    for stage, point in DOWNLOAD_POINTS.items():
+        hold_at(tap, point)
+        if stage == "transferring":
+            tap.hold = (DOWN, "CHUNK", 300)
+        number = server.console.command("TAKE_IMAGE")["values"]["frame_number"]
+        tap.wait()
+        transfer = server.console.get("/transfers")[0]
+        assert transfer["kind"] == "frame"
+        time.sleep(2.2 if stage == "transferring" else 0)  # what came is written down every two seconds
+        server.kill()
+        tap.release()
+        mark = len(tap.packets)
+
+        server = serve("--device", tap.url)
+        end = ended(server.console, transfer["id"], "verified")
+        frame = server.console.get(f"/frames/{end['frame_id']}")
+        assert (frame["complete"], frame["number"], frame["sha256"]) == (True, number, end["sha256"])
+        assert frame["exposure_s"] is not None
+        again = chunk_bytes(tap, DOWN, mark)
+        assert again < (0.6 if stage == "transferring" else 1.1) * end["size"], stage
+    frames = server.console.get("/frames")["frames"]
+    assert len({f["number"] for f in frames if f["complete"]}) == len([f for f in frames if f["complete"]]) == 2
+    assert max(commands_sent(tap).values()) == 1
+
+
+def test_sensor_killed_at_any_stage_of_an_upload(serve, sensor, tap, tmp_path):
+    """Flash keeps what it holds: the transfer waits for the sensor, goes on with the rest, and ends committed."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
+        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
+        row = server.console.get(f"/catalogues/{catalogue}")
+        hold_at(tap, point)
+        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
+        tap.wait()
+        sensor.kill()
+        tap.release()
+        mark = len(tap.packets)
+        sensor.start()
+        end = ended(server.console, transfer["id"], "committed")
+        assert end["sha256"] == row["sha256"], stage
+        assert any("link lost" in line for line in end["log"]), end["log"]
+        assert hashlib.sha256(bank_content(tmp_path / "sensor", "B", end["size"])).hexdigest() == row["sha256"], stage
+        if stage in ("verifying", "before commit", "after commit"):
+            assert chunk_bytes(tap, UP, mark) < 0.5 * end["size"], stage
+    assert max(commands_sent(tap).values(), default=0) <= 1
+
+
+def test_sensor_killed_while_a_frame_comes_down(serve, sensor, tap):
+    """Image memory is lost: the transfer says so and fails, what came is kept as a frame with missing rows."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    for stage, point in DOWNLOAD_POINTS.items():
+        hold_at(tap, point)
+        server.console.command("TAKE_IMAGE")
+        tap.wait()
+        transfer = server.console.get("/transfers")[0]
+        sensor.kill()
+        tap.release()
+        sensor.start()
+        end = failed(server.console, transfer["id"])
+        assert "no_image" in end["reason"]
+        if stage == "transferring":
+            frame = server.console.get(f"/frames/{end['frame_id']}")
+            assert not frame["complete"]
+            assert 0 < sum(last - first + 1 for first, last in frame["rows_held"]) < frame["rows"]
+    assert max(commands_sent(tap).values()) == 1
