@@ -250,6 +250,38 @@ def test_frames_of_another_camera_give_none() -> None:
         solve(CHAIN, np.zeros((512, 1024), np.uint8), _work())
 
 
+@pytest.mark.parametrize(("camera", "limit_mag"), [("cubestar", 4.2), ("oersted", 4.5)])
+def test_the_chain_runs_on_other_cameras(camera: str, limit_mag: float) -> None:
+    """With a bank in its format the chain solves frames of other systems' cameras, none wrongly."""
+    known = profile(camera)
+    stars = _stars(6.0).brighter_than(limit_mag)
+    table = distance_table(stars, np.radians(0.25), known.camera.diagonal_rad)
+    catalogue = CHAIN.prepare(decode(encode(stars, table, "sunsat", camera), stars.hip), known)
+    work = Work(known.camera, catalogue, CHAIN.parameters(known, None, Commanded(), Mode.LOST_IN_SPACE))
+    rng = np.random.default_rng(2)
+    verdicts: Counter[str] = Counter()
+    for _ in range(8):
+        rotation = matrix_from_quaternion(random_quaternion(rng))
+        frame = render(_stars(6.0), known.camera, known.sensor, rotation, known.sensor.exposure_s, rng)
+        verdicts[assess(solve(CHAIN, frame.pixels, work), frame.truth, known.camera).verdict.value] += 1
+    assert verdicts["wrong"] == 0
+    assert verdicts["none"] <= 2
+
+
+def test_missing_stars_are_no_lie() -> None:
+    """With a third of the stars missing at random most lists are still solved, none wrongly."""
+    rng = np.random.default_rng(21)
+    solved = 0
+    for _ in range(60):
+        rotation = matrix_from_quaternion(random_quaternion(rng))
+        centroids, truth = _list(rng, rotation, 2)
+        result = _solve_list(centroids.take(rng.random(len(centroids)) > 1 / 3), _work())
+        solved += result.attitude is not None
+        assert assess(result, truth, CAMERA).verdict.value != "wrong"
+        assert _false_names(result, truth) == 0
+    assert solved >= 40
+
+
 def test_the_same_frame_gives_the_same_bits() -> None:
     """Two runs agree in every bit, with and without a clock, in every mode, and so do the steps the device offers."""
     rng = np.random.default_rng(8)
