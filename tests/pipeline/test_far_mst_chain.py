@@ -207,9 +207,9 @@ def test_poles_and_the_origin_of_right_ascension_are_ordinary_places(place: str)
 
 
 def test_far_mst_mirror_images_are_not_solved() -> None:
-    """A mirrored list is no sky: 40 of them, in all modes, give nothing."""
+    """A mirrored list is no sky: 20 of them, lost and assisted, give nothing."""
     rng = np.random.default_rng(6)
-    for _ in range(40):
+    for _ in range(20):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, _ = _list(rng, rotation, 0)
         mirrored = replace(centroids, col_px=CAMERA.columns - 1 - centroids.col_px)
