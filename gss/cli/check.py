@@ -7,6 +7,8 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+from gss.cli import records
+
 if TYPE_CHECKING:
     from gss.cli import Subparsers
     from gss.operations.check_findings import Findings
@@ -18,7 +20,7 @@ back. Commands with a hazard are not carried out. Exit code 0: nothing failed; 1
 
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("check", help="try a device against the interface document")
+    parser = subparsers.add_parser("check", help="try a device against the interface document, or a record for gaps")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = kinds.add_parser("device", help="a simulator or a unit on a port", description=DESCRIPTION)
     p.add_argument(
@@ -32,6 +34,7 @@ def register(subparsers: Subparsers) -> None:
     )
     p.add_argument("--json", action="store_true", help="print one JSON object with every trial")
     p.set_defaults(run=run)
+    records.register_checks(kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli import records
+
 if TYPE_CHECKING:
     from gss.cli import Subparsers
 
@@ -31,6 +33,7 @@ def register(subparsers: Subparsers) -> None:
     openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
+    records.register_exports(kinds)
 
 
 def export_rerun(arguments: argparse.Namespace) -> int:

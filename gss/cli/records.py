@@ -1,0 +1,162 @@
+"""What was recorded, on the terminal: ``gss export telemetry``, ``gss export contact-report``, ``gss check record``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+if TYPE_CHECKING:
+    from gss.api.schemas.contacts import RecordOut
+    from gss.wiring import Services
+
+    Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def register_exports(kinds: Kinds) -> None:
+    """Add to ``gss export``."""
+    p = kinds.add_parser("telemetry", help="any fields over any span, as CSV or Parquet")
+    p.add_argument(
+        "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name where two share one"
+    )
+    p.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC unless it says otherwise")
+    p.add_argument("--to", dest="end", metavar="TIME", help="end")
+    p.add_argument("--contact", type=int, metavar="N", help="the span of this contact instead")
+    p.add_argument("--format", default="csv", choices=("csv", "parquet"))
+    p.add_argument("--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted")
+    p.add_argument("--out", type=Path, help="file to write; standard output without it")
+    _with_data(p).set_defaults(run=export_telemetry)
+    p = kinds.add_parser("contact-report", help="the pass report of a contact")
+    p.add_argument("--contact", type=int, required=True, metavar="N")
+    p.add_argument("--format", default="html", choices=("html", "json"))
+    p.add_argument("--out", type=Path, help="file to write; standard output without it")
+    _with_data(p).set_defaults(run=export_report)
+
+
+def register_checks(kinds: Kinds) -> None:
+    """Add to ``gss check``."""
+    p = kinds.add_parser(
+        "record",
+        help="is the 1 Hz record whole?",
+        description="Every gap of the stored housekeeping with its cause. Exit code 0: no gap without a cause; 1: there is one.",
+    )
+    p.add_argument("--contact", type=int, metavar="N", help="this contact; the newest without it")
+    p.add_argument("--all", action="store_true", help="every contact")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    _with_data(p).set_defaults(run=check_record)
+
+
+def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    return parser
+
+
+def _services(arguments: argparse.Namespace) -> Services:
+    """The store's services; nothing is started, so that a running server is not disturbed."""
+    from gss.domain.errors import NotFound
+    from gss.settings import Settings
+    from gss.wiring import build
+
+    settings = Settings(**({"data": arguments.data} if arguments.data else {}))
+    if not settings.data.is_dir():
+        raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
+    return build(settings)
+
+
+def moment(text: str) -> datetime:
+    """A time of the command line; BadInput shows how to write one."""
+    from gss.domain.errors import BadInput
+
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError:
+        raise BadInput("not a time", expected="2026-12-01T18:00:00Z", got=text) from None
+    return at if at.tzinfo else at.replace(tzinfo=UTC)
+
+
+def export_telemetry(arguments: argparse.Namespace) -> int:
+    """Write the file a block at a time."""
+    from gss.domain.errors import BadInput
+    from gss.operations.telemetry_export import export
+
+    services = _services(arguments)
+    if arguments.contact is not None:
+        detail = services.contacts.detail(arguments.contact)
+        start, end = detail.row.started, detail.end
+    elif arguments.start and arguments.end:
+        start, end = moment(arguments.start), moment(arguments.end)
+    else:
+        raise BadInput("which span?", expected="--from and --to, or --contact")
+    keys = [key.strip() for key in arguments.fields.split(",") if key.strip()]
+    pieces = export(services.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format)
+    if arguments.out is None:
+        _write(sys.stdout.buffer, pieces)
+        return 0
+    with arguments.out.open("wb") as file:
+        size = _write(file, pieces)
+    print(f"{arguments.out}: {size} bytes", file=sys.stderr)
+    return 0
+
+
+def _write(file: BinaryIO, pieces: Iterable[bytes]) -> int:
+    size = 0
+    for piece in pieces:
+        size += file.write(piece)
+    file.flush()
+    return size
+
+
+def export_report(arguments: argparse.Namespace) -> int:
+    """Write the pass report."""
+    from gss.api.present.contact_page import contact_page
+    from gss.api.present.contacts import report
+    from gss.operations.contact_report import contact_report
+
+    services = _services(arguments)
+    found = report(contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact))
+    text = contact_page(found) if arguments.format == "html" else found.model_dump_json(indent=1) + "\n"
+    if arguments.out is None:
+        print(text, end="")
+    else:
+        arguments.out.write_text(text, encoding="utf-8")
+    return 0
+
+
+def check_record(arguments: argparse.Namespace) -> int:
+    """Check and tell."""
+    from gss.api.present.contacts import record
+
+    services = _services(arguments)
+    if arguments.contact is not None:
+        ids = [arguments.contact]
+    else:
+        newest = [contact.id for contact, *_ in services.contacts.newest(1_000_000 if arguments.all else 1)]
+        ids = sorted(newest)
+    checks = [record(contact_id, services.contacts.record(contact_id)) for contact_id in ids]
+    unexplained = sum(check.unexplained for check in checks)
+    if arguments.json:
+        facts = {
+            "contacts": [check.model_dump(mode="json") for check in checks],
+            "expected": sum(check.expected for check in checks),
+            "held": sum(check.held for check in checks),
+            "unexplained": unexplained,
+        }
+        print(json.dumps(facts, ensure_ascii=False))
+    else:
+        for check in checks:
+            _print(check)
+    return 1 if unexplained else 0
+
+
+def _print(check: RecordOut) -> None:
+    held = f"{check.held} of {check.expected} packets ({100 * check.share:.3f} %)"
+    print(f"contact {check.contact_id}: {held}, {len(check.gaps)} gaps, {check.unexplained} without a cause")
+    for gap in check.gaps:
+        mark = "  " if gap.explained else "??"
+        print(f"  {mark} {gap.start:%Y-%m-%d %H:%M:%S} – {gap.end:%H:%M:%S}  {gap.missing:4d} missing  {gap.cause}")
+    for gap in check.late:
+        print(f"     {gap.start:%Y-%m-%d %H:%M:%S} – {gap.end:%H:%M:%S}  {gap.cause}")

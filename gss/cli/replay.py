@@ -1,0 +1,91 @@
+"""``gss replay``: a raw capture through the decoder of the live line, at any speed, onto the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+    from gss.operations.capture_decoder import Replayed
+
+DESCRIPTION = """Decode the raw capture of a contact and print what was said: telemetry, events, commands and reports. Give all
+files of the contact in their order. Nothing is stored and no port is opened. Exit code 0: something was said; 3: nothing."""
+NOTHING_EXIT = 3
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the command."""
+    p = subparsers.add_parser("replay", help="print a raw capture, decoded", description=DESCRIPTION)
+    p.add_argument("files", nargs="+", type=Path, metavar="FILE", help="captures/contact-000012-000.raw and on")
+    p.add_argument(
+        "--speed", type=float, metavar="X", help="0.1 – 1000 times real time; as fast as possible without it"
+    )
+    p.add_argument("--framing", default="cobs", choices=("cobs", "slip"), help="of the line (default cobs)")
+    p.add_argument("--json", action="store_true", help="one JSON object a line, with all values")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay and tell."""
+    from gss.device.dictionary_file import load_dictionary
+    from gss.domain.errors import NotFound
+    from gss.operations.capture_decoder import CaptureDecoder, decoded
+    from gss.operations.clock import monotonic_s
+    from gss.operations.raw_capture import read_captures
+    from gss.operations.replay_capture import paced
+
+    missing = [str(path) for path in arguments.files if not path.is_file()]
+    if missing:
+        raise NotFound("no such capture", got=", ".join(missing))
+    decoder = CaptureDecoder(load_dictionary(), arguments.framing)
+    said = 0
+    items = decoded(read_captures(arguments.files), decoder)
+    for replayed in paced(items, arguments.speed, monotonic_s, time.sleep):
+        said += 1
+        facts = plain_item(replayed)
+        print(json.dumps(facts, ensure_ascii=False) if arguments.json else _line(facts), flush=bool(arguments.speed))
+    counters = decoder.received
+    print(
+        f"{said} messages; {counters.bytes} bytes received, {counters.good} good packets, {counters.bad} damaged, "
+        f"{counters.gaps} missing, {decoder.transfer_packets} of transfers, {decoder.foreign} of another dictionary, "
+        f"{decoder.undecodable} unreadable",
+        file=sys.stderr,
+    )
+    return 0 if said else NOTHING_EXIT
+
+
+def plain_item(replayed: Replayed) -> dict[str, Any]:
+    """A message as JSON can hold it."""
+    from gss.device.session_events import DeviceEvent, HelloReceived, Telemetry
+    from gss.operations.telemetry import stored_values
+    from gss.operations.value_words import plain
+
+    at, item = datetime.fromtimestamp(replayed.at_s, UTC), replayed.item
+    facts: dict[str, Any] = {"at": at.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
+    if isinstance(item, Telemetry):
+        facts |= {"kind": "telemetry", "name": item.packet, "device_time_s": item.device_time_s}
+        return facts | {"request_id": item.request_id, "values": stored_values(item)}
+    if isinstance(item, DeviceEvent):
+        facts |= {"kind": "event", "name": item.name, "severity": item.severity}
+        return facts | {"device_time_s": item.device_time_s, "text": item.text}
+    if isinstance(item, HelloReceived):
+        return facts | {"kind": "hello", "name": item.serial or item.device_model, "values": vars(item)}
+    facts |= {"kind": "command", "name": item.name, "stage": item.stage, "request_id": item.request_id}
+    return facts | {"values": {name: plain(v) for name, v in item.values.items()}, "text": item.detail}
+
+
+def _line(facts: dict[str, Any]) -> str:
+    """Time, kind, name, and the most telling values."""
+    values = facts.get("values") or {}
+    told = [
+        f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items() if not isinstance(v, list)
+    ]
+    extra = " ".join(str(facts[k]) for k in ("stage", "severity", "text") if facts.get(k))
+    line = f"{facts['at']} {facts['kind']:9} {facts['name']:16} {extra} {' '.join(told)}"
+    return line if len(line) <= 200 else f"{line[:199]}…"
