@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
-from gss.device.dictionary import Dictionary
+from gss.device.dictionary import Dictionary, Value
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import Golden, build_golden
 from gss.device.session import HostSession
-from gss.device.session_events import CommandStage, SessionEvent, Stage, Telemetry, TransferUpdate
+from gss.device.session_events import (
+    CommandStage,
+    DeviceEvent,
+    SessionEvent,
+    Stage,
+    Telemetry,
+    TransferDone,
+    TransferUpdate,
+)
+from gss.device.session_transfer import Part
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.device.simulator.firmware import StarTracker
@@ -25,24 +34,32 @@ from gss.domain.profiles import profile
 STEP_S = 0.01
 
 
-@lru_cache(maxsize=1)
-def golden() -> Golden:
-    return build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
+@lru_cache(maxsize=8)
+def golden(camera: str = "cubestar") -> Golden:
+    return build_golden(profile(camera), Memory.in_ram().bank_bytes)
 
 
 class Bench:
     """Host session and device joined by a line of a given rate; ``events`` collects what the host said."""
 
     def __init__(
-        self, baud: int = 921_600, faults: FaultRates | None = None, dictionary: Dictionary | None = None
+        self,
+        baud: int = 921_600,
+        faults: FaultRates | None = None,
+        dictionary: Dictionary | None = None,
+        camera: str = "cubestar",
+        identity: Identity | None = None,
+        memory: Memory | None = None,
     ) -> None:
         self.dictionary = load_dictionary()
         self.baud, self.now_s = baud, 100.0
-        self.memory = Memory.in_ram()
-        burn_golden(self.memory, profile("cubestar"), golden())
+        self.memory = memory or Memory.in_ram()
+        if memory is None:
+            burn_golden(self.memory, profile(camera), golden(camera))
         motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
-        self.tracker = StarTracker(profile("cubestar"), Sky(profile("cubestar"), motion, 2026.0, 1), self.memory)
-        self.device = Device(self.dictionary, Identity(line_baud=baud), self.memory, self.tracker, self.now_s)
+        self.tracker = StarTracker(profile(camera), Sky(profile(camera), motion, 2026.0, 1), self.memory)
+        unit = identity or Identity(line_baud=baud)
+        self.device = Device(self.dictionary, unit, self.memory, self.tracker, self.now_s)
         self.host = HostSession(dictionary or self.dictionary)
         self.up_faults = LineFaults(faults or FaultRates(), 1)
         self.down_faults = LineFaults(faults or FaultRates(), 2)
@@ -105,9 +122,27 @@ class Bench:
         """Packets of one name, in order."""
         return [e for e in self.events if isinstance(e, Telemetry) and e.packet == packet]
 
+    def device_events(self, name: str) -> list[DeviceEvent]:
+        """Events of one name, in order."""
+        return [e for e in self.events if isinstance(e, DeviceEvent) and e.name == name]
+
+    def status(self) -> Mapping[str, Value]:
+        """Housekeeping now."""
+        self.do("GET_STATUS")
+        return self.telemetry("housekeeping")[-1].values
+
     def updates(self, transfer_id: int) -> list[TransferUpdate]:
         """What was said about a transfer."""
         return [e for e in self.events if isinstance(e, TransferUpdate) and e.transfer_id == transfer_id]
+
+    def bring(self, kind: str, target: int, **part: int) -> bytes:
+        """Download something whole."""
+        wanted = Part(**part) if part else Part()
+        transfer_id = self.host.start_download(kind, target, self.now_s, part=wanted)
+        self.until(lambda: self.host.transfer(transfer_id).state in ("verified", "failed", "aborted"), 60.0)
+        done = [e for e in self.events if isinstance(e, TransferDone) and e.transfer_id == transfer_id]
+        assert done, self.host.transfer(transfer_id)
+        return done[-1].data
 
     def transfer_ends(self, transfer_id: int, state: str, seconds: float = 60.0) -> TransferUpdate:
         """Wait for a state of a transfer."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from gss.catalogue_tools import triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.device.dictionary import Dictionary, Value
+from gss.device.golden import bank_formats
 from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.transfer import ChunkReceiver, chunk_count
 from gss.device.simulator.memory import (
@@ -81,7 +82,7 @@ class BankWriter:
     def formats(self, kind: str) -> tuple[int, ...]:
         """Formats that the unit reads: of catalogues CubeStar's, and that of its own system where it has one."""
         if kind == "catalogue":
-            return tuple(sorted({FORMATS["cubestar"], FORMATS.get(self._profile.name, FORMATS["cubestar"])}))
+            return tuple(FORMATS[name] for name in bank_formats(self._profile.name))
         return (triplets.HEADER_VERSION,) if kind == "triplets" else (TABLE_FORMAT,)
 
     def _in_use(self, kind: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from gss.domain.profiles import CameraProfile
 SENSOR_START_MS = 70.0
 SENSOR_BYTES_PER_MS = 10_000.0
 COPY_BYTES_PER_MS = 1_000.0
-GLARE = 0.9
+GLARE = 1.0
 DOT_SIGMA_PX = 1.2
 
 

@@ -11,7 +11,7 @@ GOLDEN = "golden"
 TABLES = ("triplets", "calibration", "parameters")
 TABLE_BANKS = ("A", "B", "factory")
 FACTORY = "factory"
-TRIPLET_BYTES = 192 * 1024
+TRIPLET_BYTES = 768 * 1024
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,10 @@ class TrackerOrders:
         previous = self._last_slot
         if previous is not None:
             self._iterate(previous, 0)
+            t = self._tracker.timing
+            # What takes longer than the period delays the next iteration by whole periods (Sunsat's lost in space: 14 s).
+            late_s = (t.detect_ms + t.match_ms + t.attitude_ms) / 1000 - period_s
+            self._due_s += period_s * max(0.0, np.ceil(late_s / period_s))
         slot = CYCLE_SLOTS[0] if previous != CYCLE_SLOTS[0] else CYCLE_SLOTS[1]
         longest_ms = round(LONGEST_CYCLE_EXPOSURE * self.period_ms)
         frame = self._tracker.capture(slot, min(self._tracker.exposure_ms, longest_ms), start_s)
