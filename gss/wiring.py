@@ -143,7 +143,7 @@ def build(settings: Settings) -> Services:
     campaigns = CampaignService(database, jobs)
     reprocessing = ReprocessService(database, settings.blobs_url, jobs, utc_now, epoch_jyear)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, stars, utc_now)
-    replay = ReplayService(frames, banks, bus, stopwatch_s)
+    replay = ReplayService(frames, banks, tables, stopwatch_s)
     images = UploadedImages(link, commands, transfers, frames, bus)
     reception = Reception(
         link, commands, telemetry, transfers, frames, banks, tables, images, replay, stars, bus, utc_now

@@ -10,7 +10,7 @@ from typing import Any
 from gss.device.dictionary import Dictionary
 from gss.device.session import Compatibility
 from gss.device.session_events import Direction, TransferDone
-from gss.domain.errors import BadInput, Conflict, GssError
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.domain.stars import StarTable
 from gss.operations import table_content
 from gss.operations.clock import Now
@@ -24,6 +24,7 @@ from gss.store.engine import Database
 from gss.store.models import DeviceTable, Transfer
 
 HOLDS_DATA = ("loaded", "committed")
+FACTORY = "factory"
 READ_BACK = ("triplets", "calibration", "parameters", "star_list", "distance_table")
 
 
@@ -149,6 +150,21 @@ class DeviceTableService:
         with self._database.unit_of_work() as session:
             known = {_hex(i["sha256"]): store.by_sha256(session, str(i["table"]), _hex(i["sha256"])) for i in reports}
         return [_report(info, known[_hex(info["sha256"])]) for info in reports]
+
+    def at_work(self) -> dict[str, str]:
+        """Hash of each table that the device works with and that is not the factory's."""
+        with self._lock:
+            reports = list(self._reports.values())
+        used = [i for i in reports if i["active"] and str(i["bank"]) != FACTORY and str(i["state"]) in HOLDS_DATA]
+        return {str(info["table"]): _hex(info["sha256"]) for info in used}
+
+    def bytes_of(self, kind: str, sha256: str) -> bytes:
+        """The bytes of a table by its hash; NotFound where the ground does not have it."""
+        with self._database.unit_of_work() as session:
+            known = store.by_sha256(session, kind, sha256)
+        if known is None:
+            raise NotFound(f"the ground does not know the {kind} that was active", got=sha256[:12])
+        return self._blobs.get(sha256)
 
     def upload(self, table_id: int, bank: str) -> TransferView:
         """Send a table to an inactive bank; read-back verify and commit follow by themselves."""

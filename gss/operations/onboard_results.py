@@ -9,31 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.angles import ARCSEC_RAD
 from gss.domain.camera import Camera
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.stars import StarTable
+from gss.pipeline.chains.apriori import Known
 
 Rows = Sequence[Mapping[str, Any]]
-REMEMBERED_ATTITUDES = 2
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What the sensor knew before: the attitude it found last with the ones in a row before it, newest first, and a commanded
-    hint with its radius, where there are any."""
-
-    quaternion: Array | None = None
-    earlier: tuple[Array, ...] = ()
-    hint: Array | None = None
-    hint_radius_rad: float = math.radians(5.0)
-
-    def after(self, quaternion: Array | None) -> Prior:
-        """The prior of the next iteration: a found attitude takes the commanded hint away, none breaks the row."""
-        if quaternion is None:
-            return replace(self, earlier=())
-        before = () if self.quaternion is None else (self.quaternion, *self.earlier)
-        return Prior(quaternion, before[:REMEMBERED_ATTITUDES])
 
 
 @dataclass(frozen=True)
@@ -47,7 +29,7 @@ class OnboardRecord:
     attitude: Mapping[str, Any] | None = None
     hip_of_row: Sequence[int] | None = None
     icrs_of_hip: StarTable | None = None
-    prior: Prior = field(default_factory=Prior)
+    prior: Known = field(default_factory=Known)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
         """The record with one more packet; a new centroid list makes older matches and attitude void."""

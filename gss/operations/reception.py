@@ -5,7 +5,6 @@ This is the glue between link, transfers, frames and banks; each of them knows n
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,8 +25,6 @@ from gss.device.session_events import (
     TransferUpdate,
 )
 from gss.domain.errors import GssError
-from gss.domain.frames import cam_from_icrs
-from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
 from gss.operations.clock import Now
@@ -38,8 +35,9 @@ from gss.operations.events import EventBus
 from gss.operations.frame_memory import FrameMemory, remember
 from gss.operations.frames import FrameService
 from gss.operations.link import LinkService
-from gss.operations.onboard_results import OnboardRecord, Prior
+from gss.operations.onboard_results import OnboardRecord
 from gss.operations.replay import ReplayService
+from gss.operations.sensor_knowledge import SensorKnowledge
 from gss.operations.telemetry import TelemetryService
 from gss.operations.transfers import TransferService
 from gss.operations.uploaded_images import UploadedImages
@@ -77,7 +75,7 @@ class Reception:
         self._known = FrameMemory()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
-        self._prior = Prior()
+        self._knowledge = SensorKnowledge(link.dictionary)
         commands.completed_hooks.append(self._command_completed)
         tables.ask_device = lambda: self._ask("LIST_TABLES")
         for kind in IMAGE_KINDS:
@@ -164,7 +162,8 @@ class Reception:
         sha256 = housekeeping.get("catalogue_sha256")
         if sha256 is not None:
             settings["bank_sha256"] = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
-        return settings
+        tables = self._tables.at_work()
+        return settings | ({"tables": tables} if tables else {})
 
     def _result_told(self, kind: str, number: int, values: Mapping[str, Any], items: Any) -> None:
         record = self._records.get(number) or OnboardRecord(number)
@@ -172,25 +171,18 @@ class Reception:
         record = record.with_packet(kind, values, items)
         record = replace(record, hip_of_row=hips, icrs_of_hip=self._stars)
         if kind == "attitude":
-            record = replace(record, prior=self._prior)
+            record = replace(record, prior=self._knowledge.known)
             solved = values.get("outcome") == "solved"
             found = np.array([float(values[f"quaternion_{a}"]) for a in "xyzw"]) if solved else None
-            self._prior = self._prior.after(found)
+            self._knowledge.iterated(found)
         remember(self._records, number, record)
         if number in self._stored:
             self._lay_beside(self._stored[number], record)
 
     def _command_completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
-        """A commanded hint is what the sensor starts from until it finds an attitude; a reset forgets everything."""
-        if name == "SET_ATTITUDE_HINT":
-            angles = (math.radians(float(arguments.get(f"{a}_deg", 0.0))) for a in ("ra", "dec", "roll"))
-            radius_rad = math.radians(float(arguments.get("uncertainty_deg", 5.0)))
-            self._prior = replace(
-                self._prior, hint=quaternion_from_matrix(cam_from_icrs(*angles)), hint_radius_rad=radius_rad
-            )
-        elif name == "RESET":
-            self._prior = Prior()
-        elif name.endswith("_BANK"):
+        """A command may change what the sensor knows, or what its flash holds."""
+        self._knowledge.completed(name, arguments)
+        if name.endswith("_BANK"):
             self._ask("LIST_BANKS")
         elif name.endswith("_TABLE"):
             self._ask("LIST_TABLES")

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.triplets import decode_triplets
+from gss.device.table_use import calibrated, chain_of, parameters_with
+from gss.device.tables import decode_table
 from gss.domain.errors import GssError
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import Outcome, SolveResult
 from gss.domain.stars import OnboardCatalogue
 from gss.operations.banks import BankService
 from gss.operations.clock import Monotonic
-from gss.operations.events import EventBus
+from gss.operations.device_tables import DeviceTableService
 from gss.operations.frames import FrameService
 from gss.operations.onboard_results import OnboardRecord
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
-from gss.pipeline.chains.systems import on_board
 from gss.store.models import Frame, Solution
 
 # Centroids and weights travel as 32-bit floats; the quaternion as 64-bit.
@@ -29,10 +34,12 @@ WIRE_QUATERNION = 1e-12
 class ReplayService:
     """Reruns the sensor's chain on frames of the device, one after the other, on a thread of its own."""
 
-    def __init__(self, frames: FrameService, banks: BankService, bus: EventBus, stopwatch_s: Monotonic) -> None:
-        self._frames, self._banks, self._bus, self._stopwatch_s = frames, banks, bus, stopwatch_s
+    def __init__(
+        self, frames: FrameService, banks: BankService, tables: DeviceTableService, stopwatch_s: Monotonic
+    ) -> None:
+        self._frames, self._banks, self._tables, self._stopwatch_s = frames, banks, tables, stopwatch_s
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
-        self._kept: tuple[tuple[str, str, str], Any] | None = None
+        self._kept: tuple[tuple[Any, ...], Any] | None = None
 
     def stop(self) -> None:
         """End after the running replay."""
@@ -62,29 +69,59 @@ class ReplayService:
             raise GssError(
                 "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
             )
-        known = profile(frame.profile or "cubestar")
-        chain, mode = on_board(known.name), _mode(record)
-        prepared = self._prepared(chain, known, frame.bank_sha256 or "", bank)
-        parameters = chain.parameters(known, frame.exposure_s, commanded(frame, record), mode)
+        shelf = self._shelf(frame)
+        known, chain, mode = shelf.profile, shelf.chain, _mode(record)
+        parameters = parameters_with(shelf.parameters, known, frame.exposure_s, commanded(frame, record), mode)
         pixels: Any = self._frames.pixels(frame)
-        work = Work(known.camera, prepared, parameters, mode, _hint(record))
+        hint = record.prior.hint(mode, _frame_time_s(record))
+        if mode is not Mode.LOST_IN_SPACE and hint is None:
+            raise GssError("the attitude that the sensor started from was not received")
+        work = Work(known.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
         return solve(chain, pixels, work, self._stopwatch_s)
 
-    def _prepared(self, chain: OnboardChain, known: CameraProfile, sha256: str, bank: OnboardCatalogue) -> Any:
+    def _shelf(self, frame: Frame) -> Shelf:
+        """The tables that were active when the frame was taken, from the store."""
+        used: Mapping[str, str] = frame.parameters.get("tables", {})
+        held = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
+        own = profile(frame.profile or "cubestar")
+        values = {kind: decode_table(kind, held[kind])[1] for kind in ("calibration", "parameters") if kind in held}
+        camera = calibrated(own, values["calibration"]) if "calibration" in values else own
+        parameters = values.get("parameters", {})
+        triplets = decode_triplets(held["triplets"]) if "triplets" in held else None
+        key = tuple(sorted(used.items()))
+        return Shelf(camera, chain_of(own, parameters), parameters, triplets, key)
+
+    def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
         """What the processor made of the bank when it read it; kept for the newest bank only."""
-        if self._kept is None or self._kept[0] != (chain.name, known.name, sha256):
-            self._kept = (chain.name, known.name, sha256), chain.prepare(bank, known)
+        key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
+        if self._kept is None or self._kept[0] != key:
+            prepared = shelf.chain.prepare(bank, shelf.profile)
+            if shelf.triplets is not None and hasattr(prepared, "triplets"):
+                prepared = prepare_with_triplets(bank, shelf.profile, shelf.triplets)
+            self._kept = key, prepared
         return self._kept[1]
 
 
+@dataclass(frozen=True)
+class Shelf:
+    """What the tables of the sensor make of it: camera, chain, constants that replace its own, triplets."""
+
+    profile: CameraProfile
+    chain: OnboardChain
+    parameters: Mapping[str, Any]
+    triplets: Any
+    key: tuple[tuple[str, str], ...]
+
+
 def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
-    """What the operator had set, as housekeeping told it when the frame was taken, with the reach of a commanded hint."""
+    """What the operator had set, as housekeeping told it when the frame was taken, with the reach of a hint. A threshold of
+    0 is the chain's own."""
     told = frame.parameters
     return Commanded(
-        threshold_dn=told.get("threshold_dn"),
+        threshold_dn=told.get("threshold_dn") or None,
         min_area_px=told.get("min_pixels"),
         max_area_px=told.get("max_pixels"),
-        hint_radius_rad=record.prior.hint_radius_rad,
+        hint_radius_rad=record.prior.radius_rad(_mode(record)),
     )
 
 
@@ -92,16 +129,8 @@ def _mode(record: OnboardRecord) -> Mode:
     return Mode(str((record.attitude or {}).get("mode", "lost_in_space")))
 
 
-def _hint(record: OnboardRecord) -> Hint | None:
-    """What the sensor started from: nothing when lost, the last attitude in tracking, a commanded hint first when assisted."""
-    mode, prior = _mode(record), record.prior
-    if mode is Mode.LOST_IN_SPACE:
-        return None
-    if mode is Mode.ASSISTED and prior.hint is not None:
-        return Hint.from_quaternion(prior.hint)
-    if prior.quaternion is None:
-        raise GssError("the attitude that the sensor started from was not received")
-    return Hint.from_quaternion(prior.quaternion, prior.earlier)
+def _frame_time_s(record: OnboardRecord) -> float:
+    return float((record.attitude or {}).get("frame_time_s", 0.0))
 
 
 def compare(record: OnboardRecord, result: SolveResult) -> str:
