@@ -42,6 +42,7 @@ class CommandHistory:
 
     def csv(self, wanted: Filter) -> Iterator[str]:
         """All that fit, oldest first, as lines of a table; arguments, values and stages as JSON in their cell."""
+        _check(wanted)
         yield _line(COLUMNS)
         for facts in self.records(wanted):
             yield _line([_cell(facts[name]) for name in COLUMNS])

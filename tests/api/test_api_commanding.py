@@ -1,0 +1,241 @@
+"""Commanding over HTTP, against a sensor in memory: authority, commands, stacks, schedule, history."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gss.api.app import create_app
+from gss.settings import Settings
+from gss.wiring import build
+
+pytestmark = pytest.mark.timeout(120)
+ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
+
+
+class Console:
+    """A console on a server with a sensor; ``user`` in every request."""
+
+    def __init__(self, client: TestClient, services: Any, sensor: Any) -> None:
+        self.client, self.services, self.sensor = client, services, sensor
+
+    def ask(self, method: str, path: str, status: int = 200, user: str = "ann", **options: Any) -> Any:
+        reply = self.client.request(method, f"/api{path}", headers={"X-GSS-User": user}, **options)
+        assert reply.status_code == status, reply.text
+        return reply.json() if reply.content else None
+
+    def wait(self, look: Callable[[], Any]) -> Any:
+        limit_s = time.monotonic() + 30
+        while not (found := look()):
+            assert time.monotonic() < limit_s, self.ask("GET", "/events")[-3:]
+            time.sleep(0.01)
+        return found
+
+    def send(self, name: str, status: int = 201, user: str = "ann", confirm: str = "", **arguments: Any) -> Any:
+        body = {"name": name, "arguments": arguments, "confirm": confirm}
+        return self.ask("POST", "/commands", status, user, json=body)
+
+    def end(self, row: Any) -> Any:
+        return self.wait(
+            lambda: next((c for c in [self.ask("GET", f"/commands/{row['id']}")] if c["result"] in ENDED), 0)
+        )
+
+
+@pytest.fixture
+def make_console(tmp_path, sensor_in_memory, monkeypatch) -> Iterator[Callable[..., Console]]:
+    """Servers on sensors; each console's line is open and its sensor has answered."""
+    clients: list[TestClient] = []
+
+    def make(**identity: Any) -> Console:
+        sensor = sensor_in_memory(**identity)
+        monkeypatch.setattr("gss.wiring.monotonic_s", sensor.monotonic_s)
+        start = datetime.now(UTC)
+        monkeypatch.setattr("gss.wiring.utc_now", lambda: start + timedelta(seconds=sensor.now_s))
+        services = build(Settings(data=tmp_path / "data"))
+        client = TestClient(
+            create_app(services), base_url="http://localhost", headers={"X-GSS": "1"}, raise_server_exceptions=False
+        )
+        clients.append(client.__enter__())
+        services.link.open_later(sensor.url)
+        console = Console(client, services, sensor)
+        console.wait(lambda: console.ask("GET", "/link")["dictionary_match"])
+        console.wait(lambda: console.ask("GET", "/schedule")["told"])
+        return console
+
+    yield make
+    for client in clients:
+        client.__exit__(None, None, None)
+
+
+@pytest.fixture
+def console(make_console) -> Console:
+    """A console on a simulated sensor."""
+    return make_console()
+
+
+def test_authority_is_taken_released_and_broken(console):
+    """Who holds it is in every answer, in the header and in the refusal; breaking wants a reason."""
+    free = console.ask("GET", "/authority")
+    assert (free["holder"], free["mine"], free["history"]) == (None, False, [])
+    taken = console.ask("POST", "/authority/take")
+    assert (taken["holder"], taken["mine"]) == ("ann", True)
+    assert console.ask("GET", "/authority", user="bob")["mine"] is False
+    assert console.ask("GET", "/link")["authority"] == "ann"
+    refused = console.send("GET_STATUS", 409, user="bob")
+    assert (refused["message"], refused["got"]) == ("command authority is held by ann", "ann")
+    console.ask("POST", "/authority/release", 409, user="bob")
+    console.ask("POST", "/authority/break", 422, user="bob", json={"reason": ""})
+    console.ask("POST", "/authority/break", 400, user="bob", json={"reason": "   "})
+    broken = console.ask("POST", "/authority/break", user="bob", json={"reason": "pass begins"})
+    assert (broken["holder"], broken["history"][1]["reason"]) == ("bob", "pass begins")
+    assert console.ask("POST", "/authority/release", user="bob")["holder"] is None
+    kinds = [e["text"] for e in console.ask("GET", "/events") if e["kind"] == "authority"]
+    assert kinds == [
+        "ann took command authority",
+        "bob broke the command authority of ann: pass begins",
+        "bob released command authority",
+    ]
+
+
+@pytest.mark.parametrize("user", ["x" * 61, "a\tb", "\xad"])
+def test_a_name_that_cannot_be_shown_is_refused(console, user):
+    """The header that stands for signing in is checked as any input; without it the server's own name counts."""
+    reply = console.client.post("/api/authority/take", headers={"X-GSS-User": user.encode("latin-1")})
+    assert (reply.status_code, reply.json()["message"]) == (400, "not a user name")
+    assert console.client.post("/api/authority/take").json()["holder"] == "operator-1"
+
+
+def test_a_command_is_checked_sent_and_kept(console):
+    """Dry run with hazard, role and authority; sending; the row with what the console draws."""
+    check = console.ask("POST", "/commands/check", json={"name": "POWER", "arguments": {"state": "off"}})
+    assert (check["hazard"], check["confirm_name"], check["role"]) == ("warning", "POWER", "operator")
+    assert (check["allowed"], check["problems"], check["authority"]) == (True, [], None)
+    assert [g["label"] for g in check["bytes"] if g["argument"]] == ["rail", "state"]
+    assert "POWER was not confirmed" in console.send("POWER", 400, state="off")["message"]
+    row = console.end(console.send("SET_EXPOSURE", exposure_ms=77))
+    assert (row["result"], row["user"], row["run_id"], row["needs_operator"]) == ("completed", "ann", None, False)
+    assert console.ask("POST", "/commands/check", user="bob", json={"name": "GET_STATUS"})["allowed"] is False
+    abort = console.end(console.ask("POST", "/commands/abort", 201, user="bob"))
+    assert (abort["result"], abort["user"]) == ("completed", "bob")
+
+
+def test_an_unknown_command_is_settled_by_retry_or_by_word(console):
+    """What the pages need to offer it is in the row."""
+    console.sensor.deaf = True
+    row = console.end(console.send("TAKE_IMAGE"))
+    assert (row["result"], row["needs_operator"], row["can_retry"], row["idempotent"]) == ("unknown", True, True, False)
+    console.ask("POST", f"/commands/{row['id']}/withdraw", 409)
+    console.sensor.deaf = False
+    console.ask("POST", f"/commands/{row['id']}/retry", 409, user="bob")
+    console.ask("POST", f"/commands/{row['id']}/retry")
+    assert console.end(row)["attempts"] == 2
+    console.ask("POST", f"/commands/{row['id']}/resolve", 409, json={"note": "late"})
+
+
+def test_commands_for_simulators_are_hidden_from_a_real_unit(make_console):
+    """The list of a real unit lacks them, and a request is refused."""
+    console = make_console(simulated=False, serial="FM-1")
+    assert not [c for c in console.ask("GET", "/dictionary")["commands"] if c["simulator_only"]]
+    assert "for simulators only" in console.send("SIM_INJECT", 409)["message"]
+
+
+def test_history_pages_filters_and_exports(console):
+    """The same filter for the list and both files."""
+    for exposure_ms in (11, 22, 33):
+        console.end(console.send("SET_EXPOSURE", exposure_ms=exposure_ms))
+    query = {"name": ["SET_EXPOSURE"], "user": "ann", "result": ["completed"]}
+    rows = console.ask("GET", "/commands", params=query)
+    assert [r["arguments"]["exposure_ms"] for r in rows] == [33, 22, 11]
+    page = console.ask("GET", "/commands", params=query | {"limit": 1, "before": rows[0]["id"]})
+    assert [r["id"] for r in page] == [rows[1]["id"]]
+    assert [r["id"] for r in console.ask("GET", "/commands", params={"text": "22"}) if r["user"] == "ann"] == [
+        rows[1]["id"]
+    ]
+    span = {"start": rows[1]["created"], "end": rows[0]["created"]}
+    assert rows[1]["id"] in [r["id"] for r in console.ask("GET", "/commands", params=span)]
+    exported = console.ask("GET", "/commands.json", params=query)
+    assert [r["id"] for r in exported] == [r["id"] for r in reversed(rows)]
+    table = console.client.get("/api/commands.csv", params=query)
+    assert table.headers["content-disposition"] == "attachment; filename=commands.csv"
+    assert [int(r["id"]) for r in csv.DictReader(io.StringIO(table.text))] == [r["id"] for r in exported]
+    assert "SET_EXPOSURE" in console.ask("GET", "/commands/facets")["names"]
+    moment = rows[0]["created"]
+    for path in ("/commands", "/commands.csv", "/commands.json"):
+        assert "span is empty" in console.ask("GET", path, 400, params={"start": moment, "end": moment})["message"]
+    console.ask("GET", "/commands", 422, params={"start": "yesterday"})
+
+
+def test_a_stack_is_kept_tried_run_and_followed(console):
+    """From the form to the record of its run, with the names typed."""
+    wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 10}
+    steps = [
+        {"command": "GET_STATUS", "condition": wait},
+        {"command": "POWER", "arguments": {"state": "off"}, "delay_s": 1},
+    ]
+    stack = console.ask("POST", "/stacks", 201, json={"name": "evening", "steps": steps})
+    assert (stack["author"], stack["steps"][1]["arguments"]) == ("ann", {"rail": "imager", "state": "off"})
+    check = console.ask("POST", f"/stacks/{stack['id']}/check")
+    assert (check["confirm"], check["problems"], check["shortest_s"]) == (["POWER"], [], 1.0)
+    draft = console.ask("POST", "/stacks/check", json={"steps": steps})
+    assert [step["size"] for step in draft["steps"]] == [step["size"] for step in check["steps"]]
+    assert "POWER" in console.ask("POST", f"/stacks/{stack['id']}/run", 400, json={"confirm": []})["expected"]
+    subscription = console.services.bus.subscribe(lambda: None)
+    run = console.ask("POST", f"/stacks/{stack['id']}/run", 201, json={"confirm": ["POWER"]})
+    run = console.wait(
+        lambda: next((r for r in [console.ask("GET", f"/stack-runs/{run['id']}")] if r["finished"]), None)
+    )
+    assert (run["state"], [s["state"] for s in run["steps"]]) == ("completed", ["completed", "completed"])
+    assert {m.topic for m in subscription.take()[0]} >= {"stack_run", "command", "event"}
+    assert [c["name"] for c in console.ask("GET", "/commands", params={"run": run["id"]})] == ["POWER", "GET_STATUS"]
+    for order in ("pause", "resume", "stop"):
+        console.ask("POST", f"/stack-runs/{run['id']}/{order}", 409)
+    file = console.ask("GET", f"/stacks/{stack['id']}/stack.json")
+    console.ask("POST", "/stacks/import", 409, json=file)
+    console.ask("DELETE", f"/stacks/{stack['id']}", 204)
+    assert console.ask("POST", "/stacks/import", 201, json=file)["steps"] == stack["steps"]
+    assert console.ask("GET", "/stack-runs")[0]["stack_id"] is None
+    console.ask("POST", "/stacks/import", 422, json=file | {"format": "other"})
+    bad = console.ask(
+        "POST",
+        "/stacks",
+        400,
+        json={"name": "x", "steps": [{"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}]},
+    )
+    assert bad["message"].startswith("step 1: ")
+
+
+def test_a_command_is_scheduled_listed_and_cancelled(console):
+    """The moment in UTC with its uncertainty; the device's table in words."""
+    clock = console.wait(lambda: console.ask("GET", "/schedule")["clock"])
+    assert clock["uncertainty_s"] < 1
+    at = (console.services.link._now() + timedelta(seconds=300)).isoformat()
+    body = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 44}, "at": at}
+    check = console.ask("POST", "/schedule/check", json=body)
+    assert (check["problems"], check["hazard"]) == ([], "watch")
+    assert bytes.fromhex(next(g["hex"] for g in check["bytes"] if g["label"] == "payload"))[:2] == b"\0\x2c"
+    row = console.end(console.ask("POST", "/schedule", 201, json=body))
+    number = row["values"]["schedule_id"]
+
+    def entry() -> Any:
+        return next((e for e in console.ask("GET", "/schedule")["entries"] if e["schedule_id"] == number), None)
+
+    found = console.wait(entry)
+    assert (found["command"], found["text"], found["state"]) == ("SET_EXPOSURE", "exposure 44", "waiting")
+    assert found["at"][:16] == check["at"][:16]
+    console.end(console.ask("POST", f"/schedule/{number}/cancel", 201))
+    console.wait(lambda: entry()["state"] == "cancelled")
+    console.ask("POST", f"/schedule/{number}/cancel", 409)
+    console.ask("POST", "/schedule/99/cancel", 404)
+    assert "past" in console.ask("POST", "/schedule", 400, json=body | {"at": "2020-01-01T00:00:00Z"})["message"]
+    assert "at once" in console.ask("POST", "/schedule", 400, json={"command": "ABORT", "at": at})["message"]
+    console.ask("POST", "/schedule", 409, user="bob", json=body)
+    console.ask("POST", "/schedule", 422, json=body | {"at": "noon"})
+    assert console.end(console.ask("POST", "/schedule/refresh", 201))["name"] == "LIST_SCHEDULE"
+    assert console.end(console.ask("POST", "/schedule/cancel-all", 201))["result"] == "completed"
