@@ -137,6 +137,22 @@ def test_a_high_sigma_star_splits_the_group() -> None:
     assert answer.largest[0].misfit_rad <= answer.largest[1].misfit_rad
 
 
+def test_parts_of_a_split_constellation_are_one_answer() -> None:
+    """Two groups of three that share no star but lie rightly to one another within a few tolerances are one answer."""
+    guides = _sky(14)
+    who = _field(guides, 6)
+    unit, v_mag = _observed(guides, who)
+    # Pull the halves apart by two tolerances.
+    middle = unit.mean(axis=0)
+    away = np.cross(middle, unit[0] - middle)
+    unit[3:] += 2.5e-4 * away / np.linalg.norm(away)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    answer = match_groups(unit, v_mag, guides, LIMITS)
+    names = _names(answer)
+    assert names.items() <= dict(enumerate(who.tolist())).items()
+    assert len(answer.largest) > 1
+
+
 def test_two_different_answers_are_none() -> None:
     """A catalogue that holds the same constellation twice gives no answer, and says there are two."""
     guides = _sky(9, 60, 0.1)

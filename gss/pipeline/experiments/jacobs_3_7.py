@@ -99,8 +99,7 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         (
             "The document does not say whether σ is that of a place or of each of its axes. As that of a place the distances of "
             "two stars have the same σ, as its own wording for the first row has it, and the figures agree; with σ on each axis "
-            "they do not. In the first row, where a third of the distances is out of tolerance, what is left depends on details "
-            "of the splitting that the document leaves open.",
+            "they do not.",
             "The document has no row of its own for failures with exactly three stars; they count as three or more.",
             "A group of three may be accidental: the document's acceptance takes it, the bound only where it is improbable.",
             "Its seconds are those of a T800; the table entries met are what that time goes with.",

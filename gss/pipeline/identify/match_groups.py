@@ -19,6 +19,8 @@ from gss.domain.stars import DistanceTable
 
 Rows = NDArray[np.intp]
 Flags = NDArray[np.bool_]
+# Parts of one split constellation are off one another by a few tolerances, other places of the sky by thousands.
+SPLIT_TOLERANCES = 4.0
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,9 @@ class _Graph:
 def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> Grouping:
     """Best group for (n, 3) observed unit vectors with (n,) magnitudes; NaN directions or magnitudes take no part.
 
-    Two largest groups without two matches in common are two answers, which is none (§3.3.5); with two in common, the
-    better quality counts. The mirror test uses vectors, since eq. 3.3's right ascensions fail at the poles.
+    Two largest groups without two matches in common are two answers, which is none (§3.3.5), unless they are parts of one
+    constellation; of those that agree the better quality counts. The mirror test uses vectors, since eq. 3.3's right
+    ascensions fail at the poles.
     """
     graph, entries = _joined_matches(unit, v_mag, guides, limits)
     pairs = len(graph.a) // 2
@@ -106,7 +109,7 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
         if spent.left < 0:
             return Grouping(None, (), pairs, entries + limits.budget, "groups are too many to be split")
         if groups:
-            best, reason = winner(groups)
+            best, reason = winner(groups, unit, guides, limits)
             return Grouping(best, ranked(groups), pairs, entries + limits.budget - spent.left, reason)
         size -= 1
     reason = f"no group of {limits.min_group} stars fits the catalogue"
@@ -209,12 +212,21 @@ def ranked(groups: list[Group]) -> tuple[Group, ...]:
     return tuple(sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad))
 
 
-def winner(groups: list[Group]) -> tuple[Group | None, str]:
+def winner(groups: list[Group], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[Group | None, str]:
     """The best of the largest groups, or None and why there are two answers."""
     largest = ranked(groups)
     best = largest[0]
-    own = set(zip(best.observed.tolist(), best.guide.tolist(), strict=True))
-    for other in largest[1:]:
-        if len(own & set(zip(other.observed.tolist(), other.guide.tolist(), strict=True))) < 2:
-            return None, f"{len(largest)} different groups of {len(best)} stars fit the catalogue"
-    return best, ""
+    if all(_one_answer(best, other, unit, guides, limits) for other in largest[1:]):
+        return best, ""
+    return None, f"{len(largest)} different groups of {len(best)} stars fit the catalogue"
+
+
+def _one_answer(one: Group, other: Group, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
+    """Two matches in common (§3.3.5), or, where high sigma stars split a constellation into parts that share fewer: all
+    distances between the two are nearly right."""
+    first = dict(zip(one.observed.tolist(), one.guide.tolist(), strict=True))
+    if sum(first.get(o) == g for o, g in zip(other.observed.tolist(), other.guide.tolist(), strict=True)) > 1:
+        return True
+    seen = _angle_rad(unit[one.observed][:, None], unit[other.observed][None])
+    known = _angle_rad(guides.unit[one.guide][:, None], guides.unit[other.guide][None])
+    return bool(np.all(np.abs(seen - known) <= SPLIT_TOLERANCES * limits.distance_rad))

@@ -47,7 +47,7 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
     groups = [g for g in groups if not mirrored(g, unit, guides.unit)]
     if not groups:
         return Grouping(None, (), first_pairs, operations, f"no constellation of all {n} stars fits the catalogue")
-    best, reason = winner(groups)
+    best, reason = winner(groups, unit, guides, limits)
     return Grouping(best, ranked(groups), first_pairs, operations, reason)
 
 
