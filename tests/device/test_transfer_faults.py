@@ -60,7 +60,7 @@ def done(bench: Bench, transfer_id: int) -> TransferDone:
 
 
 def test_a_download_goes_on_in_smaller_chunks_when_the_line_turns_noisy(make_bench: Callable[..., Bench]) -> None:
-    """What was held stays held: the new grid asks only for the rest, and carries more than half of the line."""
+    """What was held stays held: the new grid asks only for the rest; in large chunks the line would carry a third."""
     bench = greeted(make_bench())
     pixels = pictured(bench)
     transfer_id = bench.host.start_download("frame", 0, bench.now_s)
@@ -78,7 +78,7 @@ def test_a_download_goes_on_in_smaller_chunks_when_the_line_turns_noisy(make_ben
     assert all(b > a - 16 * CHUNK_1024_BYTES for a, b in itertools.pairwise(stored))
     rest = len(pixels) - before.stored_bytes
     assert bench.host.counters.received.bytes - received < 2.2 * rest
-    assert rest / (bench.now_s - start_s) / 92_160 > 0.5
+    assert rest / (bench.now_s - start_s) / 92_160 > 0.4
     assert done(bench, transfer_id).data == pixels
 
 

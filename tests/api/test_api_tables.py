@@ -1,0 +1,77 @@
+"""Tables for the sensor, without a device."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gss.catalogue_tools.triplets import decode_triplets
+from gss.device.tables import decode_table
+
+
+def catalogue(client: TestClient, **request: Any) -> int:
+    job = client.post("/api/catalogues", json={"profile": "oersted", "format": "cubestar", **request}).json()
+    for _ in range(400):
+        row = next(j for j in client.get("/api/jobs").json() if j["id"] == job["id"])
+        if row["state"] in ("done", "failed"):
+            assert row["state"] == "done", row["text"]
+            return int(row["result"]["catalogue_id"])
+        time.sleep(0.05)
+    pytest.fail("the catalogue was not built")
+
+
+@pytest.mark.parametrize("kind", ["calibration", "parameters"])
+@pytest.mark.parametrize("profile", ["cubestar", "sunsat", "far_mst", "oersted", "aim"])
+def test_every_camera_s_own_values_make_a_table_that_says_the_same(client: TestClient, kind: str, profile: str) -> None:
+    """Defaults to bytes and back."""
+    defaults = client.get("/api/tables/defaults", params={"kind": kind, "profile": profile}).json()["content"]
+    made = client.post("/api/tables", json={"kind": kind, "name": "own", "profile": profile})
+    assert made.status_code == 201, made.text
+    data = client.get(f"/api/tables/{made.json()['id']}/file.bin").content
+    name, values = decode_table(kind, data)
+    assert name == profile
+    assert values == defaults == made.json()["content"]
+    assert made.json()["size"] == len(data)
+
+
+def test_triplets_are_built_of_a_stored_catalogue(client: TestClient) -> None:
+    """The table belongs to that bank image's rows; another camera's catalogue is refused."""
+    number = catalogue(client, faint_mag=5.5, pair_max_deg=5.0)
+    body = {
+        "kind": "triplets",
+        "name": "t",
+        "profile": "oersted",
+        "content": {"catalogue_id": number, "limit_mag": 4.5},
+    }
+    made = client.post("/api/tables", json=body)
+    assert made.status_code == 201, made.text
+    table = decode_triplets(client.get(f"/api/tables/{made.json()['id']}/file.bin").content)
+    assert made.json()["content"]["references"] == len(table) > 100
+    assert table.limit_mag == pytest.approx(4.5)
+    assert table.stars == client.get(f"/api/catalogues/{number}").json()["stars"]
+    refused = client.post("/api/tables", json=body | {"profile": "sunsat"})
+    assert (refused.status_code, refused.json()["got"]) == (400, "oersted")
+    for content in ({"catalogue_id": number, "limit_mag": 99}, {"catalogue_id": number, "colour": 1}, {}):
+        assert client.post("/api/tables", json=body | {"content": content}).status_code == 400
+    assert client.post("/api/tables", json=body | {"content": {"catalogue_id": 9999}}).status_code == 404
+
+
+def test_without_a_device_nothing_can_be_sent_and_the_answer_says_why(client: TestClient) -> None:
+    """Uploads and downloads need a line."""
+    made = client.post("/api/tables", json={"kind": "calibration", "profile": "cubestar"}).json()
+    assert made["name"] == "cubestar calibration"
+    assert client.get("/api/tables/on-board").json() == []
+    assert client.get("/api/tables", params={"kind": "calibration", "limit": 1}).json()[0]["id"] == made["id"]
+    for path, body in (
+        (f"/api/tables/{made['id']}/upload", {"bank": "A"}),
+        ("/api/transfers/download", {"kind": "frame", "slot": 0}),
+        ("/api/transfers/download", {"kind": "parameters", "bank": "factory"}),
+    ):
+        assert client.post(path, json=body).status_code == 409
+    assert client.post("/api/transfers/download", json={"kind": "frame"}).status_code == 400
+    assert client.post("/api/transfers/download", json={"kind": "video", "slot": 0}).status_code == 422
+    assert client.post("/api/tables/99999/upload", json={"bank": "A"}).status_code == 404
+    assert client.post("/api/transfers/99999/resume").status_code == 404

@@ -1,0 +1,73 @@
+"""Bytes of an image transfer to pixels and back, whole and broken."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gss.device.session import Part
+from gss.domain.errors import BadInput, CorruptData
+from gss.operations.device_frames import Shape, picture_of, shape_of, wire_bytes
+
+EIGHT, TWELVE = Shape(40, 30, 8), Shape(40, 30, 12)
+
+
+def noise(bits: int) -> np.ndarray:
+    drawn = np.random.default_rng(bits).integers(0, 1 << bits, (30, 40))
+    return drawn.astype(np.uint8 if bits <= 8 else np.uint16)
+
+
+@pytest.mark.parametrize("shape", [EIGHT, TWELVE])
+def test_a_whole_frame_goes_up_and_comes_down_the_same(shape: Shape) -> None:
+    """More than eight bits take two bytes, high byte first."""
+    image = noise(shape.bits)
+    data = wire_bytes(image, shape)
+    assert len(data) == image.size * (1 if shape.bits == 8 else 2)
+    if shape.bits == 12:
+        assert int.from_bytes(data[:2], "big") == image[0, 0]
+    picture = picture_of("frame", data, shape, None, [])
+    assert np.array_equal(picture.pixels, image)
+    assert (picture.rows_held, picture.boxes, picture.complete) == (((0, 29),), (), True)
+
+
+@pytest.mark.parametrize("shape", [EIGHT, TWELVE])
+def test_a_broken_frame_names_the_rows_that_are_whole(shape: Shape) -> None:
+    """Rows of which a byte is missing do not count."""
+    row = 40 * shape.wire.itemsize
+    picture = picture_of(
+        "frame", wire_bytes(noise(shape.bits), shape), shape, None, [(0, 2 * row + 1), (5 * row - 1, 9 * row)]
+    )
+    assert picture.rows_held == ((0, 1), (5, 8))
+    assert not picture.complete
+
+
+def test_a_region_lies_at_its_place_and_a_broken_one_names_what_came() -> None:
+    """Pixel coordinates stay those of the detector."""
+    image, part = noise(12), Part(7, 11, 20, 5)
+    data = wire_bytes(image, TWELVE)
+    cut = image[11:16, 7:27].astype(">u2").tobytes()
+    picture = picture_of("region", cut, TWELVE, part, [])
+    assert np.array_equal(picture.pixels[11:16, 7:27], image[11:16, 7:27])
+    assert picture.pixels.sum() == image[11:16, 7:27].sum()
+    assert (picture.rows_held, picture.boxes, picture.complete) == (((11, 15),), ((7, 11, 20, 5),), False)
+    broken = picture_of("region", cut, TWELVE, part, [(0, 90)])
+    assert (broken.rows_held, broken.boxes) == (((11, 12),), ((7, 11, 20, 2),))
+    with pytest.raises(CorruptData):
+        picture_of("region", data, TWELVE, Part(30, 0, 20, 5), [])
+
+
+def test_frames_that_do_not_fit_the_detector_are_refused_in_words() -> None:
+    """Size, kind of number and range."""
+    with pytest.raises(BadInput, match="does not fit") as refused:
+        wire_bytes(noise(8)[:20], EIGHT)
+    assert (refused.value.expected, refused.value.got) == ("40 x 30 px", "40 x 20 px")
+    with pytest.raises(BadInput, match="brighter"):
+        wire_bytes(np.full((30, 40), 256, np.uint16), EIGHT)
+    with pytest.raises(BadInput, match="whole numbers"):
+        wire_bytes(np.zeros((30, 40), np.float32), EIGHT)
+
+
+def test_the_image_s_own_size_goes_before_the_detector_s() -> None:
+    """frame_info is told with the image; the identity of the device is only the fallback."""
+    assert shape_of({"columns": 10, "rows": 5, "bits": 12}, 40, 30, 8) == Shape(10, 5, 12)
+    assert shape_of({}, 40, 30, 8) == EIGHT
