@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli import records
+from gss.cli import export_commands, records
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -33,6 +33,7 @@ def register(subparsers: Subparsers) -> None:
     openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
+    export_commands.register(kinds)
     records.register_exports(kinds)
 
 

@@ -1,0 +1,77 @@
+"""``gss export commands``: the history of commands, filtered as on the page."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.operations.command_history import Filter
+
+DESCRIPTION = """Write the commands that fit every given condition, oldest first, with arguments, result and every stage.
+Moments are ISO 8601, UTC where no zone is given. --name and --result may be given several times."""
+
+
+def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to ``gss export``."""
+    p = kinds.add_parser("commands", help="the history of commands as CSV or JSON", description=DESCRIPTION)
+    p.add_argument("--format", choices=("csv", "json"), default="csv", help="CSV unless told otherwise")
+    p.add_argument("--from", dest="start", metavar="TIME", help="created at or after this moment")
+    p.add_argument("--to", dest="end", metavar="TIME", help="created before this moment")
+    p.add_argument("--name", action="append", default=[], help="name of the command")
+    p.add_argument("--result", action="append", default=[], help="for example completed, failed, unknown")
+    p.add_argument("--user", default="", help="who sent it")
+    p.add_argument("--contact", type=int, help="number of the contact")
+    p.add_argument("--text", default="", help="words in name, arguments, detail, note or values")
+    p.add_argument("--out", type=Path, help="file to write; standard output without it")
+    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.set_defaults(run=export_commands)
+
+
+def export_commands(arguments: argparse.Namespace) -> int:
+    """Write them."""
+    from gss.settings import Settings
+    from gss.wiring import build
+
+    wanted = filter_of(arguments)
+    services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
+    try:
+        pieces = services.history.csv(wanted) if arguments.format == "csv" else services.history.json(wanted)
+        if arguments.out is None:
+            sys.stdout.writelines(pieces)
+        else:
+            with arguments.out.open("w", encoding="utf-8", newline="") as file:
+                file.writelines(pieces)
+    finally:
+        services.database.close()
+    return 0
+
+
+def filter_of(arguments: argparse.Namespace) -> Filter:
+    """The conditions; BadInput where a moment is none."""
+    from gss.operations.command_history import Filter
+
+    return Filter(
+        start=_moment("--from", arguments.start),
+        end=_moment("--to", arguments.end),
+        names=tuple(arguments.name),
+        results=tuple(arguments.result),
+        user=arguments.user,
+        contact_id=arguments.contact,
+        text=arguments.text,
+    )
+
+
+def _moment(option: str, text: str | None) -> datetime | None:
+    from gss.domain.errors import BadInput
+
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise BadInput(f"{option} is no moment", expected="ISO 8601, as 2026-12-01T18:00:00Z", got=text) from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
