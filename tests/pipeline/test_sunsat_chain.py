@@ -119,22 +119,22 @@ def _hint(rng: np.random.Generator, rotation: Array, mode: Mode) -> Hint | None:
     return Hint(np.cos(angle) * rotation[2] + np.sin(angle) * axis / np.linalg.norm(axis))
 
 
-# Solved per cent of lists at least: what 500 trials gave, less three standard deviations of a sample of 120.
+# Solved per cent of lists at least: what 800 trials gave, less three standard deviations of a sample of 80.
 EXPECTED_PERCENT = {
-    Mode.LOST_IN_SPACE: {0: 94, 1: 94, 5: 88, 10: 88},
-    Mode.ASSISTED: {0: 94, 1: 94, 5: 92, 10: 88},
-    Mode.TRACKING: {0: 94, 1: 94, 5: 94, 10: 94},
+    Mode.LOST_IN_SPACE: {0: 91, 1: 91, 5: 88, 10: 88},
+    Mode.ASSISTED: {0: 92, 1: 92, 5: 91, 10: 88},
+    Mode.TRACKING: {0: 92, 1: 92, 5: 92, 10: 91},
 }
 
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("false", [0, 1, 5, 10])
 def test_star_lists_are_solved_and_never_wrongly(mode: Mode, false: int) -> None:
-    """120 random attitudes, 0.2 px and 0.2 mag of noise: no wrong answer and no false name, the expected share solved."""
+    """80 random attitudes, 0.2 px and 0.2 mag of noise: no wrong answer and no false name, the expected share solved."""
     rng = np.random.default_rng(1000 + false)
     verdicts: Counter[str] = Counter()
     names = 0
-    for _ in range(120):
+    for _ in range(80):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, truth = _list(rng, rotation, false)
         result = _solve_list(centroids, _work(mode, _hint(rng, rotation, mode)))
@@ -142,8 +142,8 @@ def test_star_lists_are_solved_and_never_wrongly(mode: Mode, false: int) -> None
         names += _false_names(result, truth)
     assert verdicts["wrong"] == 0
     assert names == 0
-    assert 120 - verdicts["none"] >= 1.2 * EXPECTED_PERCENT[mode][false]
-    assert verdicts["correct"] >= 0.93 * (120 - verdicts["none"])
+    assert 80 - verdicts["none"] >= 0.8 * EXPECTED_PERCENT[mode][false]
+    assert verdicts["correct"] >= 0.93 * (80 - verdicts["none"])
 
 
 @pytest.mark.parametrize(
@@ -178,9 +178,9 @@ def test_poles_and_right_ascension_zero_are_nothing_special(mode: Mode, ra: floa
 
 @pytest.mark.parametrize("mode", MODES)
 def test_mirrored_skies_give_none(mode: Mode) -> None:
-    """150 lists with the columns reversed: never an attitude, symmetrical constellations included."""
+    """100 lists with the columns reversed: never an attitude, symmetrical constellations included."""
     rng = np.random.default_rng(9)
-    for _ in range(150):
+    for _ in range(100):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, _ = _list(rng, rotation, 0)
         mirrored = replace(centroids, col_px=CAMERA.columns - 1 - centroids.col_px)
@@ -191,9 +191,9 @@ def test_mirrored_skies_give_none(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_pure_noise_is_never_solved(mode: Mode) -> None:
-    """Twenty random centroids, 150 times, never give an attitude."""
+    """Twenty random centroids, 100 times, never give an attitude."""
     rng = np.random.default_rng(66)
-    for _ in range(150):
+    for _ in range(100):
         flux = brightness_dn(np.sort(rng.uniform(2.5, 6, 20)), PARAMETERS)
         centroids = Centroids.from_pixels(rng.uniform((0, 0), (751, 581), (20, 2)), flux)
         rotation = matrix_from_quaternion(random_quaternion(rng))
