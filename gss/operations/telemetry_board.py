@@ -56,6 +56,7 @@ class TelemetryBoard:
         self._runs: dict[Key, Persistence] = {}
         self._samples: dict[Key, State] = {}
         self._unjudged: set[Key] = set()
+        self._idle_iteration: Any = None
         self._lock = threading.RLock()
 
     def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
@@ -63,6 +64,8 @@ class TelemetryBoard:
         definition = self._dictionary.packet(packet.packet)
         with self._lock:
             self._latest[packet.packet] = (at, packet)
+            if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
+                self._idle_iteration = packet.values.get("iteration")
             found = [self._judge(packet, field) for field in definition.values]
         return [judgement for judgement in found if judgement is not None]
 
@@ -88,11 +91,15 @@ class TelemetryBoard:
         return Judgement(packet.packet, field, float(value), run.counted, rule)
 
     def _limits_hold(self, field: TelemetryField) -> bool:
-        """Results and timing of iterations are judged only while the cycle runs: a sensor at rest finds no stars."""
+        """Results and timing of iterations are judged only while the cycle runs and has come to a result: a sensor at rest
+        finds no stars."""
         if field.page not in ITERATION_PAGES:
             return True
         housekeeping = self.latest("housekeeping")
-        return housekeeping is not None and bool(housekeeping[1].values.get("cycle_running"))
+        if housekeeping is None or not housekeeping[1].values.get("cycle_running"):
+            return False
+        iteration = housekeeping[1].values.get("iteration")
+        return iteration is None or iteration != self._idle_iteration
 
     def seed(self, key: Key, counted: State) -> None:
         """Go on from what counted before a restart."""

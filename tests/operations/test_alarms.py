@@ -172,6 +172,15 @@ def test_results_of_a_stopped_cycle_are_not_held_against_the_sensor(room):
     assert any("cycle is stopped" in text for text in room.texts())
 
 
+def test_a_cycle_that_has_just_started_is_not_blamed_for_having_found_nothing(room):
+    """Running, but no iteration yet: the zeros are those of a sensor at rest; one iteration later they count."""
+    room.hear(20, centroids_found=0, cycle_running=False, iteration=7)
+    room.hear(20, 20, centroids_found=0, iteration=7)
+    assert room.alarms.opened() == []
+    room.hear(20, centroids_found=0, iteration=8)
+    assert room.only().row.field == "centroids_found"
+
+
 def test_an_unmeasured_value_neither_raises_nor_clears(room):
     """Not-a-number breaks the run of samples and leaves the alarm as it is."""
     room.hear(50, 50, math.nan, 50, 50)
