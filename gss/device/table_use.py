@@ -120,7 +120,8 @@ def parameters_with(
         return told
     # What a command changes beside the detection's settings, such as the reach of a hint, stays as commanded.
     changed = [n for n, v in constants(told).items() if constants(plain)[n] != v]
-    return _replaced(told, values, (*COMMANDED, *changed))
+    set_by_command = [n for n in COMMANDED if getattr(commanded, n) is not None]
+    return _replaced(told, values, (*set_by_command, *changed))
 
 
 def _replaced(parameters: Any, values: Mapping[str, Scalar], kept: tuple[str, ...] | list[str]) -> Any:

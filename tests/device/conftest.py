@@ -11,6 +11,9 @@ import pytest
 from gss.device.dictionary import Dictionary, Value
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import Golden, build_golden
+from gss.device.protocol.codec import decode, encode
+from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.packet import PacketType
 from gss.device.session import HostSession
 from gss.device.session_events import (
     CommandStage,
@@ -143,6 +146,19 @@ class Bench:
         done = [e for e in self.events if isinstance(e, TransferDone) and e.transfer_id == transfer_id]
         assert done, self.host.transfer(transfer_id)
         return done[-1].data
+
+    def refusal(self, service: str, values: Mapping[str, Value]) -> str:
+        """Reason of the ABORT_TRANSFER that a message of the caller's own making brings."""
+        row = self.dictionary.service(service)
+        refused = self.dictionary.service("ABORT_TRANSFER")
+        frame = self.host.craft(PacketType.TRANSFER, row.code, encode(row.fields, values))[1]
+        self.device.feed(frame, self.now_s)
+        receiver = LineReceiver(from_device=True)
+        while (sent := self.device.next_frame(self.now_s)) is not None:
+            for packet in receiver.feed(sent):
+                if packet.type is PacketType.TRANSFER and packet.code == refused.code:
+                    return str(decode(refused.fields, packet.payload).values["reason"])
+        return "not refused"
 
     def transfer_ends(self, transfer_id: int, state: str, seconds: float = 60.0) -> TransferUpdate:
         """Wait for a state of a transfer."""

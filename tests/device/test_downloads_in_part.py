@@ -1,0 +1,88 @@
+"""Regions, star windows, and the sections of a bank, as they come down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.onboard import HEADER_BYTES
+from gss.device.protocol.windows import decode_windows
+from gss.device.session_transfer import Part
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+
+@pytest.mark.parametrize(
+    ("col", "row", "columns", "rows"), [(0, 0, 1, 1), (100, 200, 64, 32), (1023, 511, 1, 1), (0, 0, 1024, 512)]
+)
+def test_a_region_is_that_part_of_the_image(bench: Bench, col: int, row: int, columns: int, rows: int) -> None:
+    """Rows top to bottom, one byte per pixel."""
+    bench.do("TAKE_IMAGE")
+    data = bench.bring("region", 0, col_px=col, row_px=row, columns=columns, rows=rows)
+    expected = bench.tracker.slots[0].pixels[row : row + rows, col : col + columns]
+    assert data == expected.tobytes()
+
+
+def test_pixels_of_ten_bits_come_in_two_bytes(make_bench: Callable[..., Bench]) -> None:
+    """High byte first, in regions as in whole frames."""
+    bench = make_bench(camera="far_mst")
+    bench.until(lambda: bench.host.hello is not None)
+    bench.do("TAKE_IMAGE")
+    data = bench.bring("region", 0, col_px=7, row_px=9, columns=30, rows=20)
+    pixels = np.frombuffer(data, ">u2").reshape(20, 30)
+    assert (pixels == bench.tracker.slots[0].pixels[9:29, 7:37]).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "part"),
+    [
+        ("region", Part(0, 0, 0, 0)),
+        ("region", Part(1000, 0, 25, 1)),
+        ("region", Part(0, 500, 1, 13)),
+        ("region", Part(1024, 0, 1, 1)),
+        ("star_windows", Part(columns=4)),
+        ("star_windows", Part(columns=3)),
+        ("star_windows", Part(columns=33)),
+    ],
+)
+def test_a_part_that_is_not_there_is_refused(bench: Bench, kind: str, part: Part) -> None:
+    """out_of_range, by the ground or by the device."""
+    bench.do("TAKE_IMAGE")
+    values = {"kind": kind, "target": 0, "chunk_bytes": 256, "held_sha256": bytes(32)} | vars(part)
+    assert bench.refusal("OPEN_DOWNLOAD", values) == "out_of_range"
+
+
+def test_star_windows_are_the_surroundings_of_the_centroids(bench: Bench) -> None:
+    """One window per centroid found, its pixels those of the image; the search runs where it has not yet."""
+    bench.do("TAKE_IMAGE", slot=1)
+    pixels, windows = decode_windows(bench.bring("star_windows", 1, columns=9))
+    frame = bench.tracker.slots[1].pixels
+    assert bench.tracker.detection is not None
+    centroids = bench.tracker.detection.centroids
+    assert len(windows) == len(centroids) > 5
+    for window, col, row in zip(windows, centroids.col_px, centroids.row_px, strict=True):
+        assert window.col_px <= round(col) < window.col_px + window.columns
+        assert window.row_px <= round(row) < window.row_px + window.rows
+        cut = np.s_[window.row_px : window.row_px + window.rows, window.col_px : window.col_px + window.columns]
+        assert (pixels[cut] == frame[cut]).all()
+    assert pixels.shape == frame.shape
+
+
+def test_star_list_and_distances_are_the_two_halves_of_a_bank(bench: Bench) -> None:
+    """Header, star list, distance table: together the image."""
+    image = bench.memory.content("golden")
+    stars, pairs = bench.bring("star_list", 3), bench.bring("distance_table", 3)
+    assert image[:HEADER_BYTES] + stars + pairs == image
+    assert len(stars) == 14 * 411
+
+
+@pytest.mark.parametrize("kind", ["catalogue", "star_list", "distance_table", "triplets", "calibration", "parameters"])
+def test_what_is_not_there_cannot_be_brought(bench: Bench, kind: str) -> None:
+    """An empty bank, and a number that no bank has."""
+    plain = {"chunk_bytes": 256, "held_sha256": bytes(32), "col_px": 0, "row_px": 0, "columns": 0, "rows": 0}
+    assert bench.refusal("OPEN_DOWNLOAD", {"kind": kind, "target": 1, **plain}) == "bank_empty"
+    assert bench.refusal("OPEN_DOWNLOAD", {"kind": kind, "target": 77, **plain}) == "not_found"

@@ -1,0 +1,92 @@
+"""Power of the unit: switching, latch-ups and their protection, heat."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from gss.device.session_events import Stage
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+RAILS = ("imager", "fpga", "sram")
+
+
+@pytest.mark.parametrize("rail", RAILS)
+def test_without_power_no_image_is_taken(bench: Bench, rail: str) -> None:
+    """TAKE_IMAGE, RUN_ITERATION and START_CYCLE are rejected before anything starts; with power again they work."""
+    assert bench.do("POWER", rail=rail, state="off").stage is Stage.COMPLETED
+    assert bench.status()[f"{rail}_on"] is False
+    for name in ("TAKE_IMAGE", "RUN_ITERATION", "START_CYCLE"):
+        refused = bench.do(name)
+        assert (refused.stage, refused.reason) == (Stage.REJECTED, "powered_off")
+        assert rail in refused.detail
+    bench.do("POWER", rail=rail, state="on")
+    assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
+    assert len(bench.device_events("POWER_CHANGED")) == 2
+
+
+def test_image_memory_forgets_without_power(bench: Bench) -> None:
+    """SRAM off: frames are gone, searches and uploads are refused, a download under way ends with the reason."""
+    bench.do("TAKE_IMAGE", slot=0)
+    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    bench.until(lambda: bench.host.transfer(transfer_id).state == "transferring")
+    bench.do("POWER", rail="sram", state="off")
+    bench.until(lambda: bench.host.transfer(transfer_id).state in ("failed", "aborted"))
+    assert "powered_off" in bench.host.transfer(transfer_id).reason
+    assert bench.do("LIST_FRAMES").values == {"count": 0}
+    assert bench.do("FIND_CENTROIDS").reason == "powered_off"
+    assert bench.do("READ_MEMORY", area="sram").reason == "powered_off"
+    bench.do("POWER", rail="sram", state="on")
+    assert bench.do("FIND_CENTROIDS").reason == "no_image"
+
+
+@pytest.mark.parametrize("rail", RAILS)
+def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail: str) -> None:
+    """Current far above critical at once, then off, counted, told; only CLEAR_LATCHUP brings it back, even over a reset."""
+    bench.do("START_CYCLE")
+    bench.do("SIM_INJECT", fault=f"latchup_{rail}")
+    critical = next(f for f in bench.dictionary.packet("housekeeping").values if f.name == f"current_{rail}_ma")
+    assert float(bench.status()[f"current_{rail}_ma"]) > float(critical.limits.critical[1] or 0)
+    bench.until(lambda: bool(bench.device_events("LATCHUP")), 5.0)
+    after = bench.status()
+    assert (after[f"{rail}_on"], after["latched_rails"], after["latchups"]) == (False, 1, 1)
+    assert float(after[f"current_{rail}_ma"]) < 1.0
+    assert after["cycle_running"] is False
+    assert bench.do("POWER", rail=rail, state="on").reason == "wrong_state"
+    bench.do("RESET")
+    bench.run(1.0)
+    assert bench.status()["latched_rails"] == 1
+    assert bench.do("CLEAR_LATCHUP", rail=rail).stage is Stage.COMPLETED
+    cleared = bench.status()
+    assert (cleared[f"{rail}_on"], cleared["latched_rails"], cleared["latchups"]) == (True, 0, 1)
+    assert [e.text for e in bench.device_events("LATCHUP_CLEARED")] == [rail]
+    assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
+
+
+def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:
+    """Who switches the rail off before the protection does, takes the short away."""
+    bench.do("SIM_INJECT", fault="latchup_fpga")
+    bench.do("POWER", rail="fpga", state="off")
+    bench.run(3.0)
+    assert bench.status()["latchups"] == 0
+    assert bench.do("POWER", rail="fpga", state="on").stage is Stage.COMPLETED
+
+
+def test_heat_is_told_once_and_again_only_after_cooling(bench: Bench) -> None:
+    """Sensor and processor rise by what was injected; OVERHEAT once; taken back, the next one counts anew."""
+    cold = bench.status()
+    for round_ in (1, 2):
+        bench.do("SIM_INJECT", fault="overheat", value=60.0)
+        bench.run(3.0)
+        hot = bench.status()
+        for name in ("sensor_temperature_c", "processor_temperature_c"):
+            assert float(hot[name]) - float(cold[name]) == pytest.approx(60.0, abs=12.0)
+        assert len(bench.device_events("OVERHEAT")) == round_
+        bench.do("SIM_INJECT", fault="none")
+        bench.run(2.0)
+        assert float(bench.status()["sensor_temperature_c"]) == pytest.approx(
+            float(cold["sensor_temperature_c"]), abs=1
+        )

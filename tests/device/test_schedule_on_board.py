@@ -1,0 +1,144 @@
+"""Commands for later: kept over a reset, run with all checks, told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+from gss.device.protocol.codec import check_arguments, encode
+from gss.device.session_events import CommandStage, Stage, Telemetry
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+
+def later(bench: Bench, seconds: float, name: str, **arguments: float | str | bool) -> CommandStage:
+    """SCHEDULE a command by name."""
+    command = bench.dictionary.command(name)
+    payload = encode(command.arguments, check_arguments(command, arguments))
+    at_s = bench.device.time_s + seconds
+    return bench.do("SCHEDULE", at_s=at_s, command_code=command.code, length=len(payload), payload=payload.hex())
+
+
+def entries(bench: Bench) -> dict[int, Telemetry]:
+    """The last word on each entry."""
+    return {int(t.values["schedule_id"]): t for t in bench.telemetry("schedule_entry")}
+
+
+def test_a_command_runs_at_its_time(bench: Bench) -> None:
+    """Not before; then once, with the number of its SCHEDULE on all it causes, and housekeeping counts what waits."""
+    done = later(bench, 3.0, "TAKE_IMAGE", slot=2)
+    number = int(done.values["schedule_id"])
+    status = bench.status()
+    assert (status["scheduled"], number) == (1, 1)
+    due_s = float(status["next_scheduled_s"])
+    bench.until(lambda: bench.device.time_s > due_s - 0.1)
+    assert bench.do("LIST_FRAMES").values == {"count": 0}
+    bench.run(3.0)
+    (ran,) = bench.device_events("SCHEDULE_RUN")
+    assert "TAKE_IMAGE" in ran.text
+    (info,) = bench.telemetry("frame_info")
+    assert (info.request_id, ran.request_id) == (done.request_id, done.request_id)
+    assert info.values["slot"] == 2
+    assert entries(bench)[number].values["state"] == "done"
+    assert bench.status()["scheduled"] == 0
+    stages = [s.stage for s in bench.stages(done.request_id)]
+    assert stages.count(Stage.COMPLETED) == 1
+
+
+def test_its_own_conditions_are_looked_at_when_its_time_comes(bench: Bench) -> None:
+    """TAKE_IMAGE while the cycle runs fails, says why, and the cycle goes on."""
+    later(bench, 2.0, "TAKE_IMAGE")
+    bench.do("START_CYCLE")
+    bench.run(3.0)
+    (failed,) = bench.device_events("SCHEDULE_FAILED")
+    assert "wrong_state" in failed.text
+    assert entries(bench)[1].values["reason"] == "wrong_state"
+    assert bench.status()["cycle_running"] is True
+
+
+def test_the_schedule_survives_a_reset_and_tells_what_was_missed(bench: Bench) -> None:
+    """What is still to come runs; what fell into the boot is missed and is not run late."""
+    later(bench, 2.5, "SET_EXPOSURE", exposure_ms=77)
+    later(bench, 6.0, "SET_GAIN", gain=3)
+    bench.run(2.2)
+    bench.device.power.restart()
+    bench.device.reset("watchdog", bench.now_s)
+    bench.device._origin_s -= 1.0  # the processor was down for a second
+    bench.device._schedule.restart()
+    bench.run(8.0)
+    assert entries(bench)[1].values["state"] == "missed"
+    assert entries(bench)[2].values["state"] == "done"
+    assert bench.tracker.imager.gain == 3
+    assert bench.tracker.exposure_ms != 77
+    assert ["missed" in e.text for e in bench.device_events("SCHEDULE_FAILED")] == [True]
+
+
+def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> None:
+    """The flash record goes through JSON and back."""
+    first = make_bench()
+    first.until(lambda: first.host.hello is not None)
+    later(first, 50.0, "SET_GAIN", gain=2)
+    first.memory.save()
+    first.device.shut_down(first.now_s)
+    second = make_bench(memory=first.memory)
+    second.until(lambda: second.host.hello is not None)
+    assert second.do("LIST_SCHEDULE").values == {"count": 1}
+    second.run(60.0)
+    assert second.tracker.imager.gain == 2
+
+
+def test_a_scheduled_reset_runs_once(bench: Bench) -> None:
+    """RESET is marked before it runs, so that it does not come again after itself."""
+    later(bench, 1.0, "RESET")
+    bench.run(10.0)
+    assert bench.memory.record.resets == 1
+    assert entries(bench)[1].values["state"] == "done"
+
+
+def test_what_a_reset_interrupts_has_failed(bench: Bench) -> None:
+    """A long exposure of the schedule that a reset ends is told as failed by LIST_SCHEDULE afterwards."""
+    later(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
+    bench.run(1.5)
+    bench.device.reset("watchdog", bench.now_s)
+    bench.run(3.0)
+    bench.do("LIST_SCHEDULE")
+    last = entries(bench)[1].values
+    assert (last["state"], last["reason"]) == ("failed", "reset")
+
+
+def test_sixteen_wait_and_no_more(bench: Bench) -> None:
+    """schedule_full for the seventeenth; CANCEL makes room, 0 takes all back."""
+    for _ in range(16):
+        assert later(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
+    full = later(bench, 1000.0, "GET_STATUS")
+    assert (full.stage, full.reason) == (Stage.FAILED, "schedule_full")
+    assert bench.do("CANCEL", schedule_id=5).values == {"count": 1}
+    assert bench.do("CANCEL", schedule_id=5).reason == "not_found"
+    assert later(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
+    assert bench.do("CANCEL", schedule_id=0).values == {"count": 16}
+    assert bench.do("CANCEL", schedule_id=0).values == {"count": 0}
+    assert bench.status()["scheduled"] == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"command_code": 200}, "unknown_command"),
+        ({"command_code": 9}, "wrong_state"),
+        ({"command_code": 4}, "wrong_state"),
+        ({"length": 1}, "bad_length"),
+        ({"command_code": 32, "length": 2, "payload": "0000"}, "out_of_range"),
+        ({"command_code": 32, "length": 2, "payload": "07d1"}, "out_of_range"),
+        ({"command_code": 16, "length": 1, "payload": "07"}, "out_of_range"),
+        ({"at_s": 1.0}, "out_of_range"),
+    ],
+)
+def test_what_cannot_run_is_not_kept(bench: Bench, change: dict[str, float | str], reason: str) -> None:
+    """Unknown codes, wrong bytes, times that are over, and what would schedule itself."""
+    bench.run(2.0)
+    refused = bench.do("SCHEDULE", **({"at_s": 1.0e6, "command_code": 2, "length": 0, "payload": ""} | change))
+    assert (refused.stage, refused.reason) == (Stage.FAILED, reason)
+    assert bench.memory.record.schedule == []

@@ -1,0 +1,203 @@
+"""Calibration, parameters and triplets on board: sent, verified, active on trial, confirmed, given up; and what they change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from gss.catalogue_tools.onboard import decode, read_header
+from gss.catalogue_tools.triplets import HEADER_VERSION, encode_triplets
+from gss.device.protocol.transfer import Compatibility
+from gss.device.session_events import Stage, TransferUpdate
+from gss.device.table_use import calibration_values, parameter_values
+from gss.device.tables import TABLE_FORMAT, Scalar, encode_table
+from gss.domain.profiles import profile
+from gss.pipeline.chains.oersted_match import prepare
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+BANK = {"A": 0, "B": 1, "factory": 3}
+CUBESTAR = profile("cubestar")
+
+
+def send(bench: Bench, kind: str, bank: str, data: bytes, version: int = TABLE_FORMAT) -> TransferUpdate:
+    """Upload a table to its end."""
+    name = bench.tracker.profile.name
+    facts = Compatibility(bench.dictionary.device_model, name, bench.dictionary.hash, version)
+    transfer_id = bench.host.start_upload(kind, BANK[bank], data, facts, bench.now_s)
+    bench.until(lambda: bench.host.transfer(transfer_id).state in ("committed", "failed", "aborted"), 60.0)
+    return bench.host.transfer(transfer_id)
+
+
+def calibration(**change: Scalar) -> bytes:
+    return encode_table("calibration", "cubestar", calibration_values(CUBESTAR) | change)
+
+
+def parameters(**change: Scalar) -> bytes:
+    return encode_table("parameters", "cubestar", parameter_values(CUBESTAR) | change)
+
+
+def table_info(bench: Bench, table: str, bank: str) -> dict[str, object]:
+    mine = [t.values for t in bench.telemetry("table_info") if (t.values["table"], t.values["bank"]) == (table, bank)]
+    return dict(mine[-1])
+
+
+def test_tables_are_listed_with_what_they_hold(bench: Bench) -> None:
+    """Three tables in three banks; the factory's calibration and parameters are active, CubeStar has no triplets."""
+    assert bench.do("LIST_TABLES").values == {"count": 9}
+    for table in ("calibration", "parameters"):
+        info = table_info(bench, table, "factory")
+        assert (info["state"], info["active"], info["profile"]) == ("committed", True, "cubestar")
+        assert info["sha256"] == bytes.fromhex(bench.memory.hash_of(f"{table}.factory"))
+    assert table_info(bench, "triplets", "factory")["state"] == "empty"
+    assert table_info(bench, "calibration", "A")["capacity_bytes"] == 4096
+    assert bench.bring("calibration", 3) == calibration()
+
+
+def test_another_calibration_changes_what_is_matched(bench: Bench) -> None:
+    """With a focal length 10 % off the same image has no attitude; rolled back it has one again."""
+    bench.do("TAKE_IMAGE")
+    wrong = calibration(
+        focal_col_px=1.1 * CUBESTAR.camera.focal_col_px, focal_row_px=1.1 * CUBESTAR.camera.focal_row_px
+    )
+    assert send(bench, "calibration", "A", wrong).state == "committed"
+
+    def outcome() -> object:
+        bench.do("FIND_CENTROIDS")
+        bench.do("MATCH_STARS")
+        bench.do("CALCULATE_ATTITUDE")
+        return bench.telemetry("attitude")[-1].values["outcome"]
+
+    assert outcome() == "solved"
+    bench.do("SET_MODE", mode="lost_in_space")
+    assert bench.do("ACTIVATE_TABLE", table="calibration", bank="A").stage is Stage.COMPLETED
+    assert bench.status()["calibration_bank"] == "A"
+    assert outcome() == "none"
+    bench.do("SET_MODE", mode="lost_in_space")
+    assert bench.do("ROLLBACK_TABLE", table="calibration").stage is Stage.COMPLETED
+    assert bench.status()["calibration_bank"] == "factory"
+    assert outcome() == "solved"
+
+
+def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
+    """At most five centroids: five are found. The table's threshold becomes the setting, and a command still overrules it."""
+    bench.do("TAKE_IMAGE")
+    bench.do("FIND_CENTROIDS")
+    many = len(bench.telemetry("centroids")[-1].lists["items"])
+    send(bench, "parameters", "B", parameters(max_centroids=5, threshold_dn=20.0))
+    bench.do("ACTIVATE_TABLE", table="parameters", bank="B")
+    assert bench.status()["threshold_dn"] == 20
+    bench.do("FIND_CENTROIDS")
+    assert len(bench.telemetry("centroids")[-1].lists["items"]) == 5 < many
+    bench.do("SET_DETECTION", threshold_dn=200)
+    bench.do("FIND_CENTROIDS")
+    assert len(bench.telemetry("centroids")[-1].lists["items"]) < 5
+
+
+def test_parameters_choose_the_chain(make_bench: Callable[..., Bench]) -> None:
+    """An AIM unit told to work as CubeStar does."""
+    bench = make_bench(camera="aim")
+    bench.until(lambda: bench.host.hello is not None)
+    from gss.pipeline.chains.systems import system
+
+    values = parameter_values(profile("aim"), system("cubestar"))
+    assert send(bench, "parameters", "A", encode_table("parameters", "aim", values)).state == "committed"
+    bench.do("ACTIVATE_TABLE", table="parameters", bank="A")
+    assert bench.tracker.chain.name == "cubestar"
+
+
+def test_a_table_that_nobody_confirms_falls_back(bench: Bench) -> None:
+    """By time; and after a reset; confirmed it stays."""
+    send(bench, "calibration", "A", calibration(bias_dn=9.0))
+    bench.do("ACTIVATE_TABLE", table="calibration", bank="A", confirm_within_s=10)
+    assert table_info(bench, "calibration", "A")["confirm_left_s"] == 10
+    assert bench.do("ACTIVATE_TABLE", table="calibration", bank="factory").reason == "wrong_state"
+    bench.run(10.5)
+    assert bench.status()["calibration_bank"] == "factory"
+    bench.do("ACTIVATE_TABLE", table="calibration", bank="A")
+    bench.do("RESET")
+    bench.run(1.0)
+    assert bench.status()["calibration_bank"] == "factory"
+    assert len(bench.device_events("TABLE_FELL_BACK")) == 2
+    bench.do("ACTIVATE_TABLE", table="calibration", bank="A")
+    assert bench.do("CONFIRM_TABLE", table="calibration").stage is Stage.COMPLETED
+    bench.do("RESET")
+    bench.run(1.0)
+    assert bench.status()["calibration_bank"] == "A"
+    assert bench.tracker.tables.profile.sensor.bias_dn == 9.0
+
+
+def test_a_corrupt_table_is_found_and_not_used(bench: Bench) -> None:
+    """One flipped bit: VERIFY and ACTIVATE refuse; where it is active already, the unit says so and uses its own values."""
+    send(bench, "calibration", "A", calibration(bias_dn=9.0))
+    bench.do("ACTIVATE_TABLE", table="calibration", bank="A")
+    bench.do("CONFIRM_TABLE", table="calibration")
+    bench.memory.flash.flip(bench.memory.offset("calibration.A") + 100, 3)
+    verified = bench.do("VERIFY_TABLE", table="calibration", bank="A")
+    assert (verified.stage, verified.reason) == (Stage.FAILED, "bank_corrupt")
+    bench.do("RESET")
+    bench.run(1.0)
+    assert bench.device_events("TABLE_CORRUPT")[-1].text.startswith("calibration A")
+    assert bench.tracker.tables.profile == CUBESTAR
+    assert bench.do("VERIFY_TABLE", table="calibration", bank="B").reason == "bank_empty"
+
+
+def test_what_is_in_use_or_the_factorys_cannot_be_written_or_erased(bench: Bench) -> None:
+    """bank_active and write_protected, for uploads and ERASE_TABLE alike."""
+    assert "write_protected" in send(bench, "parameters", "factory", parameters()).reason
+    assert bench.do("ERASE_TABLE", table="parameters", bank="factory").reason == "write_protected"
+    send(bench, "parameters", "A", parameters(max_centroids=9))
+    bench.do("ACTIVATE_TABLE", table="parameters", bank="A")
+    assert "bank_active" in send(bench, "parameters", "A", parameters(max_centroids=8)).reason
+    assert bench.do("ERASE_TABLE", table="parameters", bank="A").reason == "bank_active"
+    bench.do("ROLLBACK_TABLE", table="parameters")
+    assert bench.do("ERASE_TABLE", table="parameters", bank="A").stage is Stage.COMPLETED
+    assert table_info(bench, "parameters", "A")["state"] == "empty"
+    assert bench.do("ROLLBACK_TABLE", table="triplets").reason == "wrong_state"
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "says"),
+    [
+        ("calibration", encode_table("calibration", "sunsat", calibration_values(profile("sunsat"))), "is for sunsat"),
+        ("calibration", calibration(columns=1000), "another detector"),
+        ("calibration", calibration(focal_col_px=-1.0), "above zero"),
+        ("calibration", calibration(distortion="fisheye"), "unknown distortion model"),
+        ("calibration", calibration(k9=1.0), "other values"),
+        ("parameters", parameters(chain="nobody"), "unknown chain"),
+        ("parameters", parameters(max_centroids=5.5), "another kind"),
+        ("parameters", parameters(spice=1.0), "no such constant"),
+        ("parameters", calibration(), "no parameters table"),
+        ("triplets", b"GSST" + bytes(100), ""),
+    ],
+)
+def test_what_makes_no_sense_is_refused_at_the_commit(bench: Bench, kind: str, data: bytes, says: str) -> None:
+    """Another camera's, another detector's, impossible numbers, damaged bytes: incompatible, and the bank stays unusable."""
+    ended = send(bench, kind, "A", data, HEADER_VERSION if kind == "triplets" else TABLE_FORMAT)
+    assert ended.state in ("failed", "aborted")
+    assert "incompatible" in ended.reason
+    assert says in ended.reason
+    assert bench.do("ACTIVATE_TABLE", table=kind, bank="A").reason == "bank_empty"
+
+
+def test_triplets_replace_those_that_the_unit_makes_itself(make_bench: Callable[..., Bench]) -> None:
+    """Oersted with a table of a few stars recognises nothing; with a table of its whole catalogue it does."""
+    bench = make_bench(camera="oersted")
+    bench.until(lambda: bench.host.hello is not None)
+    own, image = profile("oersted"), bench.memory.content("golden")
+    full = prepare(decode(image), own).triplets
+    assert bench.memory.record.tables["triplets"].active == "factory"
+    bench.do("TAKE_IMAGE")
+    few = replace(full, key=full.key[:50], star=full.star[:50])
+    crc = read_header(image).body_crc32
+    assert send(bench, "triplets", "A", encode_triplets(few, crc), HEADER_VERSION).state == "committed"
+    assert bench.do("ACTIVATE_TABLE", table="triplets", bank="A").stage is Stage.COMPLETED
+    bench.do("FIND_CENTROIDS")
+    assert bench.do("MATCH_STARS").stage is Stage.FAILED
+    bench.do("ROLLBACK_TABLE", table="triplets")
+    bench.do("FIND_CENTROIDS")
+    assert bench.do("MATCH_STARS").stage is Stage.COMPLETED
