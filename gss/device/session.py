@@ -64,7 +64,7 @@ class HostSession:
         self._acknowledged = False
         self._housekeeping: Mapping[str, Value] | None = None
         self._last_good_s: float | None = None
-        self._undecodable = 0
+        self._undecodable = self._repeated_ids = 0
         self._pacer = Pacer()
         self._counted_s = -1e9
 
@@ -336,6 +336,7 @@ class HostSession:
     def _report(self, packet: Packet, command: Command, now_s: float) -> None:
         stage_reached, facts = read_report(packet, command, self._dictionary)
         stages = self._lane.report(packet.request_id, stage_reached, now_s, facts)
+        self._repeated_ids += bool(facts["replayed"]) or not stages
         self._events += stages
         for stage in stages:
             if stage.stage is Stage.COMPLETED:
@@ -392,7 +393,7 @@ class HostSession:
     @property
     def counters(self) -> LinkCounters:
         """Counters since the session was made."""
-        return count_line(self._sender, self._receiver, self._undecodable, self._last_good_s)
+        return count_line(self._sender, self._receiver, self._undecodable, self._last_good_s, self._repeated_ids)
 
     @property
     def next_request_id(self) -> int:

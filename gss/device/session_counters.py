@@ -15,7 +15,9 @@ LATELY_S = 60.0
 TELLING_LOSSES = 3
 
 
-def count_line(sender: LineSender, receiver: LineReceiver, undecodable: int, last_good_s: float | None) -> LinkCounters:
+def count_line(
+    sender: LineSender, receiver: LineReceiver, undecodable: int, last_good_s: float | None, repeated_ids: int = 0
+) -> LinkCounters:
     """Counters of both directions; ``undecodable``: good packets that nobody could read."""
     deframer = receiver.deframer
     received = DirectionCounters(
@@ -25,9 +27,11 @@ def count_line(sender: LineSender, receiver: LineReceiver, undecodable: int, las
         too_long=deframer.too_long,
         too_short=receiver.too_short,
         unframed=deframer.unframed,
-        unknown=receiver.unknown + undecodable,
+        unknown=receiver.unknown,
         gaps=receiver.gaps,
         duplicates=receiver.duplicates,
+        undecodable=undecodable,
+        repeated_ids=repeated_ids,
     )
     return LinkCounters(DirectionCounters(sender.bytes, sender.good), received, last_good_s)
 

@@ -165,7 +165,12 @@ class HelloReceived:
 
 @dataclass(frozen=True)
 class DirectionCounters:
-    """Counters of one direction. For what is sent only bytes and good move."""
+    """Counters of one direction. For what is sent only bytes and good move; the device counts its own side.
+
+    ``unknown``: APID, packet type or direction that do not exist. ``undecodable``: good packets whose code or content the
+    dictionary does not know. ``gaps``, ``duplicates``: packets missing and packets twice by their sequence counts.
+    ``repeated_ids``: reports that brought nothing new of a request id, replays included.
+    """
 
     bytes: int = 0
     good: int = 0
@@ -176,6 +181,8 @@ class DirectionCounters:
     unknown: int = 0
     gaps: int = 0
     duplicates: int = 0
+    undecodable: int = 0
+    repeated_ids: int = 0
 
     @property
     def bad(self) -> int:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
+from typing import Any
 
-from gss.api.schemas.link import AlarmOut, BankOut, DirectionOut, LinkOut
+from gss.api.schemas.link import AlarmOut, BankOut, CountersOut, DirectionCountersOut, DirectionOut, LinkOut
+from gss.device.session_events import LinkCounters
 from gss.operations.banks import BankView, days_left
 from gss.operations.status import Header
 
@@ -22,6 +25,18 @@ def link(header: Header) -> LinkOut:
         active_bank=active,
         alarms=[AlarmOut.model_validate(a) for a in header.alarms],
         role="operator",
+    )
+
+
+def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any] | None) -> CountersOut:
+    """Both directions; what the device counted of the upward one comes from its housekeeping."""
+    told = housekeeping or {}
+    sent = DirectionCountersOut.model_validate(counted.sent)
+    far = {"device_good": told.get("frames_good"), "device_bad": told.get("frames_bad")}
+    return CountersOut(
+        framing=framing,
+        sent=sent.model_copy(update=far),
+        received=DirectionCountersOut.model_validate(counted.received),
     )
 
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from gss import __version__
 from gss.api import present
 from gss.api.deps import App
-from gss.api.schemas.link import LinkOpenIn, LinkOut
+from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
 
 router = APIRouter(tags=["link"])
 
@@ -22,6 +22,12 @@ def health() -> dict[str, str]:
 def read_link(app: App) -> LinkOut:
     """Everything of the header bar."""
     return present.link.link(app.status.header())
+
+
+@router.get("/link/counters")
+def read_counters(app: App) -> CountersOut:
+    """Everything counted in both directions."""
+    return present.link.counters(app.link.contact_counters, app.link.framing, app.link.session.housekeeping)
 
 
 @router.post("/link/open")

@@ -20,6 +20,33 @@ class DirectionOut(Out):
     bad: int
 
 
+class DirectionCountersOut(Out):
+    """Everything counted in one direction. Of what is sent the ground knows bytes and good; ``device_good`` and ``device_bad``
+    are the device's own counts of what it received, as its housekeeping told last."""
+
+    bytes: int
+    good: int
+    bad_crc: int
+    too_long: int
+    too_short: int
+    unframed: int
+    unknown: int
+    undecodable: int
+    gaps: int
+    duplicates: int
+    repeated_ids: int
+    device_good: int | None = None
+    device_bad: int | None = None
+
+
+class CountersOut(Out):
+    """The line's counters since this contact was opened, and the framing in use."""
+
+    framing: str
+    sent: DirectionCountersOut
+    received: DirectionCountersOut
+
+
 class BankOut(Out):
     """One flash bank as the device reports it, joined with what the ground knows of its content."""
 
