@@ -33,6 +33,10 @@ class Settings(BaseSettings):
         default="", description="Camera profile of a simulated sensor to start and open, for example cubestar."
     )
     simulator_baud: int = Field(default=3_000_000, ge=0, description="Line rate of the simulated sensor; 0 is unpaced.")
+    simulator_options: str = Field(
+        default="",
+        description="Further options of the simulated sensor, as gss simulate takes them, for example --sky real.",
+    )
     simulator_seed: int = Field(default=1, description="Seed of the simulated sensor's noise and motion.")
     capture_file_mb: int = Field(
         default=64, ge=1, le=4096, description="Size at which a file of the raw capture is closed and the next begun."

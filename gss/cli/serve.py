@@ -55,7 +55,7 @@ def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSe
 
     folder = settings.data / "simulator"
     baud, seed = settings.simulator_baud, settings.simulator_seed
-    return simulated_sensor(settings.simulator, folder, baud, seed, settings.framing)
+    return simulated_sensor(settings.simulator, folder, baud, seed, settings.framing, settings.simulator_options)
 
 
 def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None) -> None:

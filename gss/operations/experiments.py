@@ -16,6 +16,11 @@ from gss.pipeline.experiments.huffman_centroids import huffman_4_2, huffman_4_4
 from gss.pipeline.experiments.huffman_detection import huffman_7_2
 from gss.pipeline.experiments.huffman_magnitudes import huffman_5_3
 from gss.pipeline.experiments.huffman_matching import huffman_8_2
+from gss.pipeline.experiments.jacobs_3_7 import jacobs_3_7
+from gss.pipeline.experiments.jacobs_tracking import jacobs_fig_2_7, jacobs_tracking
+from gss.pipeline.experiments.liebe_tables import liebe_2, liebe_3, liebe_18
+from gss.pipeline.experiments.moniteq_locator import moniteq_4_2, moniteq_nea, moniteq_noise
+from gss.pipeline.experiments.moniteq_sky import moniteq_2_1, moniteq_links
 
 Rerun = Callable[[StarTable, int, int, Progress], Experiment]
 FAINTEST_MAG = 8.0
@@ -39,6 +44,9 @@ ENTRIES: dict[str, Entry] = {
     for e in (
         Entry("jacobs-5-1", "Stars in a Sunsat image", catalogue.jacobs_5_1, 1_000_000, 1991.25),
         Entry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", catalogue.jacobs_5_2, 1, 1991.25),
+        Entry("jacobs-3-7", "Sunsat's matching: right, none, wrong", jacobs_3_7, 400, 1991.25),
+        Entry("jacobs-tracking", "Tracking among false stars", jacobs_tracking, 100, 1991.25),
+        Entry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
         Entry("erlank-3-6", "Sky coverage against limiting magnitude", catalogue.erlank_3_6, 20_000),
         Entry("erlank-fig-3-8", "Sky coverage by field and magnitude", catalogue.erlank_fig_3_8, 20_000),
         Entry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
@@ -48,6 +56,14 @@ ENTRIES: dict[str, Entry] = {
         Entry("huffman-5-5", "The eight brightest of every field", huffman.huffman_5_5, 10_000),
         Entry("huffman-7-2", "Two centroiders at five thresholds", huffman_7_2, 6),
         Entry("huffman-8-2", "Matching algorithms on sequences", huffman_8_2, 20),
+        Entry("liebe-2", "Correct initial estimates by kind of error", liebe_2, 500, 1994.95),
+        Entry("liebe-3", "Accuracy of the predictional estimate by kind of error", liebe_3, 500, 1994.95),
+        Entry("liebe-18", "Accuracy of the boresight against the number of stars", liebe_18, 10_000, 1994.95),
+        Entry("moniteq-2-1", "Stars by magnitude and in a field", moniteq_2_1, 10_000),
+        Entry("moniteq-4-2", "Systematic error of the mean locator", moniteq_4_2, 1),
+        Entry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
+        Entry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),
+        Entry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
     )
 }
 

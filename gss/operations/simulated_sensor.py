@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import subprocess
 import sys
 import threading
@@ -18,11 +19,15 @@ WAIT_S = 60.0
 class SimulatedSensor:
     """A started simulator; its line can be opened after :meth:`url` has returned."""
 
-    def __init__(self, profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs") -> None:
+    def __init__(
+        self, profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
+    ) -> None:
         profile(profile_name)
         folder.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-m", "gss.device.simulator", "--profile", profile_name, "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
+        # A name of its own, so that the port can vanish and come back as a pulled plug does.
+        command += ["--symlink", str(folder / "line"), *shlex.split(options)]
         if framing != "cobs":
             command += ["--framing", framing]
         self._log_path = folder / "simulator.log"
@@ -58,10 +63,10 @@ class SimulatedSensor:
 
 @contextlib.contextmanager
 def simulated_sensor(
-    profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs"
+    profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
 ) -> Iterator[SimulatedSensor]:
     """A simulator that ends with the block."""
-    sensor = SimulatedSensor(profile_name, folder, baud, seed, framing)
+    sensor = SimulatedSensor(profile_name, folder, baud, seed, framing, options)
     try:
         yield sensor
     finally:
