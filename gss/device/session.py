@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gss.device.dictionary import Command, Dictionary, Value
-from gss.device.protocol.codec import check_arguments, decode, encode, encode_item
+from gss.device.protocol.codec import decode, encode
 from gss.device.protocol.line import LineReceiver, LineSender
-from gss.device.protocol.packet import CRC_BYTES, Packet, PacketType, labelled_bytes
+from gss.device.protocol.packet import Packet, PacketType
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_commands import CommandLane
 from gss.device.session_counters import LineQuality, count_line
@@ -27,18 +27,19 @@ from gss.device.session_events import (
     TransferState,
     TransferUpdate,
 )
+from gss.device.session_handshake import Handshake
 from gss.device.session_pacing import Pacer
-from gss.device.session_reading import read_event, read_hello, read_report, read_telemetry
+from gss.device.session_packets import command_preview, crafted_frame
+from gss.device.session_reading import read_event, read_report, read_telemetry
 from gss.device.session_transfer import HeldPart, Message, Part, RequestIds, Transfer, checked_target
 from gss.device.session_transfers import TransferDesk
-from gss.domain.errors import BadInput, Conflict, CorruptData
+from gss.domain.errors import BadInput, CorruptData
 
 __all__ = ["Compatibility", "HeldPart", "HostSession", "InFlight", "Part"]
 
 InFlight = tuple[int, str, Mapping[str, Value]]
 """(request id, command name, arguments)."""
 
-HELLO_AGAIN_S = 3.0
 COUNTERS_EVERY_S = 1.0
 UNPACED_CHUNKS = 32
 
@@ -59,9 +60,7 @@ class HostSession:
         self._quality = LineQuality()
         self._events: list[SessionEvent] = []
         self._up = False
-        self._hello: HelloReceived | None = None
-        self._hello_due_s: float | None = None
-        self._acknowledged = False
+        self._handshake = Handshake(dictionary, self._sender)
         self._housekeeping: Mapping[str, Value] | None = None
         self._last_good_s: float | None = None
         self._undecodable = self._repeated_ids = 0
@@ -89,17 +88,7 @@ class HostSession:
 
     def check_allowed(self, name: str) -> None:
         """Conflict while the dictionaries differ and nobody acknowledged it; NotFound without such a command."""
-        self._check_allowed(self._dictionary.command(name))
-
-    def _check_allowed(self, command: Command) -> None:
-        if self._hello is None or self._hello.dictionary_match or self._acknowledged or command.any_dictionary:
-            return
-        raise Conflict(
-            "the device has another dictionary",
-            expected=self._dictionary.hash_hex[:12],
-            got=self._hello.dictionary_hash[:12],
-            hint="install the version that fits the device, or acknowledge the mismatch",
-        )
+        self._handshake.check_allowed(name)
 
     def _add(self, name: str, arguments: Mapping[str, Value], *, urgent: bool) -> int:
         event = self._lane.add(self._ids.following, name, arguments, urgent=urgent)
@@ -111,12 +100,7 @@ class HostSession:
 
         The request id shown is the one the next submit would take.
         """
-        command = self._dictionary.command(name)
-        values = check_arguments(command, arguments)
-        groups = [(a.name, encode_item(a, values[a.name])) for a in command.arguments]
-        payload = b"".join(data for _, data in groups)
-        packet = self._sender.next_packet(PacketType.COMMAND, command.code, self._ids.following, payload)
-        return [*labelled_bytes(packet), *groups, ("CRC-32", packet[-CRC_BYTES:])]
+        return command_preview(self._dictionary, self._sender, self._ids.following, name, arguments)
 
     def retry(self, request_id: int, now_s: float) -> None:
         """Send the same bytes with the same id once more; Conflict unless the command is unknown."""
@@ -132,9 +116,7 @@ class HostSession:
 
     def acknowledge_mismatch(self) -> None:
         """The operator accepts that the device has another dictionary; commands go out with the device's prefix."""
-        self._acknowledged = True
-        if self._hello is not None:
-            self._sender.prefix = int(self._hello.dictionary_hash[:4], 16)
+        self._handshake.acknowledge()
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
         """After a restart: seed the ids; (request id, name, arguments) come back as unknown and may be retried."""
@@ -148,11 +130,8 @@ class HostSession:
     ) -> tuple[int, bytes]:
         """Request id and frame of a packet of the owner's own making, which this session does not follow: for tests of the
         far end. The id is a fresh one unless given; the prefix is the dictionary's unless given."""
-        used, own = self._ids() if request_id is None else request_id, self._sender.prefix
-        self._sender.prefix = own if prefix is None else prefix
-        frame = self._sender.packet(kind, code, used, payload)
-        self._sender.prefix = own
-        return used, frame
+        used = self._ids() if request_id is None else request_id
+        return used, crafted_frame(self._sender, kind, code, used, payload, prefix)
 
     # --- transfers ----------------------------------------------------------------------------------------------
 
@@ -248,12 +227,14 @@ class HostSession:
     def link_up(self, now_s: float) -> None:
         """The owner has a port (again): parsers start clean, HELLO goes out until it is answered, then transfers resume."""
         self._receiver.restart()
-        self._up, self._hello_due_s = True, now_s
+        self._up = True
+        self._handshake.ask_at(now_s)
         self._pacer.restart(now_s)
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
         """The owner lost the port: commands under way become unknown, transfers link_lost."""
-        self._up, self._hello_due_s = False, None
+        self._up = False
+        self._handshake.ask_at(None)
         self._desk.lose_line()
         self._events += self._lane.lose_all("The line was lost while the command was under way.")
         return self._take_events(now_s)
@@ -286,12 +267,11 @@ class HostSession:
         return b"".join(out), self._take_events(now_s)
 
     def _greet(self, now_s: float) -> None:
-        if self._hello_due_s is not None and now_s >= self._hello_due_s:
-            self._hello_due_s = now_s + HELLO_AGAIN_S
+        if self._handshake.is_due(now_s):
             self._add("HELLO", {}, urgent=True)
 
     def _commands(self, now_s: float) -> list[bytes]:
-        records, events = self._lane.release(now_s, only_urgent=self._hello is None)
+        records, events = self._lane.release(now_s, only_urgent=self._handshake.hello is None)
         self._events += events
         return [self._sender.packet(PacketType.COMMAND, r.command.code, r.request_id, r.payload) for r in records]
 
@@ -317,7 +297,7 @@ class HostSession:
         command = self._dictionary.command_of_code(packet.code)
         if packet.type is PacketType.REPORT and command is not None:
             self._report(packet, command, now_s)
-        elif packet.prefix != self._dictionary.prefix and not self._acknowledged:
+        elif packet.prefix != self._dictionary.prefix and not self._handshake.acknowledged:
             # Another dictionary's telemetry would decode to nonsense.
             self._undecodable += 1
         elif packet.type is PacketType.TELEMETRY:
@@ -351,16 +331,12 @@ class HostSession:
                 self._desk.bank_in_use(record.payload[0])
 
     def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
-        self._hello = read_hello(v, device_time_s, self._dictionary.hash)
-        match = self._hello.dictionary_match
-        if match:
-            self._sender.prefix, self._acknowledged = self._dictionary.prefix, False
-        self._desk.line_bytes_s = self._hello.line_baud / 10 if self._hello.line_baud else None
-        self._hello_due_s = None
+        hello = self._handshake.met(v, device_time_s)
+        self._desk.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
         # A ground without its old database must not use ids again that the device remembers.
-        self._ids.following = max(self._ids.following, self._hello.last_request_id + 1)
-        self._events.append(self._hello)
-        if match or self._acknowledged:
+        self._ids.following = max(self._ids.following, hello.last_request_id + 1)
+        self._events.append(hello)
+        if self._handshake.agreed:
             self._desk.line_back(now_s)
 
     def _telemetry(self, packet: Packet) -> None:
@@ -381,7 +357,7 @@ class HostSession:
         self._events.append(read_event(packet, definition, self._dictionary))
         if definition.name == "BOOT":
             self._desk.device_restarted(now_s)
-            self._hello_due_s = now_s
+            self._handshake.ask_at(now_s)
 
     def _take_events(self, now_s: float) -> list[SessionEvent]:
         self._events += self._desk.news(now_s)
@@ -408,9 +384,9 @@ class HostSession:
     @property
     def hello(self) -> HelloReceived | None:
         """The last identity the device gave."""
-        return self._hello
+        return self._handshake.hello
 
     @property
     def device_dictionary_hash(self) -> str | None:
         """As the last HELLO said."""
-        return self._hello.dictionary_hash if self._hello else None
+        return self.hello.dictionary_hash if self.hello else None
