@@ -35,9 +35,11 @@ Watch = Callable[[TransferUpdate], None]
 class DirectDevice:
     """A host session driven by the caller's own thread."""
 
-    def __init__(self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic) -> None:
+    def __init__(
+        self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic, framing: str = "cobs"
+    ) -> None:
         self._stream, self._dictionary, self._now_s = stream, dictionary, monotonic_s
-        self._session = HostSession(dictionary)
+        self._session = HostSession(dictionary, framing=framing)
         self._session.link_up(monotonic_s())
         self.hello = self._meet()
 
@@ -115,10 +117,12 @@ class DirectDevice:
 
 
 @contextmanager
-def direct_device(url: str, dictionary: Dictionary, monotonic_s: Monotonic) -> Iterator[DirectDevice]:
+def direct_device(
+    url: str, dictionary: Dictionary, monotonic_s: Monotonic, framing: str = "cobs"
+) -> Iterator[DirectDevice]:
     """The device on that port, after it has answered."""
     stream = open_stream(url)
     try:
-        yield DirectDevice(stream, dictionary, monotonic_s)
+        yield DirectDevice(stream, dictionary, monotonic_s, framing)
     finally:
         stream.close()

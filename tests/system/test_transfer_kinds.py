@@ -176,3 +176,19 @@ def test_a_stored_frame_is_sent_up_and_solved_on_board(serve):
     reply = console.http.post(f"/frames/{small['frame_id']}/upload", json={"slot": 0})
     assert (reply.status_code, "detector" in reply.json()["message"]) == (400, True)
     assert console.http.post(f"/frames/{frame['id']}/upload", json={"slot": 9}).status_code == 400
+
+
+def test_slip_carries_a_whole_session_when_both_ends_are_set_to_it(serve):
+    """GSS_FRAMING chooses the framing of the line, and of a simulator that the server starts."""
+    console = serve("--simulator", "cubestar", GSS_FRAMING="slip").console
+    online(console)
+    console.command("TAKE_IMAGE")
+    frame = console.wait("the frame", lambda: console.get("/frames")["frames"])[0]
+    assert frame["complete"]
+    counters = console.get("/link/counters")
+    assert counters["framing"] == "slip"
+    assert counters["received"]["bytes"] > frame["columns"] * frame["rows"]
+    names = ("bad_crc", "too_long", "too_short", "unknown", "undecodable", "gaps", "duplicates", "repeated_ids")
+    assert {name: counters["received"][name] for name in names} == dict.fromkeys(names, 0)
+    assert counters["sent"]["device_bad"] == 0
+    assert 0 < counters["sent"]["device_good"] <= counters["sent"]["good"]

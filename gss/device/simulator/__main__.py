@@ -41,7 +41,8 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
     clock = SimulatedClock(arguments.speed, held=arguments.stepped)
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=arguments.baud)
-    device = Device(load_dictionary(), identity, memory, StarTracker(camera, sky, memory), clock())
+    tracker = StarTracker(camera, sky, memory)
+    device = Device(load_dictionary(), identity, memory, tracker, clock(), framing=arguments.framing)
     return Terminal(line, device, clock, arguments.baud / 10, world.line), device, clock
 
 

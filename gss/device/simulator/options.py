@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gss.catalogue_tools.attitude import BODY_FROM_CAM, ORBIT_LAWS
+from gss.device.protocol.frame import FRAMINGS
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.faults import FaultRates, LineControl
 from gss.device.simulator.motion import EarthPointing, Tumble
@@ -71,6 +72,7 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
     place.add_argument("--tcp", type=int, metavar="PORT", help="TCP port on 127.0.0.1; 0 = a free one")
     add("--symlink", type=Path, metavar="PATH", help="name for the pseudo-terminal")
     add("--baud", type=int, default=115_200, help="rate of the line, 8N1; 0 = not paced (default 115200)")
+    add("--framing", default="cobs", choices=sorted(FRAMINGS), help="of the packets (default cobs)")
     add("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions, as all faults (default 0)")
     add("--burst-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} with up to 16 bytes of noise")
     add("--drop-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} lost (default 0)")
