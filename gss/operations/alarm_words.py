@@ -2,12 +2,54 @@
 
 from __future__ import annotations
 
-from gss.device.dictionary import TelemetryField
+from dataclasses import dataclass
+
+from gss.device.dictionary import Dictionary, TelemetryField
 from gss.domain.limits import State
 from gss.operations.limit_book import Rule
+from gss.operations.telemetry_board import Key
 from gss.operations.value_words import formatted
+from gss.store.models import Alarm
 
 LONGEST = 120
+EVENT, LINK = "event", "link"
+"""Alarms that are not about a field have these for a packet."""
+SIGNAL: Key = (LINK, "housekeeping")
+
+
+@dataclass(frozen=True)
+class AlarmView:
+    """An alarm's row with its level of the moment, as the pages show it."""
+
+    row: Alarm
+    level: State
+    title: str
+    unit: str
+    text: str
+    shelved: bool
+
+
+def field_of(dictionary: Dictionary, row: Alarm) -> TelemetryField | None:
+    """The field that an alarm is about; None for events, the line, and fields that a newer dictionary no longer has."""
+    packets = [p for p in dictionary.telemetry if p.name == row.packet]
+    return next((f for p in packets for f in p.values if f.name == row.field), None)
+
+
+def title_of(dictionary: Dictionary, row: Alarm) -> str:
+    """What it is about."""
+    if (row.packet, row.field) == SIGNAL:
+        return "Loss of signal"
+    field = field_of(dictionary, row)
+    return field.title if field else row.field
+
+
+def text_of(dictionary: Dictionary, row: Alarm) -> str:
+    """The line of the header bar."""
+    if row.packet == EVENT:
+        times = int(row.value or 1)
+        return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
+    over = {"cleared": ", back in limits and not yet seen", "acked": ", seen"}.get(row.state, "")
+    return f"{title_of(dictionary, row)} {row.limit_text}{over}"
 
 
 def with_unit(value: float, field: TelemetryField) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -17,7 +16,18 @@ from gss.device.dictionary import Dictionary
 from gss.device.session_events import DeviceEvent, SessionEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
-from gss.operations.alarm_words import cut, limit_text, with_unit
+from gss.operations.alarm_words import (
+    EVENT,
+    LINK,
+    SIGNAL,
+    AlarmView,
+    cut,
+    field_of,
+    limit_text,
+    text_of,
+    title_of,
+    with_unit,
+)
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
@@ -27,23 +37,9 @@ from gss.store import alarms as store
 from gss.store.engine import Database
 from gss.store.models import Alarm
 
-EVENT, LINK = "event", "link"
-SIGNAL: Key = (LINK, "housekeeping")
 SIGNAL_LOST_AFTER_S = 5.0
 SEVERE = (State.WARNING, State.CRITICAL)
 SHELF_MAX = timedelta(hours=24)
-
-
-@dataclass(frozen=True)
-class AlarmView:
-    """An alarm's row with its level of the moment, as the pages show it."""
-
-    row: Alarm
-    level: State
-    title: str
-    unit: str
-    text: str
-    shelved: bool
 
 
 class AlarmService:
@@ -102,7 +98,9 @@ class AlarmService:
         with self._lock:
             for row in list(self._open.values()):
                 if row.shelved_until is not None and row.shelved_until <= now:
-                    self._change(row, "ok", f"{self.title(row)}: back from the shelf", shelved_until=None)
+                    self._change(
+                        row, "ok", f"{title_of(self._dictionary, row)}: back from the shelf", shelved_until=None
+                    )
             self._listen(now)
 
     def _listen(self, now: datetime) -> None:
@@ -162,9 +160,13 @@ class AlarmService:
         now = self._now()
         how = "back in limits" if judged else "no longer judged, the cycle is stopped"
         if row.state == "acked":
-            self._change(row, "ok", f"{self.title(row)}: {how}; closed", state="closed", cleared=now, closed=now)
+            self._change(
+                row, "ok", f"{title_of(self._dictionary, row)}: {how}; closed", state="closed", cleared=now, closed=now
+            )
         else:
-            self._change(row, "ok", f"{self.title(row)}: {how}; waits to be seen", state="cleared", cleared=now)
+            self._change(
+                row, "ok", f"{title_of(self._dictionary, row)}: {how}; waits to be seen", state="cleared", cleared=now
+            )
 
     def _happened(self, key: Key, state: State, text: str) -> None:
         row, now = self._open.get(key), self._now()
@@ -217,7 +219,7 @@ class AlarmService:
                 raise Conflict(
                     "the alarm's cause is still there",
                     expected="a value back in limits",
-                    got=f"{self.title(row)}: {self._level(row)}",
+                    got=f"{title_of(self._dictionary, row)}: {self._level(row)}",
                     hint="acknowledge or shelve it",
                 )
             now = self._now()
@@ -247,7 +249,7 @@ class AlarmService:
         if note.strip():
             line = f"{self._now():%Y-%m-%d %H:%M:%S} {user}, {words}: {note.strip()}"
             changes["note"] = f"{row.note}\n{line}".strip()
-        text = f"{self.title(row)}: {words} by {user}" + (f": {note.strip()}" if note.strip() else "")
+        text = f"{title_of(self._dictionary, row)}: {words} by {user}" + (f": {note.strip()}" if note.strip() else "")
         return self.view(self._change(row, "ok", text, **changes))
 
     # --- rows ---------------------------------------------------------------------------------------------------
@@ -270,17 +272,6 @@ class AlarmService:
             self._bus.record("alarm", severity, text, alarm_id=row.id, state=row.state)
         self._bus.publish("alarm", self.view(row))
 
-    def title(self, row: Alarm) -> str:
-        """What it is about."""
-        if (row.packet, row.field) == SIGNAL:
-            return "Loss of signal"
-        definition = None if row.packet in (EVENT, LINK) else self._definition(row)
-        return definition.title if definition else row.field
-
-    def _definition(self, row: Alarm) -> Any:
-        packets = [p for p in self._dictionary.telemetry if p.name == row.packet]
-        return next((f for p in packets for f in p.values if f.name == row.field), None)
-
     def _level(self, row: Alarm) -> State:
         if row.state not in ("raised", "acked"):
             return State.OK
@@ -290,19 +281,10 @@ class AlarmService:
 
     def view(self, row: Alarm) -> AlarmView:
         """The alarm as the pages show it."""
-        definition = None if row.packet in (EVENT, LINK) else self._definition(row)
-        until = row.shelved_until
-        shelved = until is not None and until > self._now()
-        return AlarmView(
-            row, self._level(row), self.title(row), definition.unit if definition else "", self._text(row), shelved
-        )
-
-    def _text(self, row: Alarm) -> str:
-        if row.packet == EVENT:
-            times = int(row.value or 1)
-            return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
-        over = {"cleared": ", back in limits and not yet seen", "acked": ", seen"}.get(row.state, "")
-        return f"{self.title(row)} {row.limit_text}{over}"
+        field = field_of(self._dictionary, row)
+        shelved = row.shelved_until is not None and row.shelved_until > self._now()
+        words = title_of(self._dictionary, row), field.unit if field else "", text_of(self._dictionary, row)
+        return AlarmView(row, self._level(row), *words, shelved)
 
     def get(self, alarm_id: int) -> AlarmView:
         """The alarm of that id."""

@@ -10,7 +10,8 @@ from typing import Any
 
 from gss.device.session_events import DirectionCounters, LinkCounters, SessionEvent
 from gss.domain.errors import NotFound
-from gss.operations.alarms import AlarmService, AlarmView
+from gss.operations.alarm_words import AlarmView
+from gss.operations.alarms import AlarmService
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.gaps import LINE_LOST, Count, Gap, Happening, RecordCheck, Sample, check_record, why_silent

@@ -7,7 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from datetime import datetime
 
-from gss.operations.alarms import SIGNAL, AlarmService
+from gss.operations.alarm_words import SIGNAL
+from gss.operations.alarms import AlarmService
 from gss.operations.authority import AuthorityService
 from gss.operations.banks import BankService, BankView, days_left
 from gss.operations.clock import Now

@@ -95,7 +95,7 @@ def _attitude_facts(report: ReportOut) -> list[tuple[str, str]]:
     for name, pointing in (("first", a.first), ("last", a.last)):
         if pointing is not None:
             ra, dec, roll = pointing
-            facts.append((f"{name} RA, Dec, roll", f"{ra:.4f}°, {dec:+.4f}°, {roll:.3f}°"))
+            facts += [(f"{name} RA", f"{ra:.4f}°"), (f"{name} Dec", f"{dec:+.4f}°"), (f"{name} roll", f"{roll:.3f}°")]
     return facts
 
 
@@ -121,7 +121,7 @@ def _plots(report: ReportOut) -> str:
     if report.quality:
         t, y = [at for at, _ in report.quality], [100 * share for _, share in report.quality]
         figures.append(("Damaged packets, %", plot(t, y)))
-    return "".join(f"<figure>{svg}<figcaption>{escape(title)}</figcaption></figure>" for title, svg in figures)
+    return "".join(f"<figure><figcaption>{escape(title)}</figcaption>{svg}</figure>" for title, svg in figures)
 
 
 def _facts(facts: Iterable[tuple[str, str]]) -> str:

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 WIDTH, HEIGHT = 720.0, 150.0
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 8.0, 8.0, 22.0
-GAP_SHARE = 0.02
-"""A line is not drawn across more than this share of the span without a sample."""
+GAP_SHARE, GAP_S = 0.02, 12.0
+"""A line is not drawn across more than this share of the span, and this time, without a sample."""
 
 
 def plot(t: Sequence[float], y: Sequence[float | None]) -> str:
@@ -42,7 +42,7 @@ def _runs(t: Sequence[float], y: Sequence[float | None], longest_s: float) -> li
     """Samples that belong together."""
     runs: list[list[tuple[float, float]]] = [[]]
     for a, b in zip(t, y, strict=True):
-        far = bool(runs[-1]) and a - runs[-1][-1][0] > max(longest_s, 5.0)
+        far = bool(runs[-1]) and a - runs[-1][-1][0] > max(longest_s, GAP_S)
         if (b is None or far) and runs[-1]:
             runs.append([])
         if b is not None:
