@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gss.catalogue_tools.onboard import HEADER_VERSION, read_header
 from gss.device.dictionary import Dictionary, Layout, Values
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import Golden, build_golden
 from gss.device.protocol.codec import Lists, decode, encode
 from gss.device.protocol.line import LineReceiver, LineSender
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
 from gss.device.session_events import CommandStage, SessionEvent, Stage, TransferUpdate
 from gss.device.simulator.factory import burn_golden
@@ -28,7 +30,6 @@ SEED = 1
 STEP_S = 0.01
 PATIENCE_S = 1500.0
 BITS_PER_BYTE = 10
-SMALL_CHUNK_BYTES = 256
 BAUDS = (115_200, 921_600)
 ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
 
@@ -103,7 +104,7 @@ class Line:
         tracker = StarTracker(known, Sky(known, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
         self.baud, self.now_s = baud, 100.0
         self.device = Device(dictionary, Identity(line_baud=baud), memory, tracker, self.now_s)
-        self.host = HostSession(dictionary)
+        self.host, self._hash = HostSession(dictionary), dictionary.hash
         self.events: list[SessionEvent] = []
         self._faults = LineFaults(faults, SEED), LineFaults(faults, SEED + 1)
         self._up, self._down = bytearray(), bytearray()
@@ -145,47 +146,56 @@ class Line:
                     self.host.retry(request_id, self.now_s)
         return False
 
-    def download(self, chunk_bytes: int | None) -> tuple[float, TransferUpdate]:
+    def download(self) -> tuple[float, TransferUpdate]:
         """Fetch slot 0: simulated seconds and the last word on it."""
+        return self._finish(self.host.start_download("frame", 0, self.now_s), "verified")
+
+    def upload(self, image: bytes) -> tuple[float, TransferUpdate]:
+        """Send a catalogue to bank B, to the commit."""
+        header, hello = read_header(image), self.host.hello
+        known = hello.device_model if hello else ""
+        facts = (known, header.profile_name, self._hash, HEADER_VERSION, header.epoch_jyear, header.stars, header.pairs)
+        return self._finish(
+            self.host.start_upload("catalogue", 1, image, Compatibility(*facts), self.now_s), "committed"
+        )
+
+    def _finish(self, transfer_id: int, end: str) -> tuple[float, TransferUpdate]:
         start_s = self.now_s
-        transfer_id = self.host.start_download("frame", 0, self.now_s, chunk_bytes=chunk_bytes)
-        while self.host.transfer(transfer_id).state.value != "verified" and self.now_s < start_s + PATIENCE_S:
+        while self.host.transfer(transfer_id).state.value not in (end, "failed") and self.now_s < start_s + PATIENCE_S:
             self.step()
         return self.now_s - start_s, self.host.transfer(transfer_id)
 
 
 def transfers(quick: bool) -> list[Table]:
-    """A frame down the line at several rates of damage."""
+    """A frame down and a catalogue up at several rates of damage."""
     dictionary = load_dictionary()
     golden = build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
-    cases = [(baud, rate, None) for baud in BAUDS for rate in ERROR_RATES] + [
-        (baud, 1e-4, SMALL_CHUNK_BYTES) for baud in BAUDS
-    ]
+    cases = [(baud, rate) for baud in BAUDS for rate in ERROR_RATES]
     rows: list[tuple[str, dict[str, Value]]] = []
-    for baud, rate, chunk_bytes in cases[len(ERROR_RATES) : len(ERROR_RATES) + 1] if quick else cases:
-        line = Line(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
-        line.greet()
-        line.picture()
-        rows.append((f"{baud:,} Bd, bit error rate {rate:g}", _transfer(line, chunk_bytes)))
+    for baud, rate in cases[len(ERROR_RATES) : len(ERROR_RATES) + 1] if quick else cases:
+        label = f"{baud:,} Bd, bit error rate {rate:g}"
+        for way in ("frame down", "catalogue up"):
+            line = Line(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
+            line.greet()
+            line.picture()
+            rows.append((f"{label}, {way}", _transfer(line, golden.image if way == "catalogue up" else None)))
     conditions = (
         "Ground session and simulated device in one process, simulated time in steps of 10 ms, ten bits per byte; "
-        "bit errors in both directions. One frame of 512 KiB comes down, housekeeping shares the line. "
-        "Share: content over what the line could carry; packets and damaged: as the ground counted them; "
-        "processor time of both ends."
+        "bit errors in both directions. One frame of 512 KiB comes down, or the factory catalogue goes up, is read back and "
+        "committed; housekeeping shares the line; each is the first transfer of a contact. Share: content over what the line "
+        "could carry; chunk_bytes: at the end; resent: chunks that went twice; processor time of both ends."
     )
     return [Table("transfer", "Transfers", conditions, SEED, rows)]
 
 
-def _transfer(line: Line, chunk_bytes: int | None) -> dict[str, Value]:
-    before = line.host.counters.received
-    spent_ms, (took_s, update) = timed_ms(lambda: line.download(chunk_bytes))
-    after = line.host.counters.received
+def _transfer(line: Line, image: bytes | None) -> dict[str, Value]:
+    spent_ms, (took_s, update) = timed_ms(line.download if image is None else lambda: line.upload(image))
     return {
         "state": update.state.value,
+        "bytes": update.size,
         "line_s": took_s,
         "share_percent": 100 * update.stored_bytes * BITS_PER_BYTE / line.baud / took_s,
         "chunk_bytes": update.chunk_size,
-        "packets": after.good - before.good,
-        "damaged": after.bad_crc - before.bad_crc,
+        "resent": update.resent,
         "processor_ms": spent_ms,
     }
