@@ -10,13 +10,13 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from gss.device.dictionary import Value
 from gss.device.session_events import SessionEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.clock import Monotonic, Now
 from gss.operations.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
+from gss.operations.stack_orders import Orders, Stopped
 from gss.operations.stacks import StackService, condition_of
 from gss.store import stacks as store
 from gss.store.engine import Database
@@ -25,30 +25,6 @@ from gss.store.models import Command, Stack, StackRun
 LOOK_EVERY_S = 0.2
 ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 RESTARTED = "stopped: server restarted"
-
-
-class Stopped(Exception):
-    """The run ends before its last step: ``state`` is stopped or failed."""
-
-    def __init__(self, state: str, reason: str) -> None:
-        super().__init__(reason)
-        self.state, self.reason = state, reason
-
-
-class Orders:
-    """What an operator wants of a run; looked at between and within steps."""
-
-    def __init__(self) -> None:
-        self.pause = False
-        self.stop_reason = ""
-        self.bell = threading.Condition()
-        self.results: dict[int, str] = {}
-        self.packets: dict[str, tuple[float, Mapping[str, Value]]] = {}
-
-    def ring(self) -> None:
-        """Let the run look at once."""
-        with self.bell:
-            self.bell.notify_all()
 
 
 class StackRunner:

@@ -1,0 +1,108 @@
+"""History, stacks and authority in the database, on every kind of it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from gss.domain.errors import NotFound
+from gss.store import authority, commands, stacks
+from gss.store.commands import Filter
+from gss.store.models import Stack, StackRun
+
+T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def filled(database):
+    """Six commands, a minute apart, alternating in name and fate."""
+    with database.unit_of_work() as session:
+        for k in range(6):
+            name, arguments = ("RESET", {}) if k % 2 else ("SET_EXPOSURE", {"exposure_ms": 100 + k})
+            row = commands.add(
+                session,
+                T0 + timedelta(minutes=k),
+                contact_id=None,
+                request_id=k + 1,
+                name=name,
+                arguments=arguments,
+                user="ann" if k < 3 else "bob",
+                source="form",
+            )
+            row.result, row.detail = ("completed", "") if k != 5 else ("failed", "50 % of 7_x")
+    return database
+
+
+@pytest.mark.parametrize(
+    ("wanted", "ids"),
+    [
+        (Filter(), [6, 5, 4, 3, 2, 1]),
+        (Filter(start=T0 + timedelta(minutes=2), end=T0 + timedelta(minutes=4)), [4, 3]),
+        (Filter(names=("RESET",), user="bob"), [6, 4]),
+        (Filter(results=("failed", "unknown")), [6]),
+        (Filter(text="102"), [3]),
+        (Filter(text="exposure_MS"), [5, 3, 1]),
+        (Filter(text="50 % of"), [6]),
+        (Filter(text="7_x"), [6]),
+        (Filter(text="50%"), []),
+        (Filter(text="1%2"), []),
+        (Filter(run_id=1), []),
+    ],
+)
+def test_a_filter_means_the_same_in_every_database(filled, wanted, ids):
+    """Newest first in pages, oldest first in full; text is looked for as it is written, without regard to case."""
+    with filled.unit_of_work() as session:
+        assert [row.id for row in commands.page(session, wanted, 100)] == ids
+        assert [row.id for row in commands.every(session, wanted)] == ids[::-1]
+
+
+def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch):
+    """Whatever the batch's size, each row comes once with its stages."""
+    for size in (1, 2, 3, 6, 7):
+        monkeypatch.setattr(commands, "BATCH", size)
+        with filled.unit_of_work() as session:
+            rows = [(row.id, [s.stage for s in row.stages]) for row in commands.every(session, Filter())]
+        assert rows == [(k, ["queued"]) for k in range(1, 7)]
+
+
+def test_facets_name_what_occurs(filled):
+    """Each once, sorted."""
+    with filled.unit_of_work() as session:
+        assert commands.facets(session) == {
+            "names": ["RESET", "SET_EXPOSURE"],
+            "users": ["ann", "bob"],
+            "results": ["completed", "failed"],
+            "sources": ["form"],
+        }
+
+
+def test_a_forgotten_stack_leaves_its_runs(database):
+    """The record of what was sent does not go with the list that it was sent from."""
+    with database.unit_of_work() as session:
+        stack = Stack(name="s", note="", steps=[{"command": "RESET"}], author="ann", changed=T0)
+        stacks.add(session, stack)
+        run = StackRun(
+            stack_id=stack.id, name="s", steps=stack.steps, state="running", step=0, reason="", user="ann", started=T0
+        )
+        stacks.add(session, run)
+    with database.unit_of_work() as session:
+        assert [row.id for row in stacks.left_under_way(session)] == [run.id]
+        stacks.delete(session, stack.id)
+    with database.unit_of_work() as session:
+        assert stacks.get_run(session, run.id).stack_id is None
+        assert stacks.named(session, "s") is None
+        with pytest.raises(NotFound):
+            stacks.get(session, stack.id)
+
+
+def test_the_open_row_is_the_holder(database):
+    """Ended rows are history."""
+    with database.unit_of_work() as session:
+        assert authority.holder(session) is None
+        row = authority.take(session, "ann", T0)
+        assert authority.holder(session) is row
+        authority.end(session, row, T0 + timedelta(minutes=1), "bob", "pass begins")
+        assert authority.holder(session) is None
+        authority.take(session, "bob", T0 + timedelta(minutes=1))
+        assert [r.holder for r in authority.newest(session, 5)] == ["bob", "ann"]
