@@ -27,9 +27,11 @@ SECTIONS: tuple[tuple[str, str], ...] = (
     ("4", "Command life"),
     ("5", "Telemetry"),
     ("6", "Transfers"),
+    ("7", "Contents"),
 )
 NEEDS_RESET = "needs a reset in the middle of a command"
 NEEDS_BREAK = "needs a broken line"
+SWITCHES = "switches a unit off: only with --write"
 
 CLAUSES: tuple[Clause, ...] = (
     Clause(
@@ -73,10 +75,52 @@ CLAUSES: tuple[Clause, ...] = (
     Clause("4.11", "The device keeps the last 64 ids with their last report, over resets too.", NEEDS_RESET),
     Clause("4.12", "What ran during a reset has failed (`reset`).", NEEDS_RESET),
     Clause("4.13", "ABORT stops the cycle, the running command (failed, `aborted`) and every transfer."),
+    Clause(
+        "4.14",
+        "A command whose unit has no power is rejected (`powered_off`): images need imager, FPGA and SRAM, searches SRAM. "
+        "SRAM without power forgets its images. POWER does not switch a unit on that latched up; CLEAR_LATCHUP does.",
+        SWITCHES,
+    ),
+    Clause(
+        "4.15",
+        "SCHEDULE keeps a command in flash. It runs once when the device's clock reaches its time, with all the checks of a "
+        "command from the ground; SCHEDULE_RUN or SCHEDULE_FAILED and all it causes carry the request id of its SCHEDULE.",
+    ),
+    Clause(
+        "4.16",
+        "SCHEDULE fails for bytes that are no command (`unknown_command`, `bad_length`, `out_of_range`), for a time that is "
+        "over (`out_of_range`), and for HELLO, ABORT and SCHEDULE itself (`wrong_state`).",
+    ),
+    Clause(
+        "4.17",
+        "The schedule survives a reset. What should have run while the processor was down is missed, is not run late, and "
+        "says so (SCHEDULE_FAILED); what a reset interrupts has failed (`reset`).",
+        NEEDS_RESET,
+    ),
+    Clause("4.18", "At most 16 commands wait; one more is refused (`schedule_full`).", "would fill the schedule"),
+    Clause("4.19", "CANCEL takes a waiting command back, 0 all of them; nothing with that number is `not_found`."),
+    Clause("4.20", "What is marked simulator only, a real unit rejects (`unknown_command`)."),
     Clause("5.1", "Housekeeping comes unasked once in a second of the device's clock."),
     Clause("5.2", "GET_STATUS brings housekeeping at once."),
     Clause("5.3", "A telemetry packet has the layout of its table, and each value lies in the range of its kind."),
     Clause("5.4", "Housekeeping counts the commands that were accepted and those that were rejected."),
+    Clause(
+        "5.5", "GET_CENTROIDS, GET_MATCHES and GET_ATTITUDE send the packet made last again; before one, `no_image`."
+    ),
+    Clause(
+        "5.6",
+        "While an orbit is given and the clock is set, `matched_vectors` follows every attitude.",
+        "changes what the device knows of its orbit and time",
+    ),
+    Clause(
+        "5.7", "READ_MEMORY sends as many bytes as asked for; beyond the end of a memory it fails (`out_of_range`)."
+    ),
+    Clause("5.8", "LIST_TABLES tells of every table in every bank."),
+    Clause(
+        "5.9",
+        "A latch-up raises the rail's current; the protection switches it off and says so (LATCHUP).",
+        "needs radiation",
+    ),
     Clause(
         "6.1",
         "The ground opens; the device answers OPENED with a session number, a window and the chunk size, or refuses with "
@@ -114,6 +158,71 @@ CLAUSES: tuple[Clause, ...] = (
         "6.9",
         "Banks become active only by ACTIVATE_BANK, and stay so only after CONFIRM_BANK.",
         "would change the catalogue in use",
+    ),
+    Clause("6.10", "A region brings those columns and rows of the image."),
+    Clause(
+        "6.11",
+        "Star windows bring squares of odd side, 5 to 31 pixels, round the centroids of the image, cut at its edges; where "
+        "the image has not been searched, it is.",
+    ),
+    Clause("6.12", "Star list and distance table of a bank are its image behind the header, in this order."),
+    Clause(
+        "6.13",
+        "Tables (triplets, calibration, parameters) travel as catalogues do, target 0 = A, 1 = B, 3 = factory; the active "
+        "one and the factory's cannot be written (`bank_active`, `write_protected`).",
+    ),
+    Clause(
+        "6.14",
+        "A table becomes active only by ACTIVATE_TABLE, and stays so only after CONFIRM_TABLE in its time and before a "
+        "reset. Then chain, camera or constants are those of the table; SET_DETECTION still overrules them.",
+        "would change the table in use",
+    ),
+    Clause(
+        "6.15",
+        "A broken upload opened again may go on in chunks of another size: what is wholly held is kept.",
+        NEEDS_BREAK,
+    ),
+    Clause("6.16", "A part that is not in the image, or a side that is not allowed, is refused (`out_of_range`)."),
+    Clause(
+        "6.17",
+        "A table is verified and committed like a catalogue; what is no table, another camera's, or has values that cannot "
+        "be, is refused at the commit (`incompatible`).",
+        "writes flash: only with --write",
+    ),
+    Clause(
+        "7.1", "Images are rows from top to bottom; a pixel is one byte up to eight bits, else two, high byte first."
+    ),
+    Clause(
+        "7.2",
+        "Star windows: u16 columns and u16 rows of the frame, u8 bytes per pixel, u8 number of windows; per window u16 column "
+        "and u16 row of its first pixel, u8 columns, u8 rows, and its pixels as in 7.1.",
+    ),
+    Clause(
+        "7.3",
+        "Calibrations and parameter sets, little-endian: 4 bytes `GSSK` or `GSSP`, u8 version 1, u8 0, u16 64, 16 bytes camera "
+        "profile, 16 bytes distortion model or chain, u16 number of values n, u16 0, u32 length of the body, 8 bytes 0, u32 "
+        "CRC-32 of the body, u32 CRC-32 of the 60 bytes before. Body: n times u8 length of a name, the name in ASCII, f64 "
+        "value; names ascending.",
+    ),
+    Clause(
+        "7.4",
+        "Bank images, little-endian: 64 bytes of header, the star list, the distance table. CubeStar's format: i16 id[n], f32 "
+        "x[n], y[n], z[n]; i16 first[m], i16 second[m], f32 distance[m] in rad. Sunsat's: n times f32 right ascension, "
+        "declination (rad), magnitude; m times u16 first, u16 second, f32 distance in rad.",
+    ),
+    Clause("7.5", "The memory `registers` holds the bytes of a housekeeping packet of this moment."),
+    Clause(
+        "7.6",
+        "Body axes of `matched_vectors` are Sunsat's (Jacobs 1995 §1.3): the boresight is (1, −1, 0)/√2, higher columns are "
+        "(1, 1, 0)/√2, higher rows are +z. Orbit axes: +z to nadir, +x along the velocity. Reference directions are shifted "
+        "by the aberration of the Earth's and the satellite's velocity.",
+        "needs a sensor whose mounting is known",
+    ),
+    Clause(
+        "7.7",
+        "Triplet tables, little-endian: 64 bytes of header with the classes, the number of stars and the CRC-32 of the bank "
+        "image they belong to, then u32 key[m] ascending, u16 star[m].",
+        "only some units have triplets",
     ),
 )
 

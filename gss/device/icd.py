@@ -59,6 +59,10 @@ rows, then the rows. Units are those of the wire and of the screen.
 ## 6 Transfers
 
 {transfers}
+
+## 7 Contents
+
+{contents}
 """
 
 
@@ -97,7 +101,9 @@ def _type(item: Item) -> str:
 
 
 def _choices(item: Item) -> str:
-    return ", ".join(f"{c.value} {c.name}" for c in item.choices)
+    """Values and names; a hazardous one with its hazard."""
+    shown = [f"{c.value} {c.name}" + (f" (**{c.hazard}**)" if c.hazard.rank else "") for c in item.choices]
+    return ", ".join(shown)
 
 
 def _command(command: Command) -> str:
@@ -108,6 +114,8 @@ def _command(command: Command) -> str:
     if command.hazard.value != "none":
         facts.append(f"**Hazard: {command.hazard.value}.** {command.hazard_reason}")
     facts += [f"Only if: {p.text.lower()} (`{p.field} {p.op} {str(p.value).lower()}`)." for p in command.preconditions]
+    if command.simulator_only:
+        facts.append("Simulator only.")
     if command.any_dictionary:
         facts.append("Taken from any dictionary.")
     text = f"### {command.name} (code {command.code})\n\n{command.purpose}. " + " ".join(facts) + "\n"
@@ -142,7 +150,16 @@ def _field_row(f: TelemetryField) -> tuple[str, ...]:
     conversion = " + ".join(f"{c:g}·raw^{i}" if i else f"{c:g}" for i, c in enumerate(f.conversion.coefficients))
     if f.choices:
         conversion = _choices(f)
-    return f.name, _type(f), f.unit, conversion, _limits(f.limits), f.page, f.title
+    return f.name, _type(f), f.unit, conversion, _all_limits(f), f.page, f.title
+
+
+def _all_limits(f: TelemetryField) -> str:
+    """Limits of the field and of its sets; how many samples must agree."""
+    parts = [_limits(f.limits)] if f.limits.any else []
+    parts += [f"in {name}: {_limits(limits)}" for name, limits in f.sets.items()]
+    if parts and f.persistence > 1:
+        parts.append(f"after {f.persistence} samples")
+    return "; ".join(parts)
 
 
 def _limits(limits: Limits) -> str:

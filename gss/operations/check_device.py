@@ -1,7 +1,8 @@
 """Does a device keep the interface document? Each clause that can be tried from the ground is tried.
 
 The device must be idle and without a bank on trial. Commands with a hazard are not carried out; image memories at the ends
-of the range are overwritten; settings, mode and cycle are given back as they were (the attitude hint cannot be read back).
+of the range are overwritten; settings, mode and cycle are given back as they were (attitude hint and orbit cannot be read
+back, the a-priori attitude is taken away).
 """
 
 from __future__ import annotations
@@ -16,14 +17,23 @@ from gss.device.protocol.frame import MAX_PACKET_BYTES, encode_frame
 from gss.device.protocol.packet import Packet, PacketType, encode_packet
 from gss.domain.errors import Conflict, CorruptData
 from gss.operations.check_commands import check_boundaries, check_conditions, check_refusals, check_repeats
+from gss.operations.check_contents import check_parts, check_results, check_sections, check_tables
 from gss.operations.check_findings import Findings, shown
+from gss.operations.check_schedule import check_power, check_schedule, check_training
 from gss.operations.check_telemetry import problems
-from gss.operations.check_transfers import check_aborts, check_downloads, check_upload_refusals, check_writing
+from gss.operations.check_transfers import (
+    check_aborts,
+    check_downloads,
+    check_table_writing,
+    check_upload_refusals,
+    check_writing,
+)
 from gss.operations.probe import QUIET_S, Probe
 
 HOUSEKEEPING_PACKETS = 5
 RATE_TOLERANCE_S = 0.1
-SETTINGS = ("exposure_ms", "threshold_dn", "min_pixels", "max_pixels")
+SETTINGS = ("exposure_ms", "threshold_dn", "min_pixels", "max_pixels", "gain", "period_ms")
+DETECTION = SETTINGS[1:4]
 
 Told = Callable[[str], None]
 
@@ -44,11 +54,19 @@ def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> F
         "ranges": lambda: check_boundaries(probe, findings, write=write),
         "conditions": lambda: check_conditions(probe, findings),
         "downloads": lambda: check_downloads(probe, findings),
+        "parts of images": lambda: check_parts(probe, findings),
+        "sections": lambda: check_sections(probe, findings),
+        "tables": lambda: check_tables(probe, findings),
+        "results and memories": lambda: check_results(probe, findings),
+        "schedule": lambda: check_schedule(probe, findings),
+        "training": lambda: check_training(probe, findings),
         "refused uploads": lambda: check_upload_refusals(probe, findings),
         "abort": lambda: check_aborts(probe, findings),
     }
     if write:
         parts["flash"] = lambda: check_writing(probe, findings)
+        parts["tables in flash"] = lambda: check_table_writing(probe, findings)
+        parts["power"] = lambda: check_power(probe, findings)
     try:
         for name, part in parts.items():
             told(name)
@@ -80,7 +98,9 @@ def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) ->
     try:
         probe.order("ABORT")
         probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
-        probe.order("SET_DETECTION", {name: before[name] for name in SETTINGS[1:]})
+        probe.order("SET_DETECTION", {name: before[name] for name in DETECTION})
+        probe.order("SET_GAIN", {"gain": before["gain"]})
+        probe.order("SET_FRAME_RATE", {"period_ms": before["period_ms"]})
         probe.order("SET_MODE", {"mode": before["mode"]})
         if before["cycle_running"]:
             probe.order("START_CYCLE")

@@ -169,3 +169,38 @@ def _put_back(probe: Probe, findings: Findings, name: str, kept: bytes) -> None:
             probe.order("ERASE_BANK", {"bank": name})
     except (Conflict, CorruptData) as error:
         findings.left.append(f"bank {name} does not hold what it held: {error}")
+
+
+def check_table_writing(probe: Probe, findings: Findings) -> None:
+    """Clause 6.17: the active calibration into an empty bank, and back; then the bank is empty again."""
+    answer = probe.order("LIST_TABLES")
+    told = [t.values for t in probe.telemetry(answer.packets, "table_info") if t.values["table"] == "calibration"]
+    active = next((t for t in told if t["active"] and t["state"] == "committed"), None)
+    free = next((t for t in told if t["state"] == "empty" and t["bank"] != "factory"), None)
+    if active is None or free is None:
+        findings.skip("6.17", "calibration", "no empty bank, or no active calibration")
+        return
+    numbers = {c.name: c.value for c in probe.dictionary.command("VERIFY_TABLE").argument("bank").choices}
+    bank, version = str(free["bank"]), int(active["format_version"])
+    with findings.trying("6.17", f"calibration {bank}"):
+        data = probe.device.download("calibration", numbers[str(active["bank"])], _silent).data
+        try:
+            sha256 = probe.device.upload_table("calibration", data, numbers[bank], version, _silent)
+            verified = probe.order("VERIFY_TABLE", {"table": "calibration", "bank": bank})
+            read = verified.last.values.get("sha256") if verified.last else None
+            findings.check("6.17", f"calibration {bank}: verified", read == bytes.fromhex(sha256), verified.text)
+            back = probe.device.download("calibration", numbers[bank], _silent).data
+            findings.check("6.17", f"calibration {bank}: the same bytes come back", back == data, f"{len(back)} B")
+            with_damage = data[:-1] + bytes([data[-1] ^ 1])
+            probe.order("ERASE_TABLE", {"table": "calibration", "bank": bank})
+            findings.check("6.17", "a damaged one", _refused_at_commit(probe, with_damage, numbers[bank], version))
+        finally:
+            probe.order("ERASE_TABLE", {"table": "calibration", "bank": bank})
+
+
+def _refused_at_commit(probe: Probe, data: bytes, target: int, version: int) -> bool:
+    try:
+        probe.device.upload_table("calibration", data, target, version, _silent)
+    except Conflict as error:
+        return "incompatible" in error.got
+    return False

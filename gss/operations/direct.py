@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 from gss.device.dictionary import Dictionary, Value
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
 from gss.device.session_events import (
     FINAL_STAGES,
@@ -18,6 +19,7 @@ from gss.device.session_events import (
     TransferState,
     TransferUpdate,
 )
+from gss.device.session_transfer import Part
 from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import Conflict, LinkDown
 from gss.operations.build_catalogue import bank_number, compatibility_of
@@ -49,9 +51,16 @@ class DirectDevice:
         transfer_id = self._session.start_upload("catalogue", target, image, compatibility, self._now_s())
         return self._finish(transfer_id, f"the upload to bank {bank}", watch).sha256
 
-    def download(self, kind: str, target: int, watch: Watch) -> TransferDone:
-        """Bring the content of a slot or bank down; its hash is the one that the device told."""
-        transfer_id = self._session.start_download(kind, target, self._now_s())
+    def upload_table(self, kind: str, data: bytes, target: int, format_version: int, watch: Watch) -> str:
+        """Send a table to the bank of that number, have it read back and committed; the confirmed SHA-256."""
+        model, own = self.hello.device_model, self.hello.profile
+        compatibility = Compatibility(model, own, self._dictionary.hash, format_version)
+        transfer_id = self._session.start_upload(kind, target, data, compatibility, self._now_s())
+        return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
+
+    def download(self, kind: str, target: int, watch: Watch, part: Part | None = None) -> TransferDone:
+        """Bring the content of a slot or bank down, or a part of an image; its hash is the one that the device told."""
+        transfer_id = self._session.start_download(kind, target, self._now_s(), part=part)
         return self._finish(transfer_id, f"the download of {kind} {target}", watch)
 
     def _finish(self, transfer_id: int, what: str, watch: Watch) -> TransferDone:

@@ -200,8 +200,12 @@ class Training:
         return {}
 
     def sim_disconnect(self, a: Arguments, request_id: int) -> Returns:
-        self._outbox.event("TRAINING", f"the port vanishes for {float(a['duration_s']):.1f} s", request_id)
-        self._tracker.sky.environment.line.disconnect(float(a["duration_s"]))
+        seconds = float(a["duration_s"])
+        try:
+            self._tracker.sky.environment.line.disconnect(seconds)
+        except BadInput as error:
+            raise Refusal("out_of_range", str(error)) from error
+        self._outbox.event("TRAINING", f"the port vanishes for {seconds:.1f} s", request_id)
         return {}
 
     def sim_set_sky(self, a: Arguments, request_id: int) -> Returns:

@@ -1,0 +1,106 @@
+"""Ports that are taken, hang up, or come and go."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import tty
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from gss.device.transport import ByteStream, open_stream
+from gss.domain.errors import Conflict, LinkDown, NotFound
+
+Serve = Callable[[Callable[[socket.socket], None]], str]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Starts TCP servers that do one thing with each connection; gives their address."""
+    listeners: list[socket.socket] = []
+
+    def start(do: Callable[[socket.socket], None]) -> str:
+        listener = socket.create_server(("127.0.0.1", 0))
+        listeners.append(listener)
+
+        def accept() -> None:
+            while True:
+                try:
+                    peer, _ = listener.accept()
+                except OSError:
+                    return
+                do(peer)
+
+        threading.Thread(target=accept, daemon=True).start()
+        return f"socket://127.0.0.1:{listener.getsockname()[1]}"
+
+    yield start
+    for listener in listeners:
+        listener.close()
+
+
+def use_until_gone(stream: ByteStream) -> None:
+    for _ in range(20):
+        stream.read(100, 0.05)
+        stream.write(b"x")
+
+
+def test_a_device_server_that_speaks_to_one_program_only_says_so_to_the_second(serve: Serve) -> None:
+    """It accepts and hangs up: a Conflict with a hint, not a line that opens and closes for ever."""
+    with pytest.raises(Conflict, match="hung up at once") as refused:
+        open_stream(serve(lambda peer: peer.close()))
+    assert "another program" in refused.value.hint
+
+
+def test_what_comes_while_opening_is_not_lost(serve: Serve) -> None:
+    """A device that talks at once is heard from its first byte."""
+    kept: list[socket.socket] = []
+
+    def greet(peer: socket.socket) -> None:
+        kept.append(peer)
+        peer.sendall(b"hello")
+
+    stream = open_stream(serve(greet))
+    got = b""
+    while len(got) < 5:
+        got += stream.read(100, 1.0)
+    assert got == b"hello"
+    kept[0].close()
+    with pytest.raises(LinkDown):
+        use_until_gone(stream)
+    stream.close()
+
+
+def test_a_silent_device_is_waited_for(serve: Serve) -> None:
+    """Silence while opening is no fault."""
+    kept: list[socket.socket] = []
+    stream = open_stream(serve(kept.append))
+    assert stream.read(10, 0.01) == b""
+    stream.close()
+    for peer in kept:
+        peer.close()
+
+
+def test_a_terminal_has_one_owner_and_can_vanish_and_return() -> None:
+    """The second opening is a Conflict while the first lasts; a port that is gone is LinkDown, then NotFound."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    name = os.ttyname(slave)
+    first = open_stream(name)
+    with pytest.raises(Conflict, match="another process holds"):
+        open_stream(name)
+    os.write(master, b"abc")
+    assert first.read(10, 1.0)[:1] == b"a"
+    first.close()
+    second = open_stream(name)
+    second.close()
+    again = open_stream(name)
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(LinkDown):
+        use_until_gone(again)
+    again.close()
+    with pytest.raises((NotFound, LinkDown)):
+        open_stream(name)
