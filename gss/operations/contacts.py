@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +189,11 @@ class ContactService:
         if since_s is not None:
             spans.append((since_s, end.timestamp()))
         happenings = self._happenings(row, end)
-        return [Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S]
+        found = [Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S]
+        if all(gap.explained for gap in found):
+            return found
+        late = self.record(row.id).late  # what came afterwards may show that nothing is missing
+        return [gap if gap.explained else _if_late(gap, late) for gap in found]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
         """What explains gaps: the device's restarts and clocks, and a line that was lost."""
@@ -227,10 +231,10 @@ class ContactService:
         )
 
 
+def _if_late(silence: Gap, late: Sequence[Gap]) -> Gap:
+    over = next((gap for gap in late if gap.from_s < silence.to_s and silence.from_s < gap.to_s), None)
+    return silence if over is None else replace(silence, cause=over.cause)
+
+
 def _number(value: Any) -> float | None:
     return None if value is None else float(value)
-
-
-def moment(unix_s: float) -> datetime:
-    """Unix seconds as a moment in UTC."""
-    return datetime.fromtimestamp(unix_s, UTC)

@@ -138,33 +138,46 @@ def test_telemetry_spans_read_numbers_out_of_packets(database):
                 received=T0 + timedelta(seconds=k),
                 device_time_s=k,
                 request_id=0,
-                values={"a": k / 2} if k != 2 else {},
+                values={"a": k / 2, "mode": "tracking", "on": True, "items": [{"x": k}]} if k != 2 else {},
             )
             for k in range(5)
         ]
         telemetry.add_batch(session, rows)
-    with database.unit_of_work() as session:
-        got = telemetry.span(session, "hk", ["a"], T0 + timedelta(seconds=1), T0 + timedelta(seconds=3))
-        assert [(at, v) for at, (v,) in got] == [
-            (T0 + timedelta(seconds=1), 0.5),
-            (T0 + timedelta(seconds=2), None),
-            (T0 + timedelta(seconds=3), 1.5),
+    names, first, last = ["a", "mode", "on", "items"], T0 + timedelta(seconds=1), T0 + timedelta(seconds=3)
+    for block in (1, 2, 100):
+        got = list(telemetry.rows(database, "hk", names, first, last, block=block))
+        assert [(r.received, r.values) for r in got] == [
+            (T0 + timedelta(seconds=1), (0.5, "tracking", True, [{"x": 1}])),
+            (T0 + timedelta(seconds=2), (None, None, None, None)),
+            (T0 + timedelta(seconds=3), (1.5, "tracking", True, [{"x": 3}])),
         ]
+    assert list(telemetry.rows(database, "hk", names, first, last, contact_id=1)) == []
+    assert len(list(telemetry.rows(database, "hk", names, first, last, unsolicited=True))) == 3
+    with database.unit_of_work() as session:
         assert [p.device_time_s for p in telemetry.newest(session, "hk", 2)] == [4, 3]
 
 
 def test_contacts_count_their_frames_and_commands(database):
-    """The list of contacts joins device, frames and commands; a crash's open contact can be closed."""
+    """The list of contacts joins device, frames and commands; a crash's open contact is closed at its last packet."""
     with database.unit_of_work() as session:
         device = devices.remember(session, T0, name="d", profile="p", firmware="1", simulated=True, dictionary_hash="h")
         contact = devices.open_contact(session, "u", T0, "c")
         devices.update_contact(session, contact.id, device_id=device.id, rx_bytes=10)
         frames.add(session, a_frame(contact_id=contact.id))
+        last = TelemetryPacket(
+            contact_id=contact.id,
+            packet="hk",
+            received=T0 + timedelta(seconds=4),
+            device_time_s=0,
+            request_id=0,
+            values={},
+        )
+        telemetry.add_batch(session, [last])
         devices.close_left_open(session, T0 + timedelta(seconds=9))
     with database.unit_of_work() as session:
         ((row, found, n_frames, n_commands),) = devices.list_contacts(session, 5)
         assert (found.name, n_frames, n_commands, row.rx_bytes) == ("d", 1, 0, 10)
-        assert row.ended == T0 + timedelta(seconds=9)
+        assert row.ended == T0 + timedelta(seconds=4)
 
 
 def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):

@@ -65,6 +65,27 @@ def test_silence_is_a_span_with_a_cause(station):
     assert (gap.missing, gap.explained, record.unexplained) == (6, True, ())
 
 
+def test_a_line_that_stood_still_and_then_gave_everything_has_lost_nothing(station):
+    """Seven seconds late: a silence whose cause is told, and a record without a gap."""
+    contact_id = station.open()
+    station.listen(4)
+    held: list[bytes] = []
+    station.spoil = lambda data: (held.append(data), b"")[1]
+    station.listen(7)
+
+    def release(data: bytes) -> bytes:
+        station.spoil = lambda data: data
+        return b"".join(held) + data
+
+    station.spoil = release
+    station.listen(4)
+    station.close()
+    record = station.contacts.record(contact_id)
+    assert (record.gaps, len(record.late)) == ((), 1)
+    (silence,) = station.contacts.detail(contact_id).silences
+    assert silence.cause.startswith("came late")
+
+
 def test_every_gap_of_a_noisy_line_is_explained(station):
     """Bit errors for a minute: packets are missing, each gap has its cause, and what is held and missing is what was sent."""
     contact_id = station.open()
