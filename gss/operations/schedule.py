@@ -5,12 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
-from gss.device.dictionary import Command as Definition
 from gss.device.dictionary import Hazard, Value
-from gss.device.protocol.codec import check_arguments, encode
 from gss.device.session_events import (
     CommandStage,
     DeviceEvent,
@@ -22,23 +20,15 @@ from gss.device.session_events import (
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.operations.clock import Now, iso_z
 from gss.operations.clock_correlation import ClockTracker, Correlation
-from gss.operations.command_checks import SCHEDULE, Risk, risk_of, scheduled
+from gss.operations.command_checks import SCHEDULE, risk_of, scheduled
 from gss.operations.commanding import SERVER, CommandService
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
+from gss.operations.schedule_plan import Plan, make_plan, moment_of
 from gss.store.models import Command
 
-NEVER = {
-    "ABORT": "ABORT acts at once or not at all",
-    "HELLO": "HELLO is a question of the ground",
-    SCHEDULE: "a schedule holds no schedules",
-    "LIST_SCHEDULE": "a list that nobody asked for is of no use",
-    "CANCEL": "cancel it now instead",
-}
 CLOCK_EVENTS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
 TABLE_EVENTS = ("SCHEDULE_RUN", "SCHEDULE_FAILED", "BOOT")
-CLOSE_S = 5.0
-ROUGH_S = 1.0
 SOFTWARE = "gss"
 
 
@@ -68,25 +58,6 @@ class ScheduleState:
     told: datetime | None
     complete: bool
     clock: Correlation | None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A command that shall run later, checked. ``order``: arguments of SCHEDULE, empty where something is wrong."""
-
-    problems: tuple[str, ...]
-    warnings: tuple[str, ...]
-    at_device_s: float | None
-    at: datetime | None
-    uncertainty_s: float | None
-    risk: Risk
-    role: str
-    order: Mapping[str, Value]
-
-
-def schedulable(command: Definition) -> bool:
-    """May it be put into the device's table?"""
-    return command.name not in NEVER and not command.simulator_only
 
 
 class ScheduleService:
@@ -179,7 +150,7 @@ class ScheduleService:
 
     def _entry(self, row: Mapping[str, Any], clock: Correlation | None) -> Entry:
         at_device_s = float(row["at_s"])
-        at, uncertainty_s = _moment(clock, at_device_s)
+        at, uncertainty_s = moment_of(clock, at_device_s)
         inner = scheduled(self._link.dictionary, row)
         risk = risk_of(self._link.dictionary, *inner) if inner else None
         return Entry(
@@ -199,29 +170,8 @@ class ScheduleService:
 
     def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
         """What SCHEDULE would carry, what is wrong with it and what to think of. Nothing is sent."""
-        inner = self._link.dictionary.command(name)
-        problems, warnings = self._not_schedulable(inner), list(_warnings(inner))
-        clock = self.clock()
-        if (at is None) == (at_device_s is None):
-            problems.append("give the time either in UTC or in device time")
-        elif at is not None and clock is not None:
-            at_device_s = round(clock.device_of(at.timestamp()), 3)
-        elif at is not None:
-            problems.append(
-                "the device's clock is not correlated with UTC yet: wait for telemetry, or give device time"
-            )
-        moment, uncertainty_s = _moment(clock, at_device_s)
-        if at_device_s is not None:
-            problems += self._past(at_device_s, clock)
-            warnings += self._close(at_device_s, clock, uncertainty_s)
-        order: dict[str, Value] = {}
-        try:
-            order = self._order(inner, arguments, at_device_s or 0.0)
-        except GssError as error:
-            problems.append(str(error))
-        risk = risk_of(self._link.dictionary, self._link.dictionary.command(SCHEDULE), order)
-        ready = order if not problems else {}
-        return Plan(tuple(problems), tuple(warnings), at_device_s, moment, uncertainty_s, risk, inner.role, ready)
+        now_s = self._now().timestamp()
+        return make_plan(self._link.dictionary, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s)
 
     def send(
         self,
@@ -267,56 +217,3 @@ class ScheduleService:
     def refresh(self, *, user: str) -> Command:
         """Ask the device for its table."""
         return self._commands.send("LIST_SCHEDULE", {}, confirm="", user=user, source="schedule")
-
-    # --- checks -------------------------------------------------------------------------------------------------
-
-    def _not_schedulable(self, inner: Definition) -> list[str]:
-        if inner.name in NEVER:
-            return [NEVER[inner.name]]
-        return ["commands of the simulator are not scheduled"] if inner.simulator_only else []
-
-    def _past(self, at_device_s: float, clock: Correlation | None) -> list[str]:
-        now_s = None if clock is None else clock.device_of(self._now().timestamp())
-        if now_s is None or at_device_s > now_s:
-            return []
-        return [f"the time is past: the device's clock shows {now_s:.3f} s, asked for {at_device_s:.3f} s"]
-
-    def _close(self, at_device_s: float, clock: Correlation | None, uncertainty_s: float | None) -> list[str]:
-        if clock is None or uncertainty_s is None:
-            return ["whether the time is past is not known: the clocks are not correlated yet"]
-        left_s = at_device_s - clock.device_of(self._now().timestamp())
-        words = []
-        if 0 < left_s < CLOSE_S + uncertainty_s:
-            words.append(f"in {left_s:.1f} s already: it may arrive after its time")
-        if uncertainty_s > ROUGH_S:
-            words.append(f"the moment is only known to ± {uncertainty_s:.1f} s of UTC")
-        return words
-
-    def _order(self, inner: Definition, arguments: Mapping[str, Any], at_device_s: float) -> dict[str, Value]:
-        payload = encode(inner.arguments, check_arguments(inner, arguments))
-        room = self._link.dictionary.command(SCHEDULE).argument("payload").size
-        if len(payload) > room:
-            raise BadInput(f"{inner.name} is too long", expected=f"at most {room} bytes", got=str(len(payload)))
-        order: dict[str, Value] = {"at_s": at_device_s, "command_code": inner.code, "length": len(payload)}
-        return order | {"payload": payload.ljust(room, b"\0").hex()}
-
-
-def _moment(clock: Correlation | None, device_s: float | None) -> tuple[datetime | None, float | None]:
-    """UTC of a device time, and its uncertainty."""
-    if clock is None or device_s is None:
-        return None, None
-    utc_s = clock.utc_of(device_s)
-    try:
-        return datetime.fromtimestamp(utc_s, UTC), clock.uncertainty_at(utc_s)
-    except (ValueError, OverflowError, OSError):
-        return None, None  # beyond the calendar
-
-
-def _warnings(inner: Definition) -> list[str]:
-    words = [f"checked on board when the time comes: {c.text}" for c in inner.preconditions]
-    if inner.name == "RESET":
-        words.insert(0, "the device restarts unattended, and image memory is lost")
-    if inner.name.startswith("ACTIVATE_"):
-        confirm = inner.name.replace("ACTIVATE", "CONFIRM")
-        words.insert(0, f"{confirm} must follow in time, or the device falls back")
-    return words

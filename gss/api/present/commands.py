@@ -21,7 +21,7 @@ from gss.device.dictionary import Command as Definition
 from gss.device.dictionary import Dictionary
 from gss.operations.command_checks import Check, PreconditionState
 from gss.operations.command_record import CommandView
-from gss.operations.schedule import schedulable
+from gss.operations.schedule_plan import schedulable
 from gss.store.models import Command
 
 STAGES = ("queued", "released", "sent", "accepted", "started", "progress", "completed")

@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 from gss.api.present.commands import arguments_text, byte_groups
 from gss.api.schemas.schedule import ClockOut, EntryOut, ScheduleCheckOut, ScheduleOut
 from gss.operations.clock_correlation import Correlation
-from gss.operations.schedule import Entry, Plan, ScheduleState
+from gss.operations.schedule import Entry, ScheduleState
+from gss.operations.schedule_plan import Plan
 
 
 def schedule(state: ScheduleState) -> ScheduleOut:
