@@ -119,7 +119,7 @@ def parameters_with(
     if not values:
         return told
     # What a command changes beside the detection's settings, such as the reach of a hint, stays as commanded.
-    changed = [n for n, v in constants(told).items() if constants(plain)[n] != v]
+    changed = [n for n, v in constants(told).items() if constants(plain).get(n) != v]
     set_by_command = [n for n in COMMANDED if getattr(commanded, n) is not None]
     return _replaced(told, values, (*set_by_command, *changed))
 

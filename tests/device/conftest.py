@@ -174,6 +174,14 @@ def bench() -> Bench:
     return made
 
 
+@pytest.fixture(scope="module")
+def bench_unit() -> Bench:
+    """One greeted unit for a whole file of things that may not change it."""
+    made = Bench()
+    made.until(lambda: made.host.hello is not None)
+    return made
+
+
 @pytest.fixture
 def make_bench() -> Callable[..., Bench]:
     """Benches with other lines."""

@@ -1,0 +1,137 @@
+"""Tables as bytes: what goes in comes out, damage is always found, nonsense is named."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gss.device.table_use import (
+    calibrated,
+    calibration_values,
+    chain_of,
+    check_parameters,
+    parameter_values,
+    parameters_with,
+)
+from gss.device.tables import HEADER_BYTES, TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.profiles import PROFILES, CameraProfile, profile
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.onboard import Commanded
+
+CAMERAS = pytest.mark.parametrize("camera", PROFILES.values(), ids=lambda p: p.name)
+NAMES = st.text("abcdefghijklmnopqrstuvwxyz_", min_size=1, max_size=20)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@CAMERAS
+def test_a_calibration_is_the_camera_it_was_made_of(camera: CameraProfile) -> None:
+    """Geometry, distortion and photometry come back exactly, for all five cameras."""
+    name, values = decode_table("calibration", encode_table("calibration", camera.name, calibration_values(camera)))
+    assert name == camera.name
+    assert calibrated(camera, values) == camera
+
+
+@CAMERAS
+def test_a_parameter_set_of_own_values_changes_nothing(camera: CameraProfile) -> None:
+    """In every mode and at other exposures the chain's parameters are those without a table, once detection is commanded."""
+    name, values = decode_table("parameters", encode_table("parameters", camera.name, parameter_values(camera)))
+    assert name == camera.name
+    check_parameters(camera, values)
+    assert chain_of(camera, values) is chain_of(camera)
+    commanded = Commanded(14.0, 5, 70, 0.05)
+    for mode in Mode:
+        for exposure_s in (None, 0.1, 0.7):
+            plain = parameters_with({}, camera, exposure_s, commanded, mode)
+            assert repr(parameters_with(values, camera, exposure_s, commanded, mode)) == repr(plain)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.dictionaries(NAMES.filter(lambda n: n != "chain"), NUMBERS, max_size=30))
+def test_any_numbers_come_back(numbers: dict[str, float]) -> None:
+    """Names and values of any kind, in any order."""
+    values: dict[str, Scalar] = {"chain": "x", **numbers}
+    if any(not n.isidentifier() for n in numbers):
+        with pytest.raises(BadInput):
+            encode_table("parameters", "cubestar", values)
+        return
+    assert decode_table("parameters", encode_table("parameters", "cubestar", values)) == ("cubestar", values)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.data())
+def test_every_damaged_byte_is_found(data: st.DataObject) -> None:
+    """One bit flipped anywhere, or the end cut off: CorruptData, never other values."""
+    good = encode_table("calibration", "cubestar", calibration_values(profile("cubestar")))
+    if data.draw(st.booleans()):
+        bad = good[: data.draw(st.integers(0, len(good) - 1))]
+    else:
+        at = data.draw(st.integers(0, len(good) - 1))
+        bad = good[:at] + bytes([good[at] ^ (1 << data.draw(st.integers(0, 7)))]) + good[at + 1 :]
+    with pytest.raises(CorruptData):
+        decode_table("calibration", bad)
+
+
+def sealed(head: bytes, body: bytes) -> bytes:
+    """A table whose checks hold whatever it says."""
+    head = head[:44] + struct.pack("<I", len(body)) + head[48:56] + struct.pack("<I", zlib.crc32(body))
+    return head + struct.pack("<I", zlib.crc32(head)) + body
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"\1b" + struct.pack("<d", 1.0) + b"\1a" + struct.pack("<d", 1.0),
+        b"\1a" + struct.pack("<d", 1.0) + b"\1a" + struct.pack("<d", 1.0),
+        b"\1a" + struct.pack("<d", float("nan")) + b"\1b" + struct.pack("<d", 1.0),
+        b"\1a" + struct.pack("<d", 1.0),
+        b"\1a" + struct.pack("<d", 1.0) + b"\1b" + struct.pack("<d", 1.0) + b"x",
+        b"\1 " + struct.pack("<d", 1.0) + b"\1b" + struct.pack("<d", 1.0),
+        b"\xff",
+        b"",
+    ],
+)
+def test_a_sealed_table_that_lies_is_found_too(body: bytes) -> None:
+    """Names out of order or twice, no numbers, too few, too many: a right checksum does not make them right."""
+    head = encode_table("parameters", "cubestar", {"chain": "x", "a": 1.0, "b": 2.0})[: HEADER_BYTES - 4]
+    with pytest.raises(CorruptData):
+        decode_table("parameters", sealed(head, body))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "values", "says"),
+    [
+        ("triplets", "cubestar", {}, "unknown kind"),
+        ("parameters", "cubestar", {}, "chain is missing"),
+        ("parameters", "cubestar", {"chain": 3}, "chain is missing"),
+        ("parameters", "", {"chain": "x"}, "profile does not fit"),
+        ("parameters", "a" * 17, {"chain": "x"}, "profile does not fit"),
+        ("parameters", "cubestar", {"chain": "x" * 17}, "chain does not fit"),
+        ("parameters", "cubestar", {"chain": "x", "a": float("nan")}, "a is no number"),
+        ("parameters", "cubestar", {"chain": "x", "a": float("inf")}, "a is no number"),
+        ("parameters", "cubestar", {"chain": "x", "a": "one"}, "a is no number"),
+        ("parameters", "cubestar", {"chain": "x", "a b": 1.0}, "not a name"),
+        ("parameters", "cubestar", {"chain": "x", "ä": 1.0}, "not a name"),
+        ("parameters", "cubestar", {"chain": "x", "a" * 41: 1.0}, "not a name"),
+        ("parameters", "cubestar", {"chain": "x"} | {f"n{i}": 1.0 for i in range(201)}, "too many values"),
+    ],
+)
+def test_what_cannot_be_a_table_is_named(kind: str, name: str, values: dict[str, Scalar], says: str) -> None:
+    """BadInput says which value."""
+    with pytest.raises(BadInput) as caught:
+        encode_table(kind, name, values)
+    assert says in str(caught.value)
+
+
+def test_the_longest_table_fits_its_sector() -> None:
+    """Two hundred values of short names fit; of long names they do not, and it is said."""
+    numbers: dict[str, Scalar] = {f"n{i}": float(i) for i in range(200)}
+    assert len(encode_table("parameters", "cubestar", {"chain": "x", **numbers})) <= 4096
+    long: dict[str, Scalar] = {f"n{i:039d}": float(i) for i in range(200)}
+    with pytest.raises(BadInput, match="too long"):
+        encode_table("parameters", "cubestar", {"chain": "x", **long})
+    assert TABLE_FORMAT == 1
