@@ -121,7 +121,7 @@ def test_a_stored_frame_goes_up_and_is_solved_on_board(page):
     page.get_by_test_id("send-slot").select_option("2")
     page.get_by_test_id("send-frame-start").click()
     expect(page.get_by_test_id("send-frame")).to_contain_text("committed")
-    expect(page.get_by_test_id("chain-row").filter(has_text="on board")).to_contain_text("solved")
+    expect(page.get_by_test_id("chain-row").filter(has_text="on board")).to_contain_text("equal")
 
 
 def test_a_contact_is_read_back_replayed_and_reported(page, picture):

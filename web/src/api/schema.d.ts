@@ -480,6 +480,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/link/counters": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read Counters
+         * @description Everything counted in both directions.
+         */
+        get: operations["read_counters_api_link_counters_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/link/open": {
         parameters: {
             query?: never;
@@ -3012,6 +3032,16 @@ export interface components {
             resent: number;
         };
         /**
+         * CountersOut
+         * @description The line's counters since this contact was opened, and the framing in use.
+         */
+        CountersOut: {
+            /** Framing */
+            framing: string;
+            sent: components["schemas"]["DirectionCountersOut"];
+            received: components["schemas"]["DirectionCountersOut"];
+        };
+        /**
          * CycleOut
          * @description Timing of one on-board iteration, milliseconds by stage.
          */
@@ -3044,6 +3074,39 @@ export interface components {
             commands: components["schemas"]["CommandDefinitionOut"][];
             /** Telemetry */
             telemetry: components["schemas"]["FieldDefinitionOut"][];
+        };
+        /**
+         * DirectionCountersOut
+         * @description Everything counted in one direction. Of what is sent the ground knows bytes and good; ``device_good`` and ``device_bad``
+         *     are the device's own counts of what it received, as its housekeeping told last.
+         */
+        DirectionCountersOut: {
+            /** Bytes */
+            bytes: number;
+            /** Good */
+            good: number;
+            /** Bad Crc */
+            bad_crc: number;
+            /** Too Long */
+            too_long: number;
+            /** Too Short */
+            too_short: number;
+            /** Unframed */
+            unframed: number;
+            /** Unknown */
+            unknown: number;
+            /** Undecodable */
+            undecodable: number;
+            /** Gaps */
+            gaps: number;
+            /** Duplicates */
+            duplicates: number;
+            /** Repeated Ids */
+            repeated_ids: number;
+            /** Device Good */
+            device_good?: number | null;
+            /** Device Bad */
+            device_bad?: number | null;
         };
         /**
          * DirectionOut
@@ -7066,6 +7129,80 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["LinkOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    read_counters_api_link_counters_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CountersOut"];
                 };
             };
             /** @description Bad Request */
