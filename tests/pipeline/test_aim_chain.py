@@ -359,3 +359,23 @@ def test_modes_and_durations() -> None:
     assert CHAIN.attitude_ms(matching) < 200
     assert 0 < matching.confidence <= 1
     assert matching.weight.sum() == len(matching.selected)
+
+
+@pytest.mark.parametrize("fault", ["mirrored", "focal length off by 1 %", "100 false stars", "brightness off by 0.5"])
+def test_faulty_lists_are_never_solved_wrongly(fault: str) -> None:
+    """A mirrored picture gives none, and no other fault a wrong attitude, in any mode."""
+    for mode in Mode:
+        rng = np.random.default_rng(77)
+        for _ in range(20):
+            rotation = matrix_from_quaternion(random_quaternion(rng))
+            centroids, truth = _list(rng, rotation, 100 if "false" in fault else 0)
+            pixels, flux = centroids.pixels, centroids.flux_dn
+            if fault == "mirrored":
+                pixels = pixels * [-1, 1] + [CAMERA.columns - 1, 0]
+            if fault.startswith("focal"):
+                pixels = CAMERA.with_focal_scaled(1.01).project(CAMERA.unproject(pixels))
+            if fault.startswith("brightness"):
+                flux = flux * 10 ** (-0.4 * 0.5 * rng.normal(size=len(flux)))
+            result = _solve_list(Centroids.from_pixels(pixels, flux, 0.05), _work(mode, _hint(rng, rotation, mode)))
+            verdict = assess(result, truth, CAMERA).verdict.value
+            assert verdict == "none" if fault == "mirrored" else verdict != "wrong"

@@ -19,6 +19,7 @@ from gss.domain.rotation import (
 )
 from gss.pipeline.coarse_mask import coarse_image, coarse_mask, dark_mean_dn, windows_mask
 from gss.pipeline.identify.neighbour_pattern import magnitude_fits
+from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
 from gss.pipeline.mean_locator import (
     DarkModel,
     bias_gain,
@@ -276,3 +277,19 @@ def test_least_distances_pair_each_star_once() -> None:
     i, j = pair_least_distance(crowded, predicted, 0.005)
     assert (i.tolist(), j.tolist()) == ([0, 1], [2, 0])
     assert len(pair_least_distance(crowded[:0], predicted, 0.005)[0]) == 0
+
+
+def test_what_makes_an_identification_sound() -> None:
+    """Companions count once, a straight pattern has no handedness, and errors that fill the tolerance are refused."""
+    pixel = 1e-4
+    place = np.column_stack([[0.0, 0.02, 0.01, 0.02 + pixel], [0.0, 0.0, 0.015, 0.0], np.ones(4)])
+    unit = place / np.linalg.norm(place, axis=1, keepdims=True)
+    attitude = matrix_from_quaternion(random_quaternion(np.random.default_rng(9)))
+    assert separate_stars(unit, 5 * pixel) == 3
+    assert is_handed(unit, unit @ attitude, pixel)
+    assert not is_handed(unit[[0, 1, 3]], unit[[0, 1, 3]] @ attitude, pixel)
+    small, large = np.full(6, 0.1 * pixel), np.full(6, 0.9 * pixel)
+    sigma = np.full(6, 0.1 * pixel)
+    assert errors_objection(small, sigma, pixel, pixel) == ""
+    assert "0.64 px rms, 0.33 allowed" in errors_objection(large, sigma, pixel, pixel)
+    assert errors_objection(large, 4 * sigma, pixel, pixel) == ""

@@ -399,3 +399,25 @@ def test_modes_follow_the_document_and_durations_are_its_own() -> None:
         assert 0 < matching.confidence <= 1
         assert matching.operations > 0
         assert matching.weight.sum() == len(matching.selected)
+
+
+@pytest.mark.parametrize("fault", ["mirrored", "focal length off by 1 %", "100 false stars", "brightness off by 0.5"])
+def test_faulty_lists_are_never_solved_wrongly(fault: str) -> None:
+    """A mirrored picture gives none, and no other fault a wrong attitude, in any mode."""
+    for mode in Mode:
+        rng = np.random.default_rng(77)
+        for _ in range(20):
+            rotation = matrix_from_quaternion(random_quaternion(rng))
+            centroids, truth = _list(rng, rotation, 100 if "false" in fault else 0, "own")
+            pixels, flux = centroids.pixels, centroids.flux_dn
+            if fault == "mirrored":
+                pixels = pixels * [-1, 1] + [OWN.camera.columns - 1, 0]
+            if fault.startswith("focal"):
+                pixels = OWN.camera.with_focal_scaled(1.01).project(OWN.camera.unproject(pixels))
+            if fault.startswith("brightness"):
+                flux = flux * 10 ** (-0.4 * 0.5 * rng.normal(size=len(flux)))
+            result = _solve_list(
+                Centroids.from_pixels(pixels, flux, 0.2), _work("own", mode, _hint(rng, rotation, mode))
+            )
+            verdict = assess(result, truth, OWN.camera).verdict.value
+            assert verdict == "none" if fault == "mirrored" else verdict != "wrong"

@@ -24,13 +24,14 @@ from gss.pipeline.chains.aim_parameters import NAME, AimParameters, default_para
 from gss.pipeline.chains.modes import Hint, Mode, next_mode
 from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
 from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
 
 # Moniteq 1983 §3.12, T7.1: the converter takes 25 µs a pixel. The report has no execution times; per operation ours.
 PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
 DENSITY_RADIUS_RAD = float(np.radians(5.0))
-LOOSE = 2.0
+LOOSE, COMPANION = 2.0, 6.0
 
 
 def calculate_attitude(
@@ -54,7 +55,7 @@ def calculate_attitude(
     if attitude is None:
         return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
-    reason = _objection(matching, attitude, camera, catalogue, parameters, hint, probability)
+    reason = _objection(matching, attitude, camera, catalogue, parameters, hint, sigma_rad, probability)
     if reason and parameters.proves:
         return Solution(None, None, probability, reason)
     weights = np.ones(len(chosen))
@@ -71,13 +72,22 @@ def _objection(
     catalogue: AimCatalogue,
     parameters: AimParameters,
     hint: Hint | None,
+    sigma_rad: Array,
     probability: float,
 ) -> str:
     """Why this attitude should not be believed, or ""."""
     chosen = matching.selected
-    miss_rad = np.linalg.norm(catalogue.icrs[matching.row[chosen]] @ attitude.T - matching.unit_cam[chosen], axis=1)
+    reference = catalogue.icrs[matching.row[chosen]]
+    miss_rad = np.linalg.norm(reference @ attitude.T - matching.unit_cam[chosen], axis=1)
     if np.max(miss_rad) > 1.05 * parameters.tolerance_rad:
         return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
+    sound = errors_objection(miss_rad, sigma_rad, parameters.tolerance_rad, camera.pixel_rad)
+    if sound:
+        return sound
+    if matching.mode is not Mode.TRACKING and not is_handed(
+        matching.unit_cam[chosen], reference, parameters.tolerance_rad
+    ):
+        return f"{len(chosen)} stars in a pattern that is its own mirror image"
     if matching.mode is not Mode.LOST_IN_SPACE and hint is not None:
         boresight = np.asarray(hint.boresight_icrs, float)
         off_rad = float(np.arccos(np.clip(boresight @ attitude[2] / np.linalg.norm(boresight), -1, 1)))
@@ -105,7 +115,8 @@ def false_match_probability(
     close pair turns the picture loosely. The density is that of the sky round the field (Moniteq 1983 §2.1 makes the same
     estimate with the mean density of the sky).
     """
-    n, k = len(matching.row), len(matching.selected)
+    # Companions within reach of each other's tolerance are one proof.
+    n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * parameters.tolerance_rad)
     near = int(np.count_nonzero(catalogue.icrs @ attitude[2] >= np.cos(DENSITY_RADIUS_RAD)))
     per_sr = max(near, k) / (2 * np.pi * (1 - np.cos(DENSITY_RADIUS_RAD)))
     chance = chance_within(per_sr, LOOSE * parameters.tolerance_rad)

@@ -25,6 +25,7 @@ from gss.pipeline.chains.oersted_parameters import NAME, OerstedParameters, defa
 from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
 from gss.pipeline.hyperaccuracy import brightest_pixels, hyperaccurate_centroids, inside_frame
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.track.constant_rate import average_estimates
 from gss.pipeline.track.differential import differential_attitude
@@ -33,6 +34,7 @@ from gss.pipeline.track.differential import differential_attitude
 DETECT_MS, REGION_MS = 250.0, 0.5
 INITIAL_MS, CANDIDATE_MS, PREDICTIONAL_MS, ATTITUDE_MS, STAR_MS = 700.0, 2.5, 120.0, 80.0, 1.0
 MAX_REGIONS = 1000
+COMPANION = 3.0
 
 
 def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: float) -> Detection:
@@ -79,14 +81,15 @@ def calculate_attitude(
     cam_from_icrs = differential_attitude(unit, reference, matching.cam_from_icrs)
     if cam_from_icrs is None:
         return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
+    sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
-    reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, probability)
+    reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, sigma_rad, probability)
     if reason and parameters.proves:
         return Solution(None, None, probability, reason)
     quaternion = _averaged(quaternion_from_matrix(cam_from_icrs), matching.mode, hint, parameters)
     final = matrix_from_quaternion(quaternion)
     weights = np.ones(len(chosen))
-    covariance = weighted_covariance_rad2(unit, weights, centroids.sigma_px[chosen] * camera.pixel_rad)
+    covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
     residual_px = centroids.pixels[chosen] - camera.project(reference @ final.T)
     matches = Matches(chosen.astype(np.int32), catalogue.stars.hip[rows].astype(np.int32), weights, residual_px)
     return Solution(Attitude(quaternion, covariance), matches, probability, "")
@@ -106,15 +109,21 @@ def _objection(
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
     hint: Hint | None,
+    sigma_rad: Array,
     probability: float,
 ) -> str:
     """Why this attitude should not be believed, or ""."""
     chosen = matching.selected
-    miss_rad = np.linalg.norm(
-        catalogue.icrs[matching.row[chosen]] @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1
-    )
+    reference = catalogue.icrs[matching.row[chosen]]
+    miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
     if np.max(miss_rad) > 1.05 * parameters.uncertainty_rad:
         return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
+    sound = errors_objection(miss_rad, sigma_rad, parameters.uncertainty_rad, camera.pixel_rad)
+    if sound:
+        return sound
+    # Two stars have no handedness; in tracking the bound alone decides about them.
+    if len(chosen) > 2 and not is_handed(matching.unit_cam[chosen], reference, parameters.uncertainty_rad):
+        return f"{len(chosen)} stars in a pattern that is its own mirror image"
     if matching.mode is Mode.ASSISTED and hint is not None:
         boresight = np.asarray(hint.boresight_icrs, float)
         off_rad = float(np.arccos(np.clip(boresight @ cam_from_icrs[2] / np.linalg.norm(boresight), -1, 1)))
@@ -145,8 +154,9 @@ def false_match_probability(
     A triplet that was found says nothing against accident: its stars were chosen because they fit. So every place counts where
     any pair of centroids could lie on any pair of stars, whether the data base led there or not.
     """
-    n, k = len(matching.row), len(matching.selected)
     tolerance = parameters.uncertainty_rad
+    # Companions within reach of each other's tolerance are one proof.
+    n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * tolerance)
     seen = catalogue.icrs[catalogue.seen]
     in_view = max(1, int(np.count_nonzero(camera.contains(camera.project(seen @ cam_from_icrs.T)))))
     width_rad, height_rad = camera.fov_rad

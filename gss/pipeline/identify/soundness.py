@@ -1,0 +1,45 @@
+"""What an identification must show beyond its number of stars: separate stars, one handedness, errors as small as they should be.
+
+Close companions stand or fall together, a pattern that is its own mirror image fits a mirrored frame, and stars that were met by
+accident fill the tolerance evenly instead of crowding in its middle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.pipeline.attitude import profile_matrix
+
+# Even over a disc of radius T each axis has T/2; measured stars stay far below.
+EVEN_SHARE = 1 / 3
+SIGMAS = 2.0
+
+
+def separate_stars(unit: Array, radius_rad: float) -> int:
+    """How many of (n, 3) directions are further than ``radius_rad`` from every one counted before."""
+    counted: list[Array] = []
+    for direction in unit:
+        if all(np.linalg.norm(direction - other) > radius_rad for other in counted):
+            counted.append(direction)
+    return len(counted)
+
+
+def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) -> bool:
+    """Whether the mirror image of the (n, 3) measured directions fits the stars worse than the tolerance."""
+    u, _, vt = np.linalg.svd(profile_matrix(measured_cam, reference_icrs))
+    mirrored = u @ np.diag([1.0, 1.0, -np.sign(np.linalg.det(u) * np.linalg.det(vt))]) @ vt
+    miss_rad = np.linalg.norm(reference_icrs @ mirrored.T - measured_cam, axis=1)
+    return bool(np.max(miss_rad) > tolerance_rad)
+
+
+def errors_objection(miss_rad: Array, sigma_rad: Array, tolerance_rad: float, pixel_rad: float) -> str:
+    """Why the (n,) residuals are too large to be errors of measurement, or ""."""
+    per_axis_rad = float(np.sqrt(np.mean(miss_rad**2) / 2))
+    limit_rad = max(EVEN_SHARE * tolerance_rad, SIGMAS * float(np.sqrt(np.mean(sigma_rad**2))))
+    if per_axis_rad <= limit_rad:
+        return ""
+    return (
+        f"residuals of {per_axis_rad / pixel_rad:.2f} px rms, {limit_rad / pixel_rad:.2f} allowed: "
+        "accidental, or another camera's geometry"
+    )
