@@ -111,9 +111,12 @@ def test_the_other_cameras_keep_the_contract_too(probe_at: Callable[..., Probe],
 def test_the_instructor_spoils_the_line_of_a_running_simulator(probe_at: Place) -> None:
     """Bit errors reach the real line: a command is lost or carried out, never misunderstood; taken back, all come through."""
     probe = probe_at("tcp")
-    assert probe.order("SIM_SET_LINE", {"direction": "up", "bit_error_rate": 0.006}).is_("completed")
-    answers = [probe.order("GET_STATUS") for _ in range(4)]
-    assert all(a.is_("completed") or not a.reports for a in answers)
+    assert probe.order("SIM_SET_LINE", {"direction": "up", "bit_error_rate": 0.002}).is_("completed")
+    answers = []
+    while len(answers) < 30 and (not answers or answers[-1].reports):
+        answers.append(probe.order("GET_STATUS"))
+    assert not answers[-1].reports
+    assert all(a.is_("completed") for a in answers[:-1])
     for _ in range(20):
         if probe.order("SIM_SET_LINE", {"direction": "both"}).is_("completed"):
             break

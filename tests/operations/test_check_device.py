@@ -237,7 +237,7 @@ def loses_numbers(line: MemoryLine, patch: Patch) -> None:
 
 
 def cuts_regions_elsewhere(line: MemoryLine, patch: Patch) -> None:
-    downloads = line.device._loader._downloads
+    downloads = line.device._loader.openings._downloads
     region = downloads._region
     patch.setattr(downloads, "_region", lambda frame, v: region(frame, {**v, "col_px": int(v["col_px"]) // 2}))
 

@@ -23,14 +23,14 @@ from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.reports import Report, Timing
 from gss.device.simulator.sky import Sky
 from gss.device.simulator.tables_on_board import Tables
-from gss.device.simulator.vectors import solved_result, vector_report
+from gss.device.simulator.vectors import vector_report
 from gss.device.table_use import parameters_with
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import CameraProfile
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue
-from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
+from gss.pipeline.chains.apriori import Known
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded, Detection, OnboardChain, Solution, Work
 
@@ -134,22 +134,10 @@ class StarTracker:
         quaternion = quaternion_from_matrix(cam_from_icrs(ra_rad, dec_rad, roll_rad))
         self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
 
-    def set_orbit(self, orbit: KnownOrbit) -> None:
-        """SET_ORBIT."""
-        self.known = replace(self.known, orbit=orbit)
-
-    def set_apriori(self, apriori: Apriori | None) -> None:
-        """SET_APRIORI; None takes it back."""
-        self.known = replace(self.known, apriori=apriori)
-
     @property
     def quaternion(self) -> NDArray[np.float64] | None:
         """Of the last attitude."""
         return self.known.quaternion
-
-    def rate_rad_s(self, time_s: float) -> float:
-        """Angular rate at a simulated time; a real unit would take it from successive attitudes."""
-        return self.sky.rate_rad_s(time_s)
 
     # --- imaging ------------------------------------------------------------------------------------------------
 
@@ -273,14 +261,18 @@ class StarTracker:
     def vector_reports(self) -> list[Report]:
         """Packet "matched_vectors" where an orbit is known, the clock is set and an attitude was found."""
         orbit, offset_s = self.known.orbit, self._memory.record.utc_offset_s
-        if orbit is None or offset_s is None or not self.solved:
+        if (
+            orbit is None
+            or offset_s is None
+            or not self.frame
+            or not self.work
+            or not self.detection
+            or not self.solution
+        ):
             return []
-        assert self.frame is not None  # noqa: S101 - an attitude has its frame
-        assert self.detection is not None  # noqa: S101
-        assert self.solution is not None  # noqa: S101
-        camera = self.tables.profile.camera
-        result = solved_result(self.chain.name, camera, self.detection, self.solution)
-        return [vector_report(self.frame, result, self.matching.row, orbit, self.frame.time_s + offset_s)]
+        utc_s, row = self.frame.time_s + offset_s, self.matching.row
+        told = vector_report(self.frame, self.work, self.detection, self.solution, row, orbit, utc_s)
+        return [told] if told else []
 
     def attitude_report(self, problem: str = "") -> Report:
         """Packet "attitude"; ``problem``: why there can be none."""

@@ -7,18 +7,15 @@ from collections import deque
 from collections.abc import Callable, Mapping
 
 from gss.device.dictionary import Dictionary, Value
-from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.codec import Decoded
-from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, StatusPage, chunk_count, request_patience_s
-from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
-from gss.device.simulator.downloads import Downloads
+from gss.device.protocol.transfer import StatusPage
+from gss.device.simulator.bank_writer import BankWriter
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.images import SLOTS
 from gss.device.simulator.memory import FlashError, Memory
+from gss.device.simulator.openings import Openings
 from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Outgoing, Session
 
-CHUNK_RANGE = (16, 1536)
 SILENT_S = 15.0
 SILENT_REQUESTS = 8
 NO_SESSION_EVERY_S = 0.5
@@ -27,21 +24,18 @@ MOST_SESSIONS = 8
 
 class Loader:
     """All transfers of the device. ``news``: (event name, text) for the device to report. ``device_time``: the device's clock
-    at a time of the line. ``image_memory``: has it power?"""
+    at a time of the line."""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
         self._memory, self._tracker = memory, tracker
         self._writer = BankWriter(dictionary, memory, tracker.profile)
-        self._downloads = Downloads(memory, tracker, self._writer)
-        self._bytes_per_s = bytes_per_s
+        self.openings = Openings(memory, tracker, self._writer, bytes_per_s)
         self._sessions: dict[int, Session] = {}
-        self._parts: dict[tuple[str, int], Session] = {}
         self._out: deque[Outgoing] = deque()
         self._turn = 0
         self._refused_s: dict[int, float] = {}
         self.news: list[tuple[str, str]] = []
         self.device_time: Callable[[float], float] = lambda now_s: now_s
-        self.image_memory: Callable[[], bool] = lambda: True
 
     @property
     def open_sessions(self) -> int:
@@ -51,7 +45,7 @@ class Loader:
     def restart(self) -> None:
         """A reset: sessions and image parts are gone, what is in flash stays as suspended upload."""
         self._sessions.clear()
-        self._parts.clear()
+        self.openings.parts.clear()
         self._out.clear()
 
     def take_messages(self) -> list[Outgoing]:
@@ -74,7 +68,7 @@ class Loader:
 
     def drop_images(self) -> None:
         """Image memory lost its power: transfers of images, up and down, are over."""
-        self._parts.clear()
+        self.openings.parts.clear()
         for session in list(self._sessions.values()):
             if not session.committed and not session.area and (session.receiver or session.frame_number):
                 self._abort(session.id, session.request_id, "powered_off", "image memory lost its power")
@@ -120,11 +114,12 @@ class Loader:
         session = next((s for s in self._sessions.values() if s.request_id == request_id), None)
         if session is None:
             try:
-                make = self._open_upload if service == "OPEN_UPLOAD" else self._open_download
+                make = self.openings.upload if service == "OPEN_UPLOAD" else self.openings.download
                 session = make(request_id, values, now_s)
             except Refusal as refusal:
                 self._abort(0, request_id, refusal.reason, refusal.detail)
                 return
+            self._supersede(session)
             self._sessions[session.id] = session
             self._forget_oldest()
         session.heard_s = now_s
@@ -144,84 +139,18 @@ class Loader:
             )
         )
 
+    def _supersede(self, new: Session) -> None:
+        """One writer for one place: the newest."""
+        for old in list(self._sessions.values()):
+            same = old.area == new.area if new.area else (old.kind, old.target) == (new.kind, new.target)
+            if new.receiver and old.receiver and same and (new.area or not old.committed):
+                del self._sessions[old.id]
+
     def _forget_oldest(self) -> None:
         for session_id in sorted(self._sessions)[:-MOST_SESSIONS]:
             del self._sessions[session_id]
 
-    def _new_id(self) -> int:
-        record = self._memory.record
-        taken = record.next_session
-        record.next_session = taken % 0xFFFF + 1
-        return taken
-
-    @staticmethod
-    def _checked_chunk(values: Mapping[str, Value]) -> int:
-        low, high = CHUNK_RANGE
-        size = int(values["chunk_bytes"])
-        if not low <= size <= high:
-            raise Refusal("out_of_range", f"chunk size {low} – {high}, got {size}")
-        return size
-
     # --- up -----------------------------------------------------------------------------------------------------
-
-    def _open_upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
-        kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
-        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
-        if kind in FLASH_KINDS:
-            area = self._writer.check(v, target, size)
-            return self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
-        if kind != "image" or target >= SLOTS:
-            raise Refusal("not_found", f"nothing to write: {kind} {target}")
-        self._need_image_memory()
-        if size != self._tracker.imager.frame_size:
-            raise Refusal("too_large", f"an image has {self._tracker.imager.frame_size} B, got {size}")
-        return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
-
-    def _need_image_memory(self) -> None:
-        if not self.image_memory():
-            raise Refusal("powered_off", "sram has no power")
-
-    def _open_area(
-        self,
-        request_id: int,
-        kind: str,
-        target: int,
-        area: str,
-        size: int,
-        chunk_bytes: int,
-        digest: bytes,
-        now_s: float,
-    ) -> Session:
-        for session_id in [s.id for s in self._sessions.values() if s.receiver and s.area == area]:
-            del self._sessions[session_id]
-        receiver, resumed = self._writer.open(area, size, chunk_bytes, digest)
-        session = Session(
-            self._new_id(), request_id, kind, target, size, chunk_bytes, digest, bytearray(), now_s, resumed, area=area
-        )
-        session.receiver = receiver
-        self._memory.save()
-        return session
-
-    def _open_image(
-        self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
-    ) -> Session:
-        part, there = self._parts.get(("image", target)), self._tracker.slots.get(target)
-        data, held, resumed, number = bytearray(size), [], False, 0
-        if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
-            data, resumed = part.data, True
-            held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
-            self._sessions.pop(part.id, None)
-        elif there is not None and there.source == "uploaded" and hashlib.sha256(there.data).digest() == digest:
-            # It was committed, and only the ground does not know it yet.
-            data, resumed, number = bytearray(there.data), True, there.number
-            held = list(range(chunk_count(size, chunk_bytes)))
-        session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
-        session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
-        session.frame_number = number
-        session.committed = number > 0
-        if not number:
-            self._parts["image", target] = session
-        return session
 
     def _chunk(self, session: Session, v: Mapping[str, Value]) -> None:
         receiver = session.receiver
@@ -270,7 +199,7 @@ class Loader:
         if not equal:
             # Nothing tells which chunk is wrong: the next attempt starts from an empty bank.
             del self._sessions[session.id]
-            self._parts.pop((session.kind, session.target), None)
+            self.openings.parts.pop((session.kind, session.target), None)
             if session.area:
                 self._writer.erase(session)
 
@@ -289,7 +218,7 @@ class Loader:
             else:
                 t = self._tracker
                 frame = t.imager.put_image(session.target, content, t.exposure_ms, self.device_time(now_s), t.mode)
-                self._parts.pop(("image", session.target), None)
+                self.openings.parts.pop(("image", session.target), None)
                 session.frame_number = frame.number
             session.committed = True
         self._out.append(Outgoing("COMMITTED", session.request_id, {"session": session.id}))
@@ -302,28 +231,6 @@ class Loader:
             self.news.append(("TRANSFER_ABORTED", session.name))
 
     # --- down ---------------------------------------------------------------------------------------------------
-
-    def _open_download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
-        kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
-        data, number = self._downloads.content(v)
-        digest = hashlib.sha256(data).digest()
-        session = Session(
-            self._new_id(),
-            request_id,
-            kind,
-            target,
-            len(data),
-            chunk_bytes,
-            digest,
-            bytearray(data),
-            now_s,
-            v["held_sha256"] == digest,
-            number,
-        )
-        patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)
-        # The ground may hold a part: the sender learns that first, from the ground's STATUS pages.
-        session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
-        return session
 
     def next_chunk(self, now_s: float) -> Outgoing | None:
         """The next chunk down, sessions in turn."""

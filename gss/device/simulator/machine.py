@@ -20,8 +20,9 @@ from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, R
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.housekeeping import Housekeeper
 from gss.device.simulator.images import SLOTS
-from gss.device.simulator.loader import CHUNK_RANGE, Loader
+from gss.device.simulator.loader import Loader
 from gss.device.simulator.memory import Memory
+from gss.device.simulator.openings import CHUNK_RANGE
 from gss.device.simulator.outbox import Outbox
 from gss.device.simulator.power import Power
 from gss.device.simulator.reports import frame_report
@@ -70,7 +71,7 @@ class Device:
         self._outbox = Outbox(dictionary, framing)
         self._loader = Loader(dictionary, memory, tracker, identity.line_baud / 10)
         self._loader.device_time = lambda at_s: self.clock.at(at_s - self._origin_s)
-        self._loader.image_memory = lambda: self.power.on("sram")
+        self._loader.openings.image_memory = lambda: self.power.on("sram")
         tracker.device_time = self.clock.at
         self._desk = CommandDesk(dictionary, memory, self._outbox, self.housekeeping)
         self._make_rooms()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -73,16 +74,18 @@ class SettingOrders:
         names = ("raan_deg", "inclination_deg", "latitude_deg")
         raan_rad, inclination_rad, latitude_rad = (float(np.radians(float(a[n]))) for n in names)
         altitude_m = 1000.0 * float(a["altitude_km"])
-        self._tracker.set_orbit(KnownOrbit(raan_rad, inclination_rad, latitude_rad, altitude_m, float(a["epoch_s"])))
+        orbit = KnownOrbit(raan_rad, inclination_rad, latitude_rad, altitude_m, float(a["epoch_s"]))
+        self._tracker.known = replace(self._tracker.known, orbit=orbit)
         return {}
 
     def set_apriori(self, a: Arguments, _: int) -> Returns:
         if float(a["uncertainty_deg"]) >= TAKES_BACK_DEG:
-            self._tracker.set_apriori(None)
+            self._tracker.known = replace(self._tracker.known, apriori=None)
             return {}
         names = ("roll_deg", "pitch_deg", "yaw_deg", "uncertainty_deg")
         roll_rad, pitch_rad, yaw_rad, radius_rad = (float(np.radians(float(a[n]))) for n in names)
-        self._tracker.set_apriori(Apriori(roll_rad, pitch_rad, yaw_rad, radius_rad))
+        apriori = Apriori(roll_rad, pitch_rad, yaw_rad, radius_rad)
+        self._tracker.known = replace(self._tracker.known, apriori=apriori)
         return {}
 
     def set_time(self, a: Arguments, request_id: int) -> Returns:

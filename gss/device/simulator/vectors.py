@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from gss.device.dictionary import Value
 from gss.device.simulator.images import StoredFrame
 from gss.device.simulator.reports import Report, Row
-from gss.domain.camera import Camera
 from gss.domain.results import Outcome, SolveResult
 from gss.pipeline.chains.apriori import KnownOrbit
-from gss.pipeline.chains.onboard import Detection, Solution
+from gss.pipeline.chains.onboard import Detection, Solution, Work
 from gss.pipeline.chains.sunsat_frames import attitude_angles_rad
 from gss.pipeline.chains.sunsat_vectors import matched_vectors
 
@@ -20,32 +19,35 @@ J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
 MOST_VECTORS = 255
 
 
-def solved_result(chain: str, camera: Camera, detection: Detection, solution: Solution) -> SolveResult:
-    """An attitude in the pipeline's words."""
-    return SolveResult(
-        chain,
+def vector_report(
+    frame: StoredFrame,
+    work: Work,
+    detection: Detection,
+    solution: Solution,
+    row: NDArray[np.integer],
+    orbit: KnownOrbit,
+    utc_s: float,
+) -> Report | None:
+    """Packet "matched_vectors" of a solution, None where there is none. ``row``: (n,) catalogue row per centroid. Roll, pitch
+    and yaw are those of the attitude found."""
+    if solution.attitude is None or solution.matches is None:
+        return None
+    result = SolveResult(
+        "",
         Outcome.SOLVED,
         "",
-        camera,
+        work.camera,
         detection.regions,
         detection.centroids,
         solution.matches,
         solution.attitude,
         solution.false_match_probability,
     )
-
-
-def vector_report(
-    frame: StoredFrame, result: SolveResult, row: NDArray[np.integer], orbit: KnownOrbit, utc_s: float
-) -> Report:
-    """Packet "matched_vectors". ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw are those of the attitude found."""
-    assert result.attitude is not None  # noqa: S101 - only solved frames have vectors
-    assert result.matches is not None  # noqa: S101
     elements = orbit.elements_at(frame.time_s)
-    angles_rad = attitude_angles_rad(result.attitude.cam_from_icrs, elements)
+    angles_rad = attitude_angles_rad(solution.attitude.cam_from_icrs, elements)
     days = (utc_s - J2000_UTC_S) / DAY_S
     vectors = matched_vectors(result, elements, angles_rad, days, orbit.speed_m_s)
-    stars = row[result.matches.centroid]
+    stars = row[solution.matches.centroid]
     items: list[Row] = [
         {
             "star": int(stars[i]),

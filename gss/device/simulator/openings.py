@@ -1,0 +1,125 @@
+"""How transfers of the device begin: what may be opened, and what of it is held already."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+
+from gss.device.dictionary import Value
+from gss.device.protocol.chunk_size import regrid
+from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, chunk_count, request_patience_s
+from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
+from gss.device.simulator.downloads import Downloads
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.images import SLOTS
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
+
+CHUNK_RANGE = (16, 1536)
+
+
+class Openings:
+    """Makes sessions; Refusal where nothing can be opened. ``parts``: unfinished images by kind and slot.
+    ``image_memory``: has it power?"""
+
+    def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter, bytes_per_s: float) -> None:
+        self._memory, self._tracker, self._writer = memory, tracker, writer
+        self._downloads = Downloads(memory, tracker, writer)
+        self._bytes_per_s = bytes_per_s
+        self.parts: dict[tuple[str, int], Session] = {}
+        self.image_memory: Callable[[], bool] = lambda: True
+
+    def _new_id(self) -> int:
+        record = self._memory.record
+        taken = record.next_session
+        record.next_session = taken % 0xFFFF + 1
+        return taken
+
+    @staticmethod
+    def _checked_chunk(values: Mapping[str, Value]) -> int:
+        low, high = CHUNK_RANGE
+        size = int(values["chunk_bytes"])
+        if not low <= size <= high:
+            raise Refusal("out_of_range", f"chunk size {low} – {high}, got {size}")
+        return size
+
+    def upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+        """The session of an OPEN_UPLOAD, with what is held of an earlier attempt."""
+        kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
+        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
+        if kind in FLASH_KINDS:
+            area = self._writer.check(v, target, size)
+            return self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
+        if kind != "image" or target >= SLOTS:
+            raise Refusal("not_found", f"nothing to write: {kind} {target}")
+        self._need_image_memory()
+        if size != self._tracker.imager.frame_size:
+            raise Refusal("too_large", f"an image has {self._tracker.imager.frame_size} B, got {size}")
+        return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
+
+    def _need_image_memory(self) -> None:
+        if not self.image_memory():
+            raise Refusal("powered_off", "sram has no power")
+
+    def _open_area(
+        self,
+        request_id: int,
+        kind: str,
+        target: int,
+        area: str,
+        size: int,
+        chunk_bytes: int,
+        digest: bytes,
+        now_s: float,
+    ) -> Session:
+        receiver, resumed = self._writer.open(area, size, chunk_bytes, digest)
+        session = Session(
+            self._new_id(), request_id, kind, target, size, chunk_bytes, digest, bytearray(), now_s, resumed, area=area
+        )
+        session.receiver = receiver
+        self._memory.save()
+        return session
+
+    def _open_image(
+        self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
+    ) -> Session:
+        part, there = self.parts.get(("image", target)), self._tracker.slots.get(target)
+        data, held, resumed, number = bytearray(size), [], False, 0
+        if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
+            data, resumed = part.data, True
+            held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
+        elif there is not None and there.source == "uploaded" and hashlib.sha256(there.data).digest() == digest:
+            # It was committed, and only the ground does not know it yet.
+            data, resumed, number = bytearray(there.data), True, there.number
+            held = list(range(chunk_count(size, chunk_bytes)))
+        session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
+        session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
+        session.frame_number = number
+        session.committed = number > 0
+        if not number:
+            self.parts["image", target] = session
+        return session
+
+    def download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+        """The session of an OPEN_DOWNLOAD."""
+        kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
+        data, number = self._downloads.content(v)
+        digest = hashlib.sha256(data).digest()
+        session = Session(
+            self._new_id(),
+            request_id,
+            kind,
+            target,
+            len(data),
+            chunk_bytes,
+            digest,
+            bytearray(data),
+            now_s,
+            v["held_sha256"] == digest,
+            number,
+        )
+        patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)
+        # The ground may hold a part: the sender learns that first, from the ground's STATUS pages.
+        session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
+        return session
