@@ -55,7 +55,7 @@ def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(page, p
     expect(page.get_by_test_id("command-send")).to_be_disabled()
     page.keyboard.press("Shift+Escape")
     expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
-    page.get_by_test_id("authority-break").click()
+    page.get_by_test_id("authority-open").click()
     expect(page.get_by_test_id("authority-break-now")).to_be_disabled()
     page.get_by_test_id("authority-reason").fill("operator-2 left the desk")
     picture("authority")
