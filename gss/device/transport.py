@@ -17,6 +17,7 @@ from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 
 WRITE_TIMEOUT_S = 10.0
 SCHEMES = ("", "socket", "rfc2217")
+SETTLE_S = 0.15
 CONNECT_HINT = "start the device or the simulator, or check the address"
 
 
@@ -37,10 +38,26 @@ class SerialStream:
 
     def __init__(self, url: str, port: serial.SerialBase) -> None:
         self.url, self._port = url, port
+        self._early, self._heard = b"", False
+
+    def settle(self) -> None:
+        """Wait a moment for the far end to hang up: a device server that speaks to one program at a time takes the second
+        connection and closes it. Conflict then; what comes meanwhile is kept for the first read."""
+        try:
+            self._early = self.read(1, SETTLE_S)
+        except LinkDown as error:
+            raise Conflict(
+                f"{self.url} hung up at once",
+                got=error.got,
+                hint="another program may hold the line; stop it, or use another port",
+            ) from error
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Up to ``max_bytes``: what is there, or what comes first within ``timeout_s``; b"" if nothing does. LinkDown if
         the far end is gone."""
+        if self._early:
+            data, self._early = self._early, b""
+            return data
         port = self._port
         try:
             port.timeout = timeout_s
@@ -49,6 +66,7 @@ class SerialStream:
                 # Asking for more with no timeout gives what is there; a socket does not know how much that is.
                 port.timeout = 0
                 data += bytes(port.read(max_bytes - 1))
+            self._heard = self._heard or bool(data)
             return data
         except (OSError, TypeError, AttributeError) as error:
             # pyserial raises TypeError or AttributeError when another thread closes the port under a blocked read.
@@ -62,7 +80,8 @@ class SerialStream:
             raise self._down(error) from error
 
     def _down(self, error: Exception) -> LinkDown:
-        return LinkDown(f"the line {self.url} is gone", got=str(error), hint=CONNECT_HINT)
+        hint = CONNECT_HINT if self._heard else f"{CONNECT_HINT}; another program may hold the line"
+        return LinkDown(f"the line {self.url} is gone", got=str(error), hint=hint)
 
     def close(self) -> None:
         """Give the port back. Closing twice is fine."""
@@ -96,7 +115,14 @@ def open_stream(url: str, baud: int = 115_200) -> ByteStream:
         # What lay in the terminal's buffer before we came belongs to nobody.
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
-    return SerialStream(url, port)
+    stream = SerialStream(url, port)
+    if is_socket:
+        try:
+            stream.settle()
+        except Conflict:
+            stream.close()
+            raise
+    return stream
 
 
 def _check_address(url: str) -> None:

@@ -25,7 +25,8 @@ from gss.operations.banks import BankService
 from gss.operations.clock import Now
 from gss.operations.jobs import JobService, Progress
 from gss.operations.link import LinkService
-from gss.operations.transfers import TransferService, TransferView
+from gss.operations.transfer_rows import TransferView
+from gss.operations.transfers import TransferService
 from gss.store import catalogues as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database

@@ -16,7 +16,8 @@ from gss.operations import table_content
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
-from gss.operations.transfers import TransferService, TransferView
+from gss.operations.transfer_rows import TransferView
+from gss.operations.transfers import TransferService
 from gss.store import catalogues as catalogue_store
 from gss.store import device_tables as store
 from gss.store.blobs import BlobStore

@@ -6,7 +6,8 @@ from gss.device.protocol.windows import SIDE_RANGE_PX
 from gss.device.session import Part
 from gss.domain.errors import BadInput
 from gss.operations.link import LinkService
-from gss.operations.transfers import TransferService, TransferView
+from gss.operations.transfer_rows import TransferView
+from gss.operations.transfers import TransferService
 
 IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
 BANK_KINDS = ("catalogue", "star_list", "distance_table")

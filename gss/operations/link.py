@@ -24,6 +24,7 @@ log = logging.getLogger("gss.link")
 READ_BYTES = 65536
 READ_WAIT_S = 0.01
 RETRY_S = 2.0
+REOPEN_S = 0.5
 BYTES_EVERY_S = 5.0
 
 Handler = Callable[[Sequence[SessionEvent]], None]
@@ -138,6 +139,10 @@ class LinkService:
                 continue
             try:
                 self._contact(stream, url)
+                if self.url == url and not self._reopen:
+                    # The line was lost. A far end that hangs up at once must not make a contact of every moment.
+                    self._wake.wait(REOPEN_S)
+                    self._wake.clear()
             except Exception as error:  # the owner of the port must outlive a full disk or a locked database
                 log.exception("the contact failed")
                 stream.close()

@@ -7,16 +7,17 @@ has brought as a part on disk, and everything else in the row's options.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from gss.device.session import Compatibility, HeldPart, Part
 from gss.device.session_events import Direction, SessionEvent, TransferDone, TransferState, TransferUpdate
-from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
+from gss.domain.errors import Conflict, GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
 from gss.operations.transfer_parts import PartStore
+from gss.operations.transfer_rows import TransferRows, TransferView, begin, words_of
 from gss.store import transfers as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
@@ -24,29 +25,15 @@ from gss.store.models import Transfer
 
 PUBLISH_EVERY_S = 0.25
 KEEP_PART_EVERY_S = 2.0
-LOG_LINES = 40
+
 RESTARTED = "the server restarted"
-ENDS = (
-    TransferState.VERIFIED,
-    TransferState.COMMITTED,
-    TransferState.ACTIVE,
-    TransferState.FAILED,
-    TransferState.ABORTED,
-)
+ENDS = tuple(map(TransferState, ("verified", "committed", "active", "failed", "aborted")))
 BROKEN = (TransferState.FAILED, TransferState.LINK_LOST, TransferState.ABORTED)
 AT_REST = (*ENDS, TransferState.PAUSED)
 RESUMABLE = ("paused", "link_lost", "failed", "aborted")
 
 DoneHook = Callable[[Transfer, TransferDone], dict[str, Any]]
 BrokenHook = Callable[[Transfer, bytes, Sequence[tuple[int, int]], TransferUpdate], dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class TransferView:
-    """A transfer's row with the figures of the moment, None when it is not under way."""
-
-    row: Transfer
-    live: TransferUpdate | None
 
 
 class TransferService:
@@ -56,6 +43,7 @@ class TransferService:
         self, link: LinkService, database: Database, bus: EventBus, now: Now, blobs: BlobStore, parts: PartStore
     ) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
+        self._rows = TransferRows(database, bus, now)
         self._blobs, self._parts = blobs, parts
         self._row_of: dict[int, int] = {}
         self._session_of: dict[int, int] = {}
@@ -77,9 +65,9 @@ class TransferService:
                 self._enter(row, "" if by_operator else RESTARTED)
             except GssError as error:
                 reason = f"{RESTARTED}, and this cannot go on: {error}"
-                self._note(row.id, state="failed", reason=reason, finished=self._now())
+                self._rows.note(row.id, state="failed", reason=reason, finished=self._now())
                 continue
-            self._note(row.id, state="paused", reason="" if by_operator else RESTARTED)
+            self._rows.note(row.id, state="paused", reason="" if by_operator else RESTARTED)
 
     # --- orders -------------------------------------------------------------------------------------------------
 
@@ -129,7 +117,7 @@ class TransferService:
         if row.state not in RESUMABLE:
             raise Conflict("this transfer cannot go on", expected=" or ".join(RESUMABLE), got=row.state)
         self._enter(row, None)
-        self._note(row.id, state="queued", reason="", finished=None)
+        self._rows.note(row.id, state="queued", reason="", finished=None)
         return self.get(transfer_id)
 
     def abort(self, transfer_id: int) -> TransferView:
@@ -192,8 +180,9 @@ class TransferService:
             log=[],
             **links,
         )
+        now_s = self._link.monotonic_s()
         with self._link.lock:
-            session_id = self._start(row, None, None)
+            session_id = begin(self._link.session, row, self._blobs, now_s)
             try:
                 with self._database.unit_of_work() as session:
                     store.add(session, row)
@@ -209,26 +198,12 @@ class TransferService:
     def _enter(self, row: Transfer, paused: str | None) -> None:
         """Give a stored transfer to the session again; ``paused``: "" until an operator resumes it, a reason until the device
         answers, None not at all."""
+        now_s = self._link.monotonic_s()
         with self._link.lock:
-            session_id = self._start(row, self._parts.load(row.id), paused)
+            session_id = begin(self._link.session, row, self._blobs, now_s, self._parts.load(row.id), paused)
             if paused == "":
-                self._link.session.pause_transfer(session_id, self._link.monotonic_s())
+                self._link.session.pause_transfer(session_id, now_s)
             self._row_of[session_id], self._session_of[row.id] = row.id, session_id
-
-    def _start(self, row: Transfer, held: HeldPart | None, paused: str | None) -> int:
-        """The session's id of a transfer as its row describes it."""
-        session, now_s, options = self._link.session, self._link.monotonic_s(), row.options
-        if "slot" not in options:
-            raise BadInput("it was begun by an older version", hint="start it anew")
-        if row.direction == Direction.DOWN:
-            part = Part(**options["part"]) if options.get("part") else None
-            return session.start_download(
-                row.kind, int(options["slot"]), now_s, held=held, part=part, paused=paused or ""
-            )
-        facts = options["compatibility"]
-        compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
-        data = self._blobs.get(options["content"])
-        return session.start_upload(row.kind, int(options["slot"]), data, compatibility, now_s, paused=paused or "")
 
     def _check_line(self) -> None:
         if not self._link.connected:
@@ -262,7 +237,7 @@ class TransferService:
         self._next_publish_s[row_id] = now_s + PUBLISH_EVERY_S
         row = self._store(row_id, update, changed)
         if changed and update.state in BROKEN:
-            self._bus.record("transfer", "warning", f"{row.subject}: {_words(update)}", transfer_id=row_id)
+            self._bus.record("transfer", "warning", f"{row.subject}: {words_of(update)}", transfer_id=row_id)
             self._broken(row, update)
         if update.state in (TransferState.FAILED, TransferState.ABORTED):
             self._forget(row_id, update.transfer_id)
@@ -291,7 +266,7 @@ class TransferService:
         }
         if update.state in ENDS:
             values["finished"] = self._now()
-        return self._note(row_id, _words(update) if changed else "", update, **values)
+        return self._rows.note(row_id, words_of(update) if changed else "", update, **values)
 
     def _deliver(self, row_id: int, done: TransferDone) -> None:
         row = self.get(row_id).row
@@ -299,11 +274,11 @@ class TransferService:
             hook = self.done_hooks.get((done.direction, done.kind))
             links = hook(row, done) if hook else {}
             if links:
-                self._note(row_id, **links)
+                self._rows.note(row_id, **links)
         except GssError as error:
             text = f"{row.subject} came, but cannot be used: {error}"
             self._bus.record("transfer", "warning", text, transfer_id=row_id)
-            self._note(row_id, text)
+            self._rows.note(row_id, text)
 
     def _broken(self, row: Transfer, update: TransferUpdate) -> None:
         hook = self.broken_hooks.get(row.kind)
@@ -313,7 +288,7 @@ class TransferService:
             data, held = self._link.session.partial(update.transfer_id)
         links = hook(row, data, held, update)
         if links:
-            self._note(row.id, **links)
+            self._rows.note(row.id, **links)
 
     def _forget(self, row_id: int, session_id: int) -> None:
         with self._link.lock:
@@ -321,24 +296,3 @@ class TransferService:
         self._row_of.pop(session_id, None)
         for memory in (self._session_of, self._live, self._next_publish_s, self._next_part_s):
             memory.pop(row_id, None)
-
-    def _note(self, row_id: int, words: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
-        """Change the row, add a line to its log, tell everybody."""
-        if not words and "state" in values and live is None:
-            words = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
-        with self._database.unit_of_work() as session:
-            row = store.get(session, row_id)
-            for name, value in values.items():
-                setattr(row, name, value)
-            if words:
-                row.log = [*row.log[-LOG_LINES:], f"{self._now():%H:%M:%SZ} {words}"]
-        self._bus.publish("transfer", TransferView(row, live or self._live.get(row_id)))
-        return row
-
-
-def _words(update: TransferUpdate) -> str:
-    state = str(update.state).replace("_", " ")
-    resumed = " (resumed)" if update.resumed else ""
-    return (
-        f"{state}{resumed}: {update.reason}" if update.reason else f"{state}{resumed}, {update.stored_bytes} B stored"
-    )

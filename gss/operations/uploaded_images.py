@@ -15,7 +15,8 @@ from gss.operations.device_frames import Shape, wire_bytes
 from gss.operations.events import EventBus
 from gss.operations.frames import FrameService
 from gss.operations.link import LinkService
-from gss.operations.transfers import TransferService, TransferView
+from gss.operations.transfer_rows import TransferView
+from gss.operations.transfers import TransferService
 from gss.store.models import Frame, Transfer
 
 REMEMBERED = 64

@@ -1,0 +1,76 @@
+"""Rows of transfers: told while they change, and enough in them to begin a transfer again after a crash."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from gss.device.session import Compatibility, HeldPart, HostSession, Part
+from gss.device.session_events import Direction, TransferUpdate
+from gss.domain.errors import BadInput
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.store import transfers as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Transfer
+
+LOG_LINES = 40
+
+
+@dataclass(frozen=True)
+class TransferView:
+    """A transfer's row with the figures of the moment, None when it is not under way."""
+
+    row: Transfer
+    live: TransferUpdate | None
+
+
+class TransferRows:
+    """Changes rows and tells everybody."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
+        self._database, self._bus, self._now = database, bus, now
+
+    def note(self, row_id: int, words: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
+        """Change the row, add a line to its log, tell everybody."""
+        if not words and "state" in values and live is None:
+            words = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
+        with self._database.unit_of_work() as session:
+            row = store.get(session, row_id)
+            for name, value in values.items():
+                setattr(row, name, value)
+            if words:
+                row.log = [*row.log[-LOG_LINES:], f"{self._now():%H:%M:%SZ} {words}"]
+        self._bus.publish("transfer", TransferView(row, live))
+        return row
+
+
+def begin(
+    session: HostSession,
+    row: Transfer,
+    blobs: BlobStore,
+    now_s: float,
+    held: HeldPart | None = None,
+    paused: str | None = None,
+) -> int:
+    """Give the session a transfer as its row describes it; the session's id of it. ``held``, ``paused``: as the session's."""
+    options = row.options
+    if "slot" not in options:
+        raise BadInput("it was begun by an older version", hint="start it anew")
+    if row.direction == Direction.DOWN:
+        part = Part(**options["part"]) if options.get("part") else None
+        return session.start_download(row.kind, int(options["slot"]), now_s, held=held, part=part, paused=paused or "")
+    facts = options["compatibility"]
+    compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
+    data = blobs.get(options["content"])
+    return session.start_upload(row.kind, int(options["slot"]), data, compatibility, now_s, paused=paused or "")
+
+
+def words_of(update: TransferUpdate) -> str:
+    """State, whether it was resumed, and why or how far: a line of the log."""
+    state = str(update.state).replace("_", " ")
+    resumed = " (resumed)" if update.resumed else ""
+    return (
+        f"{state}{resumed}: {update.reason}" if update.reason else f"{state}{resumed}, {update.stored_bytes} B stored"
+    )
