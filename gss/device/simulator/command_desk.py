@@ -131,7 +131,7 @@ class CommandDesk:
             raise Refusal("out_of_range" if right_length else "bad_length", str(error)) from error
         except BadInput as error:
             raise Refusal("out_of_range", error.message) from error
-        state = self._state()
+        state = self._state() if command.preconditions else {}
         for condition in command.preconditions:
             if condition.met(state) is False:
                 raise Refusal("wrong_state", f"not met: {condition.text}")
