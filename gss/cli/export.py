@@ -21,6 +21,12 @@ def register(subparsers: Subparsers) -> None:
     rerun.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
     rerun.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
     rerun.set_defaults(run=export_rerun)
+    solutions = kinds.add_parser("solutions", help="results on stored frames as a table")
+    solutions.add_argument("--out", required=True, type=Path, help="file to write")
+    solutions.add_argument("--format", default="parquet", choices=("csv", "parquet"), help="default parquet")
+    solutions.add_argument("--chain", default="", help="only results of this chain")
+    solutions.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    solutions.set_defaults(run=export_solutions)
     icd = kinds.add_parser("icd", help="the interface control document, from the dictionary")
     icd.add_argument("--out", type=Path, help="file to write; standard output without it")
     icd.set_defaults(run=export_icd)
@@ -46,6 +52,19 @@ def export_rerun(arguments: argparse.Namespace) -> int:
     settings = Settings(**({"data": arguments.data} if arguments.data else {}))
     services = build(settings)
     data = recording(services.frames, _ids(arguments.frames), services.stars)
+    arguments.out.write_bytes(data)
+    print(f"{arguments.out}: {len(data)} bytes")
+    return 0
+
+
+def export_solutions(arguments: argparse.Namespace) -> int:
+    """Write the table."""
+    from gss.operations import solution_export
+    from gss.settings import Settings
+    from gss.wiring import build
+
+    services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
+    data = solution_export.export_solutions(services.database, arguments.format, arguments.chain)
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes")
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
 from gss.domain.errors import NotFound
 from gss.store.models import Frame, Solution
@@ -132,3 +132,11 @@ def newest_by_chain(session: Session) -> list[Outcome]:
     )
     columns = [getattr(Solution, name) for name in Outcome._fields]
     return [Outcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]
+
+
+def results(session: Session, chain: str = "") -> list[tuple[Frame, Solution]]:
+    """Frames with their results, oldest result first, without overlays."""
+    query = select(Frame, Solution).join(Solution, Solution.frame_id == Frame.id).options(defer(Solution.detail))
+    if chain:
+        query = query.where(Solution.chain == chain)
+    return [(frame, solution) for frame, solution in session.execute(query.order_by(Solution.id))]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,9 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from pyarrow import parquet as pq
 
 from gss.api.app import create_app
 from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.cli import main
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.operations.jobs import Cancelled
@@ -126,6 +130,22 @@ def test_experiments_run_as_a_job(client: TestClient) -> None:
     assert all(e["columns"][1] == "paper" for e in job["result"]["experiments"])
     assert client.post("/api/campaigns/experiments", json={"names": ["x"]}).status_code == 404
     assert client.post("/api/campaigns/experiments", json={"names": ["erlank-3-6"], "trials": 0}).status_code == 422
+
+
+def test_results_leave_as_csv_and_parquet(client: TestClient, services: Services, tmp_path: Path) -> None:
+    """pandas-like readers see the same rows in both, equal to the page's figures; an unknown format is refused."""
+    parquet = pq.read_table(io.BytesIO(client.get("/api/campaigns/solutions?format=parquet&chain=cubestar").content))
+    text = list(csv.DictReader(client.get("/api/campaigns/solutions?chain=cubestar").text.splitlines()))
+    rows = parquet.to_pylist()
+    assert len(rows) == len(text) >= FRAMES
+    assert [r["solution_id"] for r in rows] == [int(r["solution_id"]) for r in text]
+    shown = client.get(f"/api/frames/{rows[0]['frame_id']}").json()
+    mine = next(s for s in shown["solutions"] if s["id"] == rows[0]["solution_id"])
+    assert rows[0]["ra_deg"] == pytest.approx(mine["attitude"]["ra_deg"], abs=1e-9)
+    assert client.get("/api/campaigns/solutions?format=xlsx").status_code == 422
+    out = tmp_path / "all.parquet"
+    assert main(["export", "solutions", "--out", str(out), "--data", str(services.settings.data)]) == 0
+    assert pq.read_table(out).num_rows >= len(rows)
 
 
 def test_frames_of_a_damaged_store_are_results_too(services: Services, tmp_path: Path) -> None:

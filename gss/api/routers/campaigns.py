@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Response
 
 from gss.api import present
 from gss.api.deps import App
@@ -11,6 +13,7 @@ from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.operations.experiments import ENTRIES
 from gss.operations.reprocess import Reprocessing
+from gss.operations.solution_export import FORMATS, export_solutions
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"])
 
@@ -51,3 +54,12 @@ def compare_chains(app: App) -> list[ChainRecordOut]:
         )
         for r in app.campaigns.compare()
     ]
+
+
+@router.get("/solutions", response_class=Response)
+def solutions_table(
+    app: App, format: Literal["csv", "parquet"] = "csv", chain: Annotated[str, Query(max_length=30)] = ""
+) -> Response:
+    """Every stored result as a table for other tools; of one chain where it is named."""
+    headers = {"Content-Disposition": f"attachment; filename=solutions.{format}"}
+    return Response(export_solutions(app.database, format, chain), media_type=FORMATS[format], headers=headers)

@@ -1,0 +1,120 @@
+"""Results on stored frames as a table for others: one row per solution, CSV or Parquet, units in the names."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as pa_csv
+from pyarrow import parquet as pa_parquet
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import BadInput
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.store import frames as store
+from gss.store.engine import Database
+from gss.store.models import Frame, Solution
+
+FORMATS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
+ANGLES = ("ra_deg", "dec_deg", "roll_deg")
+FLOATS = (
+    "exposure_s",
+    *ANGLES,
+    *(f"quaternion_{axis}" for axis in "xyzw"),
+    "sigma_cross_arcsec",
+    "sigma_roll_arcsec",
+    "rms_px",
+    "false_match_probability",
+    "error_axis_arcsec",
+    "error_roll_arcsec",
+    "time_ms",
+)
+    "exposure_s",
+    "ra_deg",
+    "dec_deg",
+    "roll_deg",
+    "quaternion_x",
+    "quaternion_y",
+    "quaternion_z",
+    "quaternion_w",
+    "sigma_cross_arcsec",
+    "sigma_roll_arcsec",
+    "rms_px",
+    "false_match_probability",
+    "error_axis_arcsec",
+    "error_roll_arcsec",
+    "time_ms",
+]
+SCHEMA = pa.schema(
+    [
+        ("solution_id", pa.int64()),
+        ("frame_id", pa.int64()),
+        ("frame_number", pa.int64()),
+        ("contact_id", pa.int64()),
+        ("taken", pa.timestamp("us", tz="UTC")),
+        ("frame", pa.string()),
+        ("profile", pa.string()),
+        ("origin", pa.string()),
+        ("chain", pa.string()),
+        ("version", pa.string()),
+        ("created", pa.timestamp("us", tz="UTC")),
+        ("outcome", pa.string()),
+        ("reason", pa.string()),
+        ("found", pa.int64()),
+        ("matched", pa.int64()),
+        ("verdict", pa.string()),
+        ("replay", pa.string()),
+        *((name, pa.float64()) for name in FLOATS),
+    ]
+)
+
+
+def export_solutions(database: Database, file_format: str, chain: str = "") -> bytes:
+    """Every stored result, oldest first; of one chain only where it is named."""
+    if file_format not in FORMATS:
+        raise BadInput("unknown format", expected=" | ".join(FORMATS), got=file_format)
+    with database.unit_of_work() as session:
+        rows = [_row(frame, solution) for frame, solution in store.results(session, chain)]
+    table = pa.Table.from_pylist(rows, schema=SCHEMA)
+    sink = io.BytesIO()
+    if file_format == "csv":
+        pa_csv.write_csv(table, sink)
+    else:
+        pa_parquet.write_table(table, sink)
+    return sink.getvalue()
+
+
+def _row(frame: Frame, s: Solution) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "solution_id": s.id,
+        "frame_id": frame.id,
+        "frame_number": frame.number,
+        "contact_id": frame.contact_id,
+        "taken": frame.taken,
+        "frame": frame.name,
+        "profile": frame.profile,
+        "exposure_s": frame.exposure_s,
+        "time_ms": 1e3 * sum(s.timing_s.values()) if s.timing_s else None,
+    }
+    names = "origin chain version created outcome reason found matched verdict replay rms_px false_match_probability"
+    values |= {name: getattr(s, name) for name in names.split()}
+    if s.quaternion is not None:
+        quaternion = np.array(s.quaternion, float)
+        angles = ra_dec_roll_rad(matrix_from_quaternion(quaternion))
+        values |= dict(zip(ANGLES, map(math.degrees, angles), strict=True))
+        values |= {f"quaternion_{a}": float(q) for a, q in zip("xyzw", quaternion, strict=True)}
+    cross_rad, roll_rad = s.sigma_rad or (None, None)
+    return values | {
+        "sigma_cross_arcsec": _arcsec(cross_rad),
+        "sigma_roll_arcsec": _arcsec(roll_rad),
+        "error_axis_arcsec": _arcsec(s.error_axis_rad),
+        "error_roll_arcsec": _arcsec(s.error_roll_rad),
+    }
+
+
+def _arcsec(value_rad: float | None) -> float | None:
+    return None if value_rad is None else value_rad / ARCSEC_RAD
