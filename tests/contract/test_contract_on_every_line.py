@@ -106,6 +106,7 @@ def test_the_other_cameras_keep_the_contract_too(probe_at: Callable[..., Probe],
     """Another chain, another format, other frame sizes, the same promises."""
     findings = check_device(probe_at("memory", camera), write=True)
     assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
+    assert findings.left == []
 
 
 def test_the_instructor_spoils_the_line_of_a_running_simulator(probe_at: Place) -> None:

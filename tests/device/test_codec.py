@@ -104,7 +104,7 @@ def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
     threshold = DICTIONARY.command("SET_DETECTION").argument("threshold_dn")
     with pytest.raises(BadInput) as caught:
         check_argument(threshold, 5000)
-    assert (caught.value.expected, caught.value.got) == ("1 – 4095 DN", "5000")
+    assert (caught.value.expected, caught.value.got) == ("0 – 4095 DN", "5000")
 
 
 @pytest.mark.parametrize("wrong", [True, "12", 12.5, math.nan, math.inf, None, b"\1"])

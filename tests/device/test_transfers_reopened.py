@@ -1,4 +1,4 @@
-"""Transfers opened again: in chunks of another size, after a reset, after a COMMITTED that got lost; for every kind that goes up."""
+"""Transfers opened again: in other chunks, after a reset, after a COMMITTED that got lost; for every kind that goes up."""
 
 from __future__ import annotations
 
