@@ -12,6 +12,11 @@ from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import Cell, Experiment, Progress
 from gss.domain.stars import StarTable
+from gss.pipeline.experiments.erlank_attitude import erlank_4_4b
+from gss.pipeline.experiments.erlank_centroids import erlank_4_1_6
+from gss.pipeline.experiments.erlank_matching import erlank_4_4, erlank_4_5
+from gss.pipeline.experiments.erlank_night import erlank_6_1
+from gss.pipeline.experiments.erlank_slew import erlank_6_2
 from gss.pipeline.experiments.huffman_centroids import huffman_4_2, huffman_4_4
 from gss.pipeline.experiments.huffman_detection import huffman_7_2
 from gss.pipeline.experiments.huffman_magnitudes import huffman_5_3
@@ -49,6 +54,12 @@ ENTRIES: dict[str, Entry] = {
         Entry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
         Entry("erlank-3-6", "Sky coverage against limiting magnitude", catalogue.erlank_3_6, 20_000),
         Entry("erlank-fig-3-8", "Sky coverage by field and magnitude", catalogue.erlank_fig_3_8, 20_000),
+        Entry("erlank-4-1-6", "Centroid error on artificial images", erlank_4_1_6, 300),
+        Entry("erlank-4-4", "Matching against the cutoff of magnitude", erlank_4_4, 500),
+        Entry("erlank-4-5", "Matching among false stars", erlank_4_5, 500),
+        Entry("erlank-4-4b", "Best-case accuracy of the attitude", erlank_4_4b, 300),
+        Entry("erlank-6-1", "Accuracy fixed to the Earth", erlank_6_1, 100),
+        Entry("erlank-6-2", "Tracking while slewing", erlank_6_2, 4),
         Entry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
         Entry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
         Entry("huffman-5-1", "Limiting magnitude for a number of stars", huffman.huffman_5_1, 10_000),
