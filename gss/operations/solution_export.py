@@ -33,22 +33,6 @@ FLOATS = (
     "error_roll_arcsec",
     "time_ms",
 )
-    "exposure_s",
-    "ra_deg",
-    "dec_deg",
-    "roll_deg",
-    "quaternion_x",
-    "quaternion_y",
-    "quaternion_z",
-    "quaternion_w",
-    "sigma_cross_arcsec",
-    "sigma_roll_arcsec",
-    "rms_px",
-    "false_match_probability",
-    "error_axis_arcsec",
-    "error_roll_arcsec",
-    "time_ms",
-]
 SCHEMA = pa.schema(
     [
         ("solution_id", pa.int64()),
