@@ -134,10 +134,11 @@ def test_experiments_run_as_a_job(client: TestClient) -> None:
 
 def test_results_leave_as_csv_and_parquet(client: TestClient, services: Services, tmp_path: Path) -> None:
     """pandas-like readers see the same rows in both, equal to the page's figures; an unknown format is refused."""
+    assert client.post("/api/frames/5/solve", json={"chain": "cubestar"}).status_code == 201
     parquet = pq.read_table(io.BytesIO(client.get("/api/campaigns/solutions?format=parquet&chain=cubestar").content))
     text = list(csv.DictReader(client.get("/api/campaigns/solutions?chain=cubestar").text.splitlines()))
     rows = parquet.to_pylist()
-    assert len(rows) == len(text) >= FRAMES
+    assert len(rows) == len(text) >= 1
     assert [r["solution_id"] for r in rows] == [int(r["solution_id"]) for r in text]
     shown = client.get(f"/api/frames/{rows[0]['frame_id']}").json()
     mine = next(s for s in shown["solutions"] if s["id"] == rows[0]["solution_id"])
