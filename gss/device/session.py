@@ -228,7 +228,7 @@ class HostSession:
         """The owner has a port (again): parsers start clean, HELLO goes out until it is answered, then transfers resume."""
         self._receiver.restart()
         self._up = True
-        self._handshake.ask_at(now_s)
+        self._handshake.begin(now_s)
         self._pacer.restart(now_s)
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
@@ -271,7 +271,7 @@ class HostSession:
             self._add("HELLO", {}, urgent=True)
 
     def _commands(self, now_s: float) -> list[bytes]:
-        records, events = self._lane.release(now_s, only_urgent=self._handshake.hello is None)
+        records, events = self._lane.release(now_s, only_urgent=not self._handshake.greeted)
         self._events += events
         return [self._sender.packet(PacketType.COMMAND, r.command.code, r.request_id, r.payload) for r in records]
 
@@ -331,7 +331,10 @@ class HostSession:
                 self._desk.bank_in_use(record.payload[0])
 
     def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
-        hello = self._handshake.met(v, device_time_s)
+        before, hello = self._handshake.hello, self._handshake.met(v, device_time_s)
+        if before is not None and before.serial != hello.serial:
+            # What was meant for one unit must never reach another.
+            self._events += self._lane.abandon(f"meant for {before.serial}; {hello.serial} answered")
         self._desk.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
         # A ground without its old database must not use ids again that the device remembers.
         self._ids.following = max(self._ids.following, hello.last_request_id + 1)

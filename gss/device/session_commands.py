@@ -111,6 +111,13 @@ class CommandLane:
             return record.to(Stage.UNKNOWN, detail=detail)
         return record.to(Stage.FAILED, reason=WITHDRAWN, detail=detail)
 
+    def abandon(self, detail: str) -> list[CommandStage]:
+        """Another unit is at the other end: nothing that was meant for the one before may be sent, now or as a retry."""
+        events = [self.withdraw(record.request_id, detail) for record in list(self._queue)]
+        for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
+            del self._records[request_id]
+        return events
+
     def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandStage]]:
         """Commands to write now, with their stages."""
         records = list(self._urgent)

@@ -21,6 +21,13 @@ class Handshake:
         self.hello: HelloReceived | None = None
         self._due_s: float | None = None
         self.acknowledged = False
+        self.greeted = False
+        """Has somebody answered on the present line?"""
+
+    def begin(self, now_s: float) -> None:
+        """A line was opened: whoever is at its end must say so before anything else is sent."""
+        self.greeted = False
+        self.ask_at(now_s)
 
     def ask_at(self, now_s: float | None) -> None:
         """Ask from this moment on until it is answered; None: do not ask."""
@@ -38,7 +45,7 @@ class Handshake:
         self.hello = read_hello(values, device_time_s, self._dictionary.hash)
         if self.hello.dictionary_match:
             self._sender.prefix, self.acknowledged = self._dictionary.prefix, False
-        self._due_s = None
+        self._due_s, self.greeted = None, True
         return self.hello
 
     def acknowledge(self) -> None:

@@ -56,12 +56,13 @@ def check_parts(probe: Probe, findings: Findings) -> None:
             cut = pixels[window.row_px : window.row_px + window.rows, window.col_px : window.col_px + window.columns]
             same = cut.astype(np.uint8 if pixel_bytes == 1 else ">u2").tobytes() == piece
             findings.check("6.11", "star windows: the pixels of the region", same)
-    for subject, values in (
+    cases: tuple[tuple[str, dict[str, Value]], ...] = (
         ("a region of no pixel", {"kind": "region", "columns": 0, "rows": 0}),
         ("a region beyond the edge", {"kind": "region", "columns": hello.columns, "rows": 1, "col_px": 1}),
         ("windows of an even side", {"kind": "star_windows", "columns": SIDE_PX + 1}),
         ("windows too large", {"kind": "star_windows", "columns": 33}),
-    ):
+    )
+    for subject, values in cases:
         _check_refused(probe, findings, subject, values)
 
 

@@ -128,6 +128,10 @@ class CommandRecorder:
         if event.stage is Stage.UNKNOWN and found.result == "unknown":
             return  # said already, when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
+        if event.reason == WITHDRAWN:
+            self._end(found.id, WITHDRAWN, event.detail)
+            self._bus.record("command", "warning", f"{found.name} was not sent: {event.detail}", command_id=found.id)
+            return
         stage = self._stage(str(event.stage), detail)
         values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
         if found.result == "resolved":
