@@ -27,6 +27,9 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("names", nargs="*", metavar="NAME", help="experiments; `gss experiments list` shows them")
     p.add_argument("--all", action="store_true", help="every experiment")
     p.add_argument("--trials", type=int, metavar="N", help="number of trials (default: the experiment's own)")
+    p.add_argument(
+        "--share", type=float, default=1.0, metavar="S", help="run this share of each experiment's own number of trials"
+    )
     p.add_argument("--seed", type=int, default=1, help="of every random number (default 1)")
     p.add_argument("--json", action="store_true", help="one JSON object per experiment and line")
     p.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page with every table")
@@ -46,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run and print in the order asked for."""
     from gss.operations.experiments import ENTRIES, as_page, as_record, as_text, entry, run_experiment
 
+    if not 0 < arguments.share <= 100:
+        raise BadInput("share of trials is out of range", expected="above 0, at most 100", got=f"{arguments.share:g}")
     names = list(ENTRIES) if arguments.all else arguments.names
     if not names:
         raise BadInput("no experiment named", expected="NAME … or --all", hint="gss experiments list")
@@ -55,7 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     for name in names:
         if sys.stderr.isatty():
             print(f"… {name}", file=sys.stderr, flush=True)
-        done.append(run_experiment(name, trials=arguments.trials, seed=arguments.seed))
+        trials = max(1, round(arguments.share * entry(name).trials)) if arguments.trials is None else arguments.trials
+        done.append(run_experiment(name, trials=trials, seed=arguments.seed))
         if arguments.json:
             print(json.dumps(as_record(done[-1]), ensure_ascii=False, allow_nan=False), flush=True)
         elif arguments.page is None:

@@ -26,6 +26,7 @@ from gss.pipeline.experiments.jacobs_tracking import jacobs_fig_2_7, jacobs_trac
 from gss.pipeline.experiments.liebe_tables import liebe_2, liebe_3, liebe_18
 from gss.pipeline.experiments.moniteq_locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from gss.pipeline.experiments.moniteq_sky import moniteq_2_1, moniteq_links
+from gss.pipeline.experiments.never_wrong import never_wrong
 
 Rerun = Callable[[StarTable, int, int, Progress], Experiment]
 FAINTEST_MAG = 8.0
@@ -75,6 +76,7 @@ ENTRIES: dict[str, Entry] = {
         Entry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
         Entry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),
         Entry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
+        Entry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )
 }
 

@@ -51,13 +51,15 @@ class _Slew:
     sigmas: list[Array] = field(default_factory=list)
 
 
-def erlank_6_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Slews about each axis. ``trials``: runs of 20 frames per rate and axis."""
+def erlank_6_2(
+    stars: StarTable, trials: int, seed: int, progress: Progress, rates_deg_s: tuple[float, ...] = RATES_DEG_S
+) -> Experiment:
+    """Slews across and about the boresight. ``trials``: runs of 20 frames per rate and axis."""
     rows: list[tuple[Cell, ...]] = []
-    for k, rate_deg_s in enumerate(RATES_DEG_S):
+    for k, rate_deg_s in enumerate(rates_deg_s):
         slews = {}
         for j, name in enumerate((ACROSS, ABOUT)):
-            progress((k + j / 2) / len(RATES_DEG_S))
+            progress((k + j / 2) / len(rates_deg_s))
             slews[name] = _run(stars, rate_deg_s, name, trials, np.random.default_rng([seed, k, j]))
         rows += [_row(rate_deg_s, name, slew) for name, slew in slews.items()]
     progress(1.0)
@@ -79,8 +81,9 @@ def erlank_6_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         ),
         tuple(rows),
         (
-            f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with the smear drawn, "
-            f"stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least {FEWEST_STARS} stars of the bank at the start",
+            f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with the smear "
+            f"drawn, stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least {FEWEST_STARS} stars of the "
+            "bank at the start",
             "across: about any axis across the boresight; about: round it. Lost in space first, then tracking round the last "
             "attitude without a prediction (§4.5), one mode back when that fails",
             "rates from attitudes of consecutive frames; σ: rms of measured minus commanded, per axis",
@@ -90,8 +93,8 @@ def erlank_6_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
             "Across the boresight every star moves by the rate times one second: beyond 0.3° nothing is within the tracking "
             "radius, as the document says. About it a star moves by the sine of its distance from the middle, and tracking holds "
             "longer.",
-            "Where tracking fails our chain goes one step back, to the assisted mode round the last boresight, and the next frame has "
-            "an attitude again: every other one at 0.35°/s. The paper has tracking only and names 0.3°/s its end.",
+            "Where tracking fails our chain goes one step back, to the assisted mode round the last boresight, and the next frame "
+            "has an attitude again: every other one at 0.35°/s. The paper has tracking only and names 0.3°/s its end.",
             "At 2°/s the smear of half a second is 18 px across: the faint vanish, the bright are too large for stars. About the "
             "boresight stars near it stay whole.",
         ),

@@ -1,0 +1,209 @@
+"""What the never-wrong campaign puts before the chains: each one's camera and bank, and lists of centroids with every fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import Centroids, Outcome, SolveResult, Truth
+from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
+from gss.domain.stars import DistanceTable, OnboardCatalogue, StarTable
+from gss.pipeline.chains import reference
+from gss.pipeline.chains.aim_parameters import default_parameters as aim_parameters
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, Work
+from gss.pipeline.chains.sunsat_detect import brightness_dn
+from gss.pipeline.chains.sunsat_parameters import default_parameters as sunsat_parameters
+from gss.pipeline.chains.systems import system
+from gss.pipeline.identify import near
+from gss.pipeline.identify.kvector import pair_table
+from gss.pipeline.identify.verify import Sky
+from gss.pipeline.render import stars_near, truth_of
+
+Solver = Callable[[Centroids, Mode, Array | None], SolveResult]
+"""Of centroids in a mode with the attitude to go by unless lost; assisted, a system's chain gets its boresight alone."""
+REFERENCE_CAMERA = "far_mst"
+# How much fainter a star may be that an error of magnitude brings above the limit.
+BEYOND_MAG = 1.5
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How one chain is tried: its bank's limit, the faintest star it measures, errors of place and brightness, how far a hint
+    may be off in assisted mode and before tracking; ``share`` of the trials for a slow chain."""
+
+    chain: str
+    camera: str
+    bank_mag: float
+    seen_mag: float
+    noise_px: float
+    noise_mag: float
+    assisted_rad: float
+    tracking_rad: float
+    share: float = 1.0
+
+
+def _deg(value: float) -> float:
+    return float(np.radians(value))
+
+
+SETTINGS = (
+    Setting("cubestar", "cubestar", 3.8, 3.8, 0.2, 0.1, _deg(5), _deg(0.25)),
+    Setting("sunsat", "sunsat", 6.0, 6.0, 0.2, 0.2, _deg(2), _deg(0.3)),
+    Setting("far_mst", "far_mst", 5.2, 5.2, 0.2, 0.1, _deg(5), _deg(0.3)),
+    Setting("oersted", "oersted", 5.6, 5.2, 0.2, 0.08, _deg(4), _deg(0.25)),
+    Setting("aim", "aim", 7.5, 7.5, 0.05, 0.05, _deg(4), _deg(0.25)),
+    Setting("reference", REFERENCE_CAMERA, 5.2, 5.2, 0.2, 0.1, _deg(5), _deg(0.3), 0.25),
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One way a list is spoilt. ``missing``: share of the stars left out; ``off_mag``: added to each star's magnitude, up or down
+    at random; ``shift_mag``: added to all; ``scale``: the true focal length over the believed; ``mirrored``: left for right;
+    ``share``: of the trials, because some faults cost a search of the whole sky."""
+
+    title: str
+    false: int = 0
+    missing: float = 0.0
+    off_mag: float = 0.0
+    shift_mag: float = 0.0
+    scale: float = 1.0
+    mirrored: bool = False
+    share: float = 1.0
+
+
+FAULTS = (
+    Fault("no fault"),
+    Fault("1 false star", false=1),
+    Fault("5 false stars", false=5),
+    Fault("10 false stars", false=10),
+    Fault("100 false stars", false=100, share=0.2),
+    Fault("a third missing, 2 false", false=2, missing=1 / 3),
+    Fault("magnitudes ±0.5 each", off_mag=0.5),
+    Fault("magnitudes +0.5 all", shift_mag=0.5),
+    Fault("focal length +1 %", scale=1.01),
+    Fault("focal length −1 %", scale=0.99),
+    Fault("mirrored", mirrored=True),
+    Fault("mirrored, 10 false stars", false=10, mirrored=True),
+    Fault("20 false stars alone", false=20, missing=1.0),
+)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A chain ready to be asked."""
+
+    setting: Setting
+    profile: CameraProfile
+    stars: StarTable
+    solve: Solver
+
+    @property
+    def camera(self) -> Camera:
+        """The camera it believes in."""
+        return self.profile.camera
+
+
+def subject(setting: Setting, stars: StarTable) -> Subject:
+    """The chain with its camera and a bank over the whole sky."""
+    known = profile(setting.camera)
+    solve = _reference(setting, known, stars) if setting.chain == reference.NAME else _system(setting, known, stars)
+    return Subject(setting, known, stars.brighter_than(setting.seen_mag + BEYOND_MAG), solve)
+
+
+def _system(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
+    chain = system(setting.chain)
+    catalogue = chain.prepare(_bank(stars.brighter_than(setting.bank_mag), known.camera), known)
+    works = {m: Work(known.camera, catalogue, chain.parameters(known, None, Commanded(), m), m) for m in Mode}
+
+    def solve(centroids: Centroids, mode: Mode, near_icrs: Array | None) -> SolveResult:
+        work = replace(works[mode], hint=None if near_icrs is None else _hint(mode, near_icrs))
+        s = chain.calculate_attitude(chain.match_stars(centroids, work), centroids, work)
+        outcome = Outcome.SOLVED if s.attitude is not None else Outcome.NONE
+        probability = s.false_match_probability
+        return SolveResult(
+            chain.name, outcome, s.reason, known.camera, (), centroids, s.matches, s.attitude, probability
+        )
+
+    return solve
+
+
+def _bank(bright: StarTable, camera: Camera) -> OnboardCatalogue:
+    """Over the whole sky, in the number widths of a device."""
+    pairs = pair_table(bright.icrs, 0.0, camera.diagonal_rad)
+    distance_rad = pairs.distance_rad.astype(np.float32)
+    table = DistanceTable(pairs.first, pairs.second, distance_rad, 0.0, camera.diagonal_rad)
+    return OnboardCatalogue(bright.hip, bright.icrs.astype(np.float32), bright.v_mag.astype(np.float32), table)
+
+
+def _reference(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
+    sky = reference.known_sky(Sky(stars.hip, stars.icrs, stars.v_mag), known.camera, setting.bank_mag)
+
+    def solve(centroids: Centroids, mode: Mode, near_icrs: Array | None) -> SolveResult:
+        radius_rad = setting.tracking_rad if mode is Mode.TRACKING else setting.assisted_rad
+        hint = None if near_icrs is None else near.Hint(near_icrs, radius_rad)
+        return reference.solve_centroids(centroids, known.camera, sky, hint=hint)
+
+    return solve
+
+
+def _hint(mode: Mode, near_icrs: Array) -> Hint:
+    if mode is Mode.TRACKING:
+        return Hint.from_quaternion(quaternion_from_matrix(near_icrs))
+    return Hint(near_icrs[2])
+
+
+def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generator) -> Array | None:
+    """An attitude up to the setting's angle from the true one about any axis; None when lost."""
+    if mode is Mode.LOST_IN_SPACE:
+        return None
+    axis = rng.normal(size=3)
+    largest_rad = setting.tracking_rad if mode is Mode.TRACKING else setting.assisted_rad
+    return np.asarray(rotation_from_vector(axis / np.linalg.norm(axis) * largest_rad * rng.random()) @ attitude)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A list of centroids, brightest first, and the truth behind it."""
+
+    centroids: Centroids
+    truth: Truth
+
+
+def shown(asked: Subject, fault: Fault, attitude: Array, rng: np.random.Generator) -> Shown:
+    """What the camera would list at an attitude with that fault: every star of the sky measured brighter than its limit, those
+    that the bank does not hold too."""
+    setting, believed = asked.setting, asked.camera
+    true = replace(
+        believed, focal_col_px=fault.scale * believed.focal_col_px, focal_row_px=fault.scale * believed.focal_row_px
+    )
+    truth = truth_of(stars_near(asked.stars, true, attitude), true, attitude)
+    n = len(truth.hip)
+    v_mag = truth.v_mag + setting.noise_mag * rng.normal(size=n) + fault.off_mag * rng.choice((-1.0, 1.0), n)
+    v_mag = v_mag + fault.shift_mag
+    seen = (v_mag <= setting.seen_mag) & (rng.random(n) >= fault.missing)
+    pixels = truth.pixels[seen] + setting.noise_px * rng.normal(size=(int(seen.sum()), 2))
+    edge = (believed.columns - 0.5, believed.rows - 0.5)
+    pixels = np.vstack([pixels, rng.uniform((-0.5, -0.5), edge, (fault.false, 2))])
+    if fault.mirrored:
+        pixels[:, 0] = believed.columns - 1 - pixels[:, 0]
+    v_mag = np.concatenate([v_mag[seen], rng.uniform(setting.seen_mag - 4.0, setting.seen_mag, fault.false)])
+    order = np.argsort(v_mag, kind="stable")
+    flux = _flux_dn(setting, asked.profile, v_mag[order])
+    return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), truth)
+
+
+def _flux_dn(setting: Setting, known: CameraProfile, v_mag: Array) -> Array:
+    """On the scale that the chain reads magnitudes from; the others compare brightness only."""
+    if setting.chain == "sunsat":
+        return brightness_dn(v_mag, sunsat_parameters(known))
+    if setting.chain == "aim":
+        p = aim_parameters(known)
+        return np.asarray(p.dn_at_mag_0 * p.light_share * 10 ** (-0.4 * v_mag))
+    return np.asarray(10 ** (-0.4 * v_mag))
