@@ -67,5 +67,5 @@ def run(arguments: argparse.Namespace) -> int:
         elif arguments.page is None:
             print(as_text(done[-1]) + "\n", flush=True)
     if arguments.page is not None:
-        arguments.page.write_text(as_page(done, __version__), "utf-8")
+        arguments.page.write_text(as_page(done, __version__, arguments.share), "utf-8")
     return 0

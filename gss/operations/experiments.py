@@ -122,11 +122,13 @@ def as_text(experiment: Experiment) -> str:
     return "\n".join([*lines, *(f"Note: {note}" for note in experiment.notes)])
 
 
-def as_page(experiments: Sequence[Experiment], version: str) -> str:
-    """``docs/experiments.md``: every table of a run."""
+def as_page(experiments: Sequence[Experiment], version: str, share: float = 1.0) -> str:
+    """``docs/experiments.md``: every table of a run, of which each took that ``share`` of its own number of trials."""
+    asked = "" if share == 1.0 else f" --share {share:g}"
     parts = [
         "# The documents' tables, rerun\n",
-        f"Written by `gss experiments run --all --page`, version {version}. Intervals are 95 % (Wilson). The same seed and number "
+        f"Written by `gss experiments run --all{asked} --page`, version {version}; each says "
+        "how many trials it had. Intervals are 95 % (Wilson). The same seed and number "
         "of trials give the same figures.\n",
     ]
     for e in experiments:
