@@ -28,8 +28,9 @@ web: $(VENV)/.installed
 web-test: web
 	cd web && npm run check && npm test
 
+# Two processes; a file's tests stay together, because they share servers and browsers.
 unit: $(VENV)/.installed web
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m tools.bench
