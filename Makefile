@@ -5,12 +5,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-PORT ?= 8181
+PORT ?= $(or $(GSS_PORT),8181)
+SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
 .PHONY: run test lint types unit web web-test bench lock clean docs
 
 run: $(VENV)/.installed web
-	@$(BIN)/gss serve --port $(PORT) --simulator cubestar
+	@$(BIN)/gss serve --port $(PORT) --simulator $(SIMULATOR)
 
 test: lint types web-test unit
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -35,6 +36,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GssError as error:
         print(f"gss: {error}", file=sys.stderr)
         return BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound | Conflict) else FAILED_EXIT
+    except BrokenPipeError:
+        # The reader has gone, as `| head` does. Nothing may be written any more, not even at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED_EXIT
     except KeyboardInterrupt:
         print("gss: interrupted", file=sys.stderr)
         return 130

@@ -48,8 +48,8 @@ def text_of(dictionary: Dictionary, row: Alarm) -> str:
     if row.packet == EVENT:
         times = int(row.value or 1)
         return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
-    over = {"cleared": ", back in limits and not yet seen", "acked": ", seen"}.get(row.state, "")
-    return f"{title_of(dictionary, row)} {row.limit_text}{over}"
+    before = {"cleared": "Back in limits, not seen: ", "acked": "Seen: "}.get(row.state, "")
+    return f"{before}{title_of(dictionary, row)} {row.limit_text}"
 
 
 def with_unit(value: float, field: TelemetryField) -> str:

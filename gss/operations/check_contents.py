@@ -149,7 +149,10 @@ def check_results(probe: Probe, findings: Findings) -> None:
         fields = probe.dictionary.packet("housekeeping").fields
         status = probe.order("GET_STATUS")
         code = probe.dictionary.packet("housekeeping").code
-        size = next(len(p.payload) for p in status.packets if p.code == code and p.request_id == status.request_id)
+        told = [p for p in status.packets if p.code == code and p.request_id == status.request_id]
+        if not told:
+            raise CorruptData("GET_STATUS brought no housekeeping packet under its id", got=status.text)
+        size = len(told[-1].payload)
         pieces = [(at, min(PIECE_BYTES, size - at)) for at in range(0, size, PIECE_BYTES)]
         came = [_memory(probe, "registers", at, length) for at, length in pieces]
         fits = [len(c) for c in came] == [length for _, length in pieces]

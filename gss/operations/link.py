@@ -56,6 +56,8 @@ class LinkService:
         self.reason = "no port has been opened"
         self.contact_id: int | None = None
         self.hello: HelloReceived | None = None
+        self.last_hello: HelloReceived | None = None
+        """Who was at the other end last; stays when the line is lost."""
         self.dictionary_acknowledged = False
         self.handlers: list[Handler] = []
         self._database, self._bus, self._captures = database, bus, captures
@@ -216,7 +218,8 @@ class LinkService:
             log.exception("not recorded: %s", text)
 
     def _met(self, hello: HelloReceived) -> None:
-        self.hello, self.dictionary_acknowledged = hello, False
+        self.hello = self.last_hello = hello
+        self.dictionary_acknowledged = False
         name = f"{hello.serial}" if hello.serial else f"{hello.profile} {hello.device_model}"
         with self._database.unit_of_work() as session:
             device = store.remember(

@@ -30,7 +30,7 @@ from gss.operations.banks import BankService
 from gss.operations.clock import Now
 from gss.operations.commanding import CommandService
 from gss.operations.device_frames import Picture, picture_of, shape_of
-from gss.operations.device_tables import DeviceTableService
+from gss.operations.device_tables import FACTORY, DeviceTableService
 from gss.operations.events import EventBus
 from gss.operations.frame_memory import FrameMemory, remember
 from gss.operations.frames import FrameService
@@ -124,7 +124,9 @@ class Reception:
             self._bank_told(values)
         elif packet.packet == "table_info":
             if self._tables.told(values):
-                self._transfers.in_use(str(values["table"]), _hex(values["sha256"]))
+                # The factory's table came with the unit: no upload brought it, even one with the same bytes.
+                brought = "" if str(values["bank"]) == FACTORY else _hex(values["sha256"])
+                self._transfers.in_use(str(values["table"]), brought)
         elif packet.packet == "frame_info":
             self._frame_told(values)
         elif packet.packet == "frame_truth":

@@ -115,7 +115,7 @@ class StatusService:
 
     def header(self) -> Header:
         """The state now."""
-        hello, housekeeping = self._link.hello, self._link.session.housekeeping or {}
+        hello, housekeeping = self._link.last_hello, self._link.session.housekeeping or {}
         device_hash = self._link.session.device_dictionary_hash
         match = None if device_hash is None else device_hash == self._link.dictionary.hash_hex
         banks = self._banks.views()

@@ -61,8 +61,14 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
     add("--inclination-deg", type=float, default=97.8, help="of the circular orbit (default 97.8)")
     add("--raan-deg", type=float, default=84.0, help="its ascending node (default 84)")
     add("--latitude-argument-deg", type=float, default=0.0, help="place on it at the start (default 0)")
-    add("--mounting", default="zenith", choices=ORBIT_LAWS, help="how the camera sits in the body (default zenith)")
-    add("--roll-pitch-yaw", metavar="R,P,Y", help="body against the orbit axes, degrees (default 0,0,0)")
+    add(
+        "--mounting",
+        choices=ORBIT_LAWS,
+        help="how the camera sits in the body (default zenith; sunsat for that camera)",
+    )
+    add(
+        "--roll-pitch-yaw", metavar="R,P,Y", help="body against the orbit axes, degrees (default 0,0,0; sunsat 0,0,135)"
+    )
 
 
 def _add_line(group: argparse._ArgumentGroup) -> None:
@@ -153,12 +159,19 @@ def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float)
     return Inertial(start, np.array([0.0, rate_rad_s if kind == "slew" else 0.0, 0.0])), orbit
 
 
+OWN_MOUNTING = {"sunsat": ("sunsat", "0,0,135")}
+"""How a system's camera sits in its satellite, and roll, pitch and yaw in service (Jacobs 1995 §1.3, Table 5-2)."""
+
+
 def _earth_pointing(arguments: argparse.Namespace, orbit: Orbit) -> Motion:
-    body = _angles(arguments.roll_pitch_yaw or "0,0,0", "ROLL,PITCH,YAW")
+    mounting, at_rest = OWN_MOUNTING.get(arguments.profile, ("zenith", "0,0,0"))
+    if arguments.mounting not in (None, mounting):
+        mounting, at_rest = arguments.mounting, "0,0,0"
+    body = _angles(arguments.roll_pitch_yaw or at_rest, "ROLL,PITCH,YAW")
     roll, pitch, yaw = (float(np.radians(angle)) for angle in body)
-    if isinstance(orbit, CircularOrbit) and arguments.mounting == "zenith" and not any(body):
+    if isinstance(orbit, CircularOrbit) and mounting == "zenith" and not any(body):
         return Zenith(orbit.altitude_km, orbit.inclination_rad, orbit.raan_rad, orbit.start_rad)
-    return EarthPointing(orbit, BODY_FROM_CAM[arguments.mounting].T, (roll, pitch, yaw))
+    return EarthPointing(orbit, BODY_FROM_CAM[mounting].T, (roll, pitch, yaw))
 
 
 def _angles(text: str, what: str) -> tuple[float, float, float]:

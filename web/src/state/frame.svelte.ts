@@ -25,9 +25,21 @@ export class FrameView {
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
   private shown: string | null = null;
   private generation = 0;
+  private following = false;
+  private again = false;
 
   /** Reads a frame, or the newest one; pixels only when they are other pixels. */
   async load(id: number | 'latest'): Promise<void> {
+    // Frames may come faster than one is read: what is being read is shown, then the newest of those that came meanwhile.
+    if (id === 'latest' && this.loading && this.following) { this.again = true; return; }
+    this.following = id === 'latest';
+    await this.read(id);
+    if (!this.again) return;
+    this.again = false;
+    await this.load('latest');
+  }
+
+  private async read(id: number | 'latest'): Promise<void> {
     const turn = ++this.generation;
     this.loading = true;
     try {
