@@ -48,7 +48,7 @@ def text_of(dictionary: Dictionary, row: Alarm) -> str:
     if row.packet == EVENT:
         times = int(row.value or 1)
         return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
-    before = {"cleared": "Back in limits, not seen: ", "acked": "Seen: "}.get(row.state, "")
+    before = {"cleared": "Was: ", "acked": "Seen: "}.get(row.state, "")
     return f"{before}{title_of(dictionary, row)} {row.limit_text}"
 
 
