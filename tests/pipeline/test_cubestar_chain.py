@@ -243,14 +243,20 @@ def test_too_few_stars_say_so(n: int) -> None:
     )
 
 
-def test_two_stars_are_enough_while_tracking() -> None:
-    """Erlank 2013 §4.5: tracking works with two stars."""
+def test_two_stars_are_enough_while_tracking_by_the_document_only() -> None:
+    """Erlank 2013 §4.5: tracking works with two stars; ours asks for three, because two fit a mirrored frame as well."""
     rng = np.random.default_rng(10)
     rotation = matrix_from_quaternion(random_quaternion(rng))
     centroids, truth = _list(rng, rotation, 0)
     hint = Hint.from_quaternion(truth.quaternion)
-    two = centroids.take(np.arange(2))
-    result = solve_centroids(two, CAMERA, _bank(), PARAMETERS, mode=Mode.TRACKING, hint=hint)
+    two, three = centroids.take(np.arange(2)), centroids.take(np.arange(3))
+    document = replace(PARAMETERS, acceptance="document")
+    result = solve_centroids(two, CAMERA, _bank(), document, mode=Mode.TRACKING, hint=hint)
+    assert assess(result, truth, CAMERA).verdict.value == "correct"
+    refused = solve_centroids(two, CAMERA, _bank(), PARAMETERS, mode=Mode.TRACKING, hint=hint)
+    assert refused.attitude is None
+    assert "3 needed" in refused.reason
+    result = solve_centroids(three, CAMERA, _bank(), PARAMETERS, mode=Mode.TRACKING, hint=hint)
     assert assess(result, truth, CAMERA).verdict.value == "correct"
 
 

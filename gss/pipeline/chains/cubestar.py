@@ -33,6 +33,8 @@ from gss.pipeline.chains.cubestar_parameters import (
 from gss.pipeline.chains.modes import Hint, Mode, next_mode
 from gss.pipeline.chains.onboard import Detection, Solution
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.identify.soundness import is_handed
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.trace import Trace
 
@@ -85,7 +87,8 @@ def calculate_attitude(
     hint: Hint | None = None,
 ) -> Solution:
     """QUEST over the selected stars with their verification votes as weights (Erlank 2013 §4.4, §5.3.4), and the checks
-    that keep a false attitude from leaving the chain: residuals, the hint, and the false-match bound."""
+    that keep a false attitude from leaving the chain: residuals, the hint, the false-match bound, handedness and the focal
+    length."""
     chosen = matching.selected
     if matching.reason:
         return Solution(None, None, float("nan"), matching.reason)
@@ -107,11 +110,31 @@ def calculate_attitude(
             f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
         )
         return Solution(None, None, probability, reason)
+    unsound = _unsound(matching, centroids, camera, catalogue, parameters) if parameters.proves else ""
+    if unsound:
+        return Solution(None, None, probability, unsound)
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
     residual_px = centroids.pixels[chosen] - camera.project(reference @ cam_from_icrs.T)
     matches = Matches(chosen.astype(np.int32), catalogue.hip[rows].astype(np.int32), weights, residual_px)
     return Solution(Attitude(quaternion, covariance), matches, probability, "")
+
+
+def _unsound(
+    matching: Matching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: OnboardCatalogue,
+    parameters: CubestarParameters,
+) -> str:
+    """Why the named stars may belong to a mirrored frame or another focal length, or ""."""
+    chosen, bank = matching.selected, catalogue.icrs.astype(float)
+    reference = bank[matching.row[chosen]]
+    if not is_handed(matching.unit_cam[chosen], reference, parameters.tolerance_rad):
+        return f"{len(chosen)} stars in a pattern that is its own mirror image"
+    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
+    radius_px = parameters.tolerance_rad / camera.pixel_rad
+    return focal_objection(centroids.pixels[good], np.searchsorted(good, chosen), reference, bank, camera, radius_px)
 
 
 def hint_error_rad(camera: Camera, parameters: CubestarParameters) -> float:

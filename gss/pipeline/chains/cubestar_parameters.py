@@ -26,7 +26,10 @@ SOURCES: dict[str, str] = {
     "window_px": "Erlank 2013 §4.1.3: 5 x 5",
     "tolerance_rad": "Erlank 2013 §4.3.5: 0.001 rad, about one pixel; other cameras: 1.12 pixels as well",
     "vote_margin": "Erlank 2013 §4.3.3: within one of the most votes",
-    "min_verified": "ours: four without knowledge, three with a hint, two in tracking (Erlank 2013 §4.5 asks for two)",
+    "min_verified": "ours: four without knowledge, three with a hint or in tracking, because two stars fit a mirrored frame; "
+    "Erlank 2013 §4.5 asks for two in tracking: acceptance 'document'",
+    "acceptance": "ours 'proved': no pattern that is its own mirror image, and none where the field says another focal length; "
+    "'document': neither is asked (Erlank 2013 §4.3–4.5)",
     "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
     "tracking_radius_rad": "Erlank 2013 §4.5: 0.3°",
     "assisted_radius_rad": "Erlank 2013 §4.3.4: 35°; other cameras: half diagonal + 5°",
@@ -53,13 +56,16 @@ class CubestarParameters:
     vote_margin: int = 1
     min_verified_lost: int = 4
     min_verified_assisted: int = 3
-    min_verified_tracking: int = 2
+    min_verified_tracking: int = 3
+    acceptance: str = "proved"
     max_false_probability: float = 1e-3
     tracking_radius_rad: float = float(np.radians(0.3))
     undistort: str = "exact"
     max_small_regions: int = 100
 
     def __post_init__(self) -> None:
+        if self.acceptance not in ("proved", "document"):
+            raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
         if self.undistort not in ("exact", "document"):
             raise BadInput("unknown way to undistort", expected="exact | document", got=self.undistort)
         if not (self.threshold_dn > 0 and self.tolerance_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
@@ -72,11 +78,17 @@ class CubestarParameters:
     def min_verified(self, mode: Mode) -> int:
         """Fewest verified stars for an attitude."""
         if mode is Mode.TRACKING:
-            return self.min_verified_tracking
+            return self.min_verified_tracking if self.proves else DOCUMENT_TRACKING
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
+
+    @property
+    def proves(self) -> bool:
+        """Whether the chain checks handedness and focal length."""
+        return self.acceptance == "proved"
 
 
 FAINTER_MAG = 0.25
+DOCUMENT_TRACKING = 2
 DOCUMENT_THRESHOLD_DN = 6.0
 DOCUMENT_RADIUS_RAD = float(np.radians(35.0))
 NOISE_SIGMAS = 4.0

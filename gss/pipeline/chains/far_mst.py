@@ -18,6 +18,7 @@ from gss.pipeline.chains.far_mst_match import FarMstMatching
 from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.chains.far_mst_verify import star_radius_rad
 from gss.pipeline.chains.onboard import Solution
+from gss.pipeline.identify.focal_census import focal_objection
 
 NOTHING = float("nan")
 
@@ -29,7 +30,8 @@ def calculate_attitude(
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
 ) -> Solution:
-    """Attitude of the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36); none where one star does not fit."""
+    """Attitude of the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36); none where one star does not fit, or the
+    field fits another focal length."""
     probability = matching.false_match_probability
     if matching.reason:
         return Solution(None, None, probability, matching.reason)
@@ -46,11 +48,28 @@ def calculate_attitude(
             return Solution(
                 None, None, probability, f"matched stars do not fit one attitude: one is {pixels:.1f} px off"
             )
+        another = _another_focal_length(matching, centroids, camera, catalogue, parameters, sigma_rad)
+        if another:
+            return Solution(None, None, probability, another)
     residual_px = centroids.pixels[chosen] - camera.project(seen)
     matches = Matches(
         chosen.astype(np.int32), catalogue.bank.hip[row].astype(np.int32), weight / weight.sum(), residual_px
     )
     return Solution(Attitude(quaternion, covariance_rad2(unit, sigma_rad)), matches, probability, "")
+
+
+def _another_focal_length(
+    matching: FarMstMatching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: FarMstCatalogue,
+    parameters: FarMstParameters,
+    sigma_rad: Array,
+) -> str:
+    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
+    met, reference = np.searchsorted(good, matching.selected), catalogue.icrs[matching.row[matching.selected]]
+    radius_px = float(np.max(star_radius_rad(sigma_rad, camera.pixel_rad, parameters))) / camera.pixel_rad
+    return focal_objection(centroids.pixels[good], met, reference, catalogue.icrs, camera, radius_px)
 
 
 def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -> Array:

@@ -46,8 +46,8 @@ SOURCES: dict[str, str] = {
     "tracking_radius_rad": "ours: 1°, the move at the document's slowest rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
     "assisted_radius_rad": "half diagonal and 5°",
     "attitude_method": "Huffman 2006 §6.1.3 chose QUEST",
-    "acceptance": "'document' takes a unique figure as it is (Huffman 2006 §5.5.4); 'bound' is ours: names for all stars, and a "
-    "bound on an accidental identification",
+    "acceptance": "'document' takes a unique figure as it is (Huffman 2006 §5.5.4); 'bound' is ours: names for all stars, a "
+    "bound on an accidental identification, and none where the field says another focal length",
     "max_false_probability": "ours: largest accepted bound",
     "min_identified": "ours: four without knowledge, three with a hint, two in tracking",
     "min_share": "ours: a camera whose scale is off fits a small group by accident of its neighbours; a third of what could be "

@@ -22,16 +22,18 @@ from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.blind import BlindFound, identify_blind
 from gss.pipeline.identify.faint import Named, Spots, name_the_rest
+from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
 from gss.pipeline.identify.patterns import Level
 from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
-from gss.pipeline.identify.verify import Evidence, Field, Sky, field_of
+from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, Field, Sky, field_of
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
 NAME = "reference"
 MANY_MORE = 1.5
+CENSUS_PX = 1.0  # the census of focal lengths has steps of half as much
 DEEPER_ACCEPT = ACCEPT / 2  # a second search is a second chance of an accident
 MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
 
@@ -122,11 +124,20 @@ def _identify_known(
         with trace.stage("why not"):
             mirrored = _solves_mirrored(centroids, camera, stars)
         return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
+    with trace.stage("focal length"):
+        another = _another_focal_length(view, camera, stars.sky, evidence)
+    if another:
+        return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
         named = _name_all(view, camera, stars, evidence, found)
     hip = stars.deep.hip[named.stars]
     solved = _solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
     return replace(solved, timing_s=dict(trace.timing_s))
+
+
+def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evidence) -> str:
+    radius_px = max(CENSUS_PX, RADIUS_SIGMA * float(np.median(view.sigma_px)))
+    return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
 def _name_all(view: Field, camera: Camera, stars: KnownSky, evidence: Evidence, found: Detections | None) -> Named:

@@ -1,0 +1,112 @@
+"""Whether the stars say that the focal length is another: a census of the whole field at focal lengths around the known one.
+
+A camera whose focal length is not the one believed still matches the few stars in a corner whose distances are right within the
+tolerance. Their names may all be true and the boresight is wrong by the error of scale times their distance from the middle.
+At the right focal length many more stars of the bank lie on centroids, and that is counted here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.attitude import svd
+
+Rows = NDArray[np.intp]
+
+# Neighbours in the grid are half a pixel apart at 200 px from the middle; a list further off is hardly ever matched at all.
+STEP, LARGEST = 0.0025, 0.015
+# A calibration may be off by one step: 1.5 px at 600 px is no false attitude.
+AS_KNOWN = (1 + STEP, 1 - STEP)
+OTHERS = tuple(round(1 + sign * k * STEP, 6) for k in range(2, round(LARGEST / STEP) + 1) for sign in (1, -1))
+# Where so much of what can be met is met, it does not lie in one corner.
+PLENTY = 0.8
+# The first attitude rests on a few stars, perhaps a cluster: far from them look wider, as far as their own errors turn the field.
+ROUNDS = 4
+WIDEST_PX = 30.0
+BESIDE_RAD = 0.05
+# A right list refused costs a frame, a wrong one answered costs everything: so much accident is allowed.
+ACCIDENT = 1e-2
+
+
+def focal_objection(
+    pixels: Array, matched: Rows, icrs_of_matched: Array, bank: Array, camera: Camera, radius_px: float
+) -> str:
+    """Why the camera's focal length cannot be right, or "".
+
+    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of those that have a name; ``icrs_of_matched``: (k, 3) their stars;
+    ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: how near its place a star counts as met.
+    """
+    cam_from_icrs = svd(camera.unproject(pixels[matched]), icrs_of_matched)
+    near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
+    starts = [(matched, icrs_of_matched)]
+    if len(matched) > 2:
+        inner = _without_furthest(pixels[matched])
+        starts.append((matched[inner], icrs_of_matched[inner]))
+
+    def census(scale: float) -> tuple[int, int]:
+        scaled = camera.with_focal_scaled(scale)
+        return max(_met(pixels, rows, icrs, near, scaled, radius_px) for rows, icrs in starts)
+
+    here, in_view = census(1.0)
+    if here >= PLENTY * min(len(pixels), in_view):
+        return ""
+    here = max(here, *(census(scale)[0] for scale in AS_KNOWN))
+    counts = [census(scale)[0] for scale in OTHERS]
+    best = int(np.argmax(counts))
+    gain = counts[best] - here
+    chance = min(1.0, in_view * np.pi * radius_px**2 / (camera.columns * camera.rows))
+    if gain <= 0 or len(OTHERS) * float(bdtrc(gain - 1, max(len(pixels) - here, gain), chance)) > ACCIDENT:
+        return ""
+    return (
+        f"{here} stars of the bank are where the focal length of the camera puts them, "
+        f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: it is not this focal length"
+    )
+
+
+def _without_furthest(pixels: Array) -> Rows:
+    """All rows but the one furthest from the middle of them: where one name is false, it is often that."""
+    off = np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)
+    return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
+
+
+def _met(pixels: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float) -> tuple[int, int]:
+    """How many stars lie on centroids, and how many are in view, at the attitude that most of them agree on."""
+    unit = camera.unproject(pixels)
+    stars, spots, weight = icrs, rows, np.ones(len(rows))
+    met, in_view = 0, 0
+    for round_ in range(ROUNDS + 1):
+        cam_from_icrs = svd(unit[spots], stars, weight)
+        predicted = camera.project(near @ cam_from_icrs.T)
+        seen = np.flatnonzero(camera.contains(predicted))
+        radius = np.full(len(seen), radius_px)
+        if round_ < ROUNDS:
+            radius *= _lever(predicted[seen], pixels[spots], weight, WIDEST_PX / radius_px)
+        star, spots = _nearest(predicted[seen], pixels, radius)
+        met, in_view = len(spots), len(seen)
+        if met < 2:
+            break
+        stars, weight = near[seen[star]], (radius_px / radius[star]) ** 2
+    return met, in_view
+
+
+def _lever(places: Array, fitted: Array, weight: Array, most: float) -> Array:
+    """(n,) by how much larger than one star's error the error of prediction is that far from the stars of the fit."""
+    middle = np.average(fitted, axis=0, weights=weight)
+    extent2 = float(np.sum(weight * ((fitted - middle) ** 2).sum(1)))
+    far2 = ((places - middle) ** 2).sum(1)
+    return np.asarray(np.clip(np.sqrt(1 + 1 / np.sum(weight) + far2 / max(extent2, 1.0)), 1.0, most))
+
+
+def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, Rows]:
+    """Mutually nearest (star, centroid) within the star's radius."""
+    if not len(predicted):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    off2 = ((predicted[:, None] - pixels[None]) ** 2).sum(-1)
+    to, back = off2.argmin(1), off2.argmin(0)
+    star = np.arange(len(predicted))
+    ok = (back[to] == star) & (off2[star, to] <= radius_px**2)
+    return star[ok], to[ok]

@@ -1,0 +1,77 @@
+"""Another focal length than the one believed shows in the whole field, however few stars were matched."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.identify.focal_census import focal_objection
+
+CAMERA = Camera.from_fov(1280, 1024, np.radians(30))
+RADIUS_PX = 1.0
+
+
+def _field(rng: np.random.Generator, camera: Camera, stars: int = 40) -> tuple[Array, Array]:
+    """(n, 2) measured pixels and (n, 3) directions of stars, the sky lying as the camera does."""
+    pixels = rng.uniform((0, 0), (camera.columns - 1, camera.rows - 1), (stars, 2))
+    return pixels + 0.2 * rng.normal(size=pixels.shape), camera.unproject(pixels)
+
+
+def _corner(pixels: Array, many: int) -> np.ndarray:
+    return np.argsort(np.linalg.norm(pixels - [1200, 100], axis=1))[:many]
+
+
+@pytest.mark.parametrize("scale", [0.99, 0.995, 1.005, 1.0075, 1.01])
+@pytest.mark.parametrize("seed", range(5))
+def test_another_focal_length_is_named(scale: float, seed: int) -> None:
+    """Four stars of a corner, true names, forty in the field and ten false stars: the objection says which focal length."""
+    rng = np.random.default_rng(seed)
+    pixels, stars = _field(rng, CAMERA.with_focal_scaled(scale))
+    pixels = np.vstack([pixels, rng.uniform((0, 0), (1279, 1023), (10, 2))])
+    met = _corner(pixels[:40], 4)
+    said = focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
+    assert "focal length" in said
+    told = float(said.split("one of ")[1].split(" %")[0])
+    assert told == pytest.approx(100 * (scale - 1), abs=0.26)
+
+
+@pytest.mark.parametrize("false", [0, 10, 100])
+def test_the_right_focal_length_meets_no_objection(false: int) -> None:
+    """Few of the field's stars matched, half of them missing, false stars between: of sixty fields at most one is refused."""
+    refused = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        pixels, stars = _field(rng, CAMERA)
+        shown = rng.permutation(40)[:20]
+        pixels = np.vstack([pixels[shown], rng.uniform((0, 0), (1279, 1023), (false, 2))])
+        met = _corner(pixels[:20], 4)
+        refused += focal_objection(pixels, met, stars[shown][met], stars, CAMERA, RADIUS_PX) != ""
+    assert refused <= 1
+
+
+def test_a_cluster_with_a_loose_roll_is_no_hiding_place() -> None:
+    """Six stars within 40 px leave the roll open by many pixels at the rim: the census finds the rest all the same."""
+    rng = np.random.default_rng(3)
+    camera = CAMERA.with_focal_scaled(0.99)
+    pixels, stars = _field(rng, camera)
+    cluster = np.array([1200.0, 500.0]) + rng.uniform(-20, 20, (6, 2))
+    pixels, stars = np.vstack([pixels, cluster]), np.vstack([stars, camera.unproject(cluster)])
+    pixels[40:] += 0.2 * rng.normal(size=(6, 2))
+    met = np.arange(40, 46)
+    assert "focal length" in focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
+
+
+def test_a_small_error_of_calibration_is_no_objection() -> None:
+    """A quarter of a per cent moves no boresight by more than two pixels and is let pass."""
+    rng = np.random.default_rng(4)
+    pixels, stars = _field(rng, CAMERA.with_focal_scaled(1.002))
+    met = _corner(pixels, 5)
+    assert focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX) == ""
+
+
+def test_frames_without_more_stars_say_nothing() -> None:
+    """Where all centroids are matched there is nothing to ask."""
+    pixels, stars = _field(np.random.default_rng(5), CAMERA, 4)
+    assert focal_objection(pixels, np.arange(4), stars, stars, CAMERA, RADIUS_PX) == ""
