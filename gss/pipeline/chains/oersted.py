@@ -25,6 +25,7 @@ from gss.pipeline.chains.oersted_parameters import NAME, OerstedParameters, defa
 from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
 from gss.pipeline.hyperaccuracy import brightest_pixels, hyperaccurate_centroids, inside_frame
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
+from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.track.constant_rate import average_estimates
@@ -84,6 +85,7 @@ def calculate_attitude(
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
     reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, sigma_rad, probability)
+    reason = reason or _another_focal_length(matching, centroids, camera, catalogue, parameters)
     if reason and parameters.proves:
         return Solution(None, None, probability, reason)
     quaternion = _averaged(quaternion_from_matrix(cam_from_icrs), matching.mode, hint, parameters)
@@ -136,6 +138,15 @@ def _objection(
             f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
         )
     return ""
+
+
+def _another_focal_length(
+    matching: Matching, centroids: Centroids, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters
+) -> str:
+    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
+    met, reference = np.searchsorted(good, matching.selected), catalogue.icrs[matching.row[matching.selected]]
+    radius_px = parameters.uncertainty_rad / camera.pixel_rad
+    return focal_objection(centroids.pixels[good], met, reference, catalogue.icrs[catalogue.seen], camera, radius_px)
 
 
 def _hint_error_rad(camera: Camera, parameters: OerstedParameters) -> float:

@@ -31,7 +31,8 @@ SOURCES: dict[str, str] = {
     "triplets_alone": "ours: so many candidates are followed one by one where the vote of Liebe 1992 names fewer than five "
     "stars; 0 is the document",
     "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
-    "acceptance": "ours 'proved': residuals and the false-match bound decide; 'document': whatever the vote or the "
+    "acceptance": "ours 'proved': residuals, the false-match bound and the focal length that the field shows decide; 'document': "
+    "whatever the vote or the "
     "least-distance fit gives is the answer (Liebe 1992 names no test, and Table 2 has its failures)",
     "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 is none, because frames may "
     "not come at equal times",
