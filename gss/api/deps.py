@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
+from pydantic import AfterValidator
 
 from gss.operations.authority import checked_user
 from gss.wiring import Services
@@ -30,3 +32,15 @@ App = Annotated[Services, Depends(_services)]
 
 User = Annotated[str, Depends(_user)]
 """Who asks."""
+
+
+def _with_zone(value: datetime) -> datetime:
+    """The moment in UTC; one without a zone is meant so."""
+    try:
+        return (value if value.tzinfo else value.replace(tzinfo=UTC)).astimezone(UTC)
+    except OverflowError:
+        raise ValueError("a moment that cannot be told in UTC") from None
+
+
+Moment = Annotated[datetime, AfterValidator(_with_zone)]
+"""A moment in a query."""

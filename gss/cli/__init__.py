@@ -36,6 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GssError as error:
         print(f"gss: {error}", file=sys.stderr)
         return BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound | Conflict) else FAILED_EXIT
+    except FileNotFoundError as error:
+        print(f"gss: {error.strerror}: {error.filename}", file=sys.stderr)
+        return FAILED_EXIT
     except BrokenPipeError:
         # The reader has gone, as `| head` does. Nothing may be written any more, not even at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

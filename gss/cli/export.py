@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from gss.cli import Subparsers
 
 
+MOST_FRAMES = 10_000
+
+
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("export", help="write recordings and documents")
@@ -78,7 +81,10 @@ def _ids(text: str) -> list[int]:
         first, _, last = part.partition("-")
         if not first.isdigit() or (last and not last.isdigit()):
             raise BadInput("not a list of frames", expected="numbers and ranges such as 3,5-9", got=text)
-        ids += range(int(first), int(last or first) + 1)
+        low, high = int(first), int(last or first)
+        if high < low or high - low >= MOST_FRAMES:
+            raise BadInput("not a range of frames", expected=f"low-high, at most {MOST_FRAMES} frames", got=part)
+        ids += range(low, high + 1)
     return ids
 
 

@@ -20,6 +20,7 @@ WHOLE = ("columns", "rows", "bits")
 RADIAL = ("radial_1", "radial_2", "radial_3", "radial_4")
 COMMANDED = ("threshold_dn", "min_area_px", "max_area_px")
 """Constants that SET_DETECTION holds; a parameter set gives their values after it becomes active."""
+REASON = 100.0
 LOST_NOTHING: Mapping[str, Scalar] = {}
 
 
@@ -63,6 +64,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     if unknown or missing:
         wrong = ", ".join(sorted(unknown | missing))
         raise BadInput("calibration has other values", expected="geometry, coefficients, photometry", got=wrong)
+    words = [n for n, v in values.items() if isinstance(v, str) and n != "distortion"]
+    if words:
+        raise BadInput("calibration values are numbers", expected="a number", got=", ".join(words))
     numbers = {n: float(v) for n, v in values.items() if not isinstance(v, str)}
     whole = {n: int(numbers[n]) for n in WHOLE}
     size = profile.camera.columns, profile.camera.rows, profile.sensor.bits
@@ -71,12 +75,32 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         raise BadInput("calibration of another detector", expected=f"{size[0]} x {size[1]} px, {size[2]} bits", got=got)
     if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
         raise BadInput("focal lengths and gain must be above zero")
+    own = calibration_values(profile)
+    for name in numbers:
+        within_reason(name, numbers[name], own.get(name, 0.0))
+    if not numbers["bright_limit_mag"] < numbers["faint_limit_mag"]:
+        raise BadInput("limiting magnitudes are crossed", expected="bright_limit_mag below faint_limit_mag")
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
     geometry: dict[str, Any] = {n: whole.get(n, numbers[n]) for n in GEOMETRY}
     camera = Camera(**geometry, distortion=distortion)
     photometry: dict[str, Any] = {n: numbers[n] for n in sensor_names} | {"bits": whole["bits"]}
     sensor = Sensor(**photometry)
     return replace(profile, camera=camera, sensor=sensor)
+
+
+def within_reason(name: str, value: float, own: Scalar) -> None:
+    """BadInput where a value lies so far from the unit's own that it can only be a mistake: a hundredfold either way, or of
+    the other sign; where the unit's own is zero or negative, beyond a hundred times its size or 10."""
+    if isinstance(own, str):
+        return
+    if float(own) > 0:
+        low, high = float(own) / REASON, float(own) * REASON
+    else:
+        low, high = -max(10.0, REASON * abs(float(own))), max(10.0, REASON * abs(float(own)))
+    if not low <= value <= high:
+        raise BadInput(
+            f"{name} cannot be right", expected=f"{low:g} – {high:g}, the unit's own is {own:g}", got=f"{value:g}"
+        )
 
 
 def constants(parameters: Any) -> dict[str, float | int | bool]:
@@ -135,6 +159,10 @@ def _replaced(parameters: Any, values: Mapping[str, Scalar], kept: tuple[str, ..
         kind = type(present[name])
         if isinstance(value, str) or (kind is not float and float(value) != int(value)):
             raise BadInput(f"{name} is of another kind", expected=kind.__name__, got=str(value))
+        if kind is bool and value not in (0, 1):
+            raise BadInput(f"{name} is yes or no", expected="0 or 1", got=str(value))
+        if kind is not bool:
+            within_reason(name, float(value), present[name])
         if name not in kept:
             new[name] = kind(value)
     return replace(parameters, **new)

@@ -17,6 +17,7 @@ from gss.store.models import Command
 
 __all__ = ["CommandHistory", "Filter"]
 
+FORMULA = ("=", "+", "-", "@", "\t")
 COLUMNS = (
     *("id", "request_id", "created", "finished", "duration_s", "user", "source", "contact_id", "run_id", "name"),
     *("arguments", "result", "detail", "late", "attempts", "resolved_note", "values", "stages"),
@@ -77,7 +78,10 @@ def _facts(row: Command) -> dict[str, Any]:
 
 
 def _cell(value: Any) -> Any:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else value
+    if isinstance(value, dict | list):
+        return json.dumps(value, ensure_ascii=False)
+    # A spreadsheet would run what begins like a formula.
+    return f"'{value}" if isinstance(value, str) and value[:1] in FORMULA else value
 
 
 def _line(cells: Any) -> str:

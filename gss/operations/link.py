@@ -88,6 +88,8 @@ class LinkService:
         """Use this port from now on; BadInput, Conflict or LinkDown when it cannot be opened, and then nothing changes."""
         stream = open_stream(url)
         stream.close()
+        if url != self.url:
+            self.last_hello = None
         self.url, self._reopen = url, True
         self._wake.set()
 

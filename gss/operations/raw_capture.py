@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -108,11 +108,20 @@ def read_capture(file: BinaryIO) -> Iterator[Record]:
         yield unix_s, direction, data
 
 
-def read_captures(paths: Iterable[Path]) -> Iterator[Record]:
-    """The records of several files as one run; a torn end of one does not hide the next."""
+def read_captures(
+    paths: Iterable[Path], unread: Callable[[Path, int], None] = lambda _path, _bytes: None
+) -> Iterator[Record]:
+    """The records of several files as one run; a torn end of one does not hide the next. ``unread``: told of each file whose
+    end could not be read, and how many bytes that is."""
     for path in paths:
         with path.open("rb") as file:
-            yield from read_capture(file)
+            whole = 0
+            for record in read_capture(file):
+                whole = file.tell()
+                yield record
+            # A file that is still being written ends where its last whole record does; a damaged one was read beyond.
+            if file.tell() != whole:
+                unread(path, path.stat().st_size - whole)
 
 
 def capture_span(paths: Iterable[Path]) -> tuple[float, float] | None:

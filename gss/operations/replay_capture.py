@@ -164,7 +164,8 @@ class CaptureReplay:
         self._counts = _Counts()
         player = _Pace(self._monotonic_s)
         told_s = -1e9
-        for record in read_captures(files):
+        unread: list[str] = []
+        for record in read_captures(files, lambda path, count: unread.append(f"{count} bytes of {path.name}")):
             at_s = record[0]
             if seek_s is not None and at_s < seek_s:
                 self._take(decoder, record, silent=True)
@@ -178,7 +179,9 @@ class CaptureReplay:
                 told_s = self._monotonic_s()
                 self._show(at_s)
         self._show(self._counts.at_s or 0.0)
-        self._tell(state="ended", reason="the capture's end")
+        self._tell(
+            state="ended", reason=f"damaged: {', '.join(unread)} could not be read" if unread else "the capture's end"
+        )
         return False
 
     def _goes_elsewhere(self) -> bool:

@@ -28,11 +28,14 @@ class SimulatedSensor:
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
         # A name of its own, so that the port can vanish and come back as a pulled plug does.
         command += ["--symlink", str(folder / "line"), *shlex.split(options)]
+        # However the server ends, its end of standard input closes: no simulator is left behind with the flash in its hands.
+        command += ["--exit-with-stdin"]
         if framing != "cobs":
             command += ["--framing", framing]
         self._log_path = folder / "simulator.log"
         self._log = self._log_path.open("ab")
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)  # noqa: S603
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, text=True)  # noqa: S603
 
     def url(self) -> str:
         """Address of its line, as soon as it says READY; GssError when it ends before."""
@@ -56,8 +59,9 @@ class SimulatedSensor:
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
-        if self._process.stdout:
-            self._process.stdout.close()
+        for end in (self._process.stdin, self._process.stdout):
+            if end:
+                end.close()
         self._log.close()
 
 

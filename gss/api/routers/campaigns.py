@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, User
 from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
 from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
@@ -31,11 +31,11 @@ def run_experiments(app: App, body: ExperimentsIn) -> JobOut:
 
 
 @router.post("/reprocess", status_code=201)
-def reprocess(app: App, body: ReprocessIn) -> JobOut:
+def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
     """Run a chain over many stored frames; a job. Starting it again does what is left."""
     wanted = Reprocessing(body.chain, tuple(body.frame_ids), body.profile, body.again)
     filters = {"source": body.source, "contact_id": body.contact}
-    return present.records.job(app.reprocessing.start(wanted, user=app.settings.user, **filters))
+    return present.records.job(app.reprocessing.start(wanted, user=user, **filters))
 
 
 @router.get("/chains")

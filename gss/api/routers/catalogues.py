@@ -32,9 +32,9 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
 
 
 @router.post("/preview")
-def preview(app: App, body: CatalogueIn) -> PreviewOut:
+def preview(app: App, user: User, body: CatalogueIn) -> PreviewOut:
     """The quick look while parameters change."""
-    quick = app.catalogues.preview(request_of(body, app.settings.user))
+    quick = app.catalogues.preview(request_of(body, user))
     return PreviewOut(
         stars=quick.stars,
         pairs_estimate=quick.pairs,
@@ -45,10 +45,10 @@ def preview(app: App, body: CatalogueIn) -> PreviewOut:
 
 
 @router.post("", status_code=202)
-def build_catalogue(app: App, body: CatalogueIn) -> JobOut:
+def build_catalogue(app: App, user: User, body: CatalogueIn) -> JobOut:
     """Build as a job; its result names the catalogue."""
-    request = request_of(body, app.settings.user)
-    return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=app.settings.user))
+    request = request_of(body, user)
+    return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=user))
 
 
 @router.get("/{catalogue_id}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from itertools import chain
 from typing import Annotated
 
@@ -11,7 +10,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import App, ContactId, RowId, User
+from gss.api.deps import App, ContactId, Moment, RowId, User
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.operations.command_history import Filter
 from gss.store.models import Command
@@ -25,8 +24,8 @@ SearchText = Annotated[str, Query(max_length=200)]
 
 
 def _filter(
-    start: datetime | None = None,
-    end: datetime | None = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
     name: Words = [],  # noqa: B006 - the framework copies it
     result: Words = [],  # noqa: B006
     user: Word = "",
@@ -36,11 +35,7 @@ def _filter(
     text: SearchText = "",
 ) -> Filter:
     """Which commands of the history; a moment without a zone is UTC."""
-    return Filter(_utc(start), _utc(end), tuple(name), tuple(result), user, source, contact, run, text)
-
-
-def _utc(moment: datetime | None) -> datetime | None:
-    return moment if moment is None or moment.tzinfo else moment.replace(tzinfo=UTC)
+    return Filter(start, end, tuple(name), tuple(result), user, source, contact, run, text)
 
 
 Wanted = Annotated[Filter, Depends(_filter)]

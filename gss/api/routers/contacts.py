@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse, HTMLResponse
 
 from gss.api import present
-from gss.api.deps import App, RowId
+from gss.api.deps import App, RowId, User
 from gss.api.present.contact_page import contact_page
 from gss.api.schemas.contacts import (
     ContactDetailOut,
@@ -39,9 +39,9 @@ def read_contact(app: App, contact_id: RowId) -> ContactDetailOut:
 
 
 @router.put("/contacts/{contact_id}/note")
-def note_contact(app: App, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
+def note_contact(app: App, user: User, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
     """What an operator has to say about it."""
-    return present.contacts.detail(app.contacts.note(contact_id, body.note, user=app.settings.user))
+    return present.contacts.detail(app.contacts.note(contact_id, body.note, user=user))
 
 
 @router.get("/contacts/{contact_id}/record")

@@ -53,10 +53,10 @@ def latest_frame(app: App) -> FrameDetailOut:
 
 
 @router.post("/import", status_code=201)
-def import_frame(app: App, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
+def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
     """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
     data = file.file.read(security.MAX_BODY_BYTES + 1)
-    frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=app.settings.user)
+    frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=user)
     return present.frames.frame_detail(app.frames.detail(frame.id))
 
 

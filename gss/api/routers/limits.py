@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, User
 from gss.api.schemas.telemetry import LimitIn, LimitOut, LimitSetIn, LimitsOut
 from gss.domain.limits import Limits, Range
 
@@ -19,17 +19,17 @@ def read_limits(app: App) -> LimitsOut:
 
 
 @router.put("/set")
-def choose_set(app: App, body: LimitSetIn) -> LimitsOut:
+def choose_set(app: App, user: User, body: LimitSetIn) -> LimitsOut:
     """Put another limit set in force."""
-    app.telemetry.limits.choose(body.name, user=app.settings.user, note=body.note)
+    app.telemetry.limits.choose(body.name, user=user, note=body.note)
     return present.telemetry.limits(app.telemetry.limits)
 
 
 @router.put("/{key}")
-def override(app: App, key: str, body: LimitIn) -> LimitOut:
+def override(app: App, user: User, key: str, body: LimitIn) -> LimitOut:
     """An operator's own limits for a field ``packet.name``; they hold in every set until they are taken back."""
     limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
-    app.telemetry.limits.override(key, limits, body.persistence, user=app.settings.user, note=body.note)
+    app.telemetry.limits.override(key, limits, body.persistence, user=user, note=body.note)
     return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))
 
 
@@ -39,7 +39,7 @@ def _range(pair: list[float | int | None]) -> Range:
 
 
 @router.delete("/{key}")
-def restore(app: App, key: str) -> LimitOut:
+def restore(app: App, user: User, key: str) -> LimitOut:
     """Take an operator's own limits back."""
-    app.telemetry.limits.restore(key, user=app.settings.user)
+    app.telemetry.limits.restore(key, user=user)
     return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))

@@ -6,7 +6,7 @@ from fastapi import APIRouter
 
 from gss import __version__
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, User
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
 
 router = APIRouter(tags=["link"])
@@ -31,21 +31,24 @@ def read_counters(app: App) -> CountersOut:
 
 
 @router.post("/link/open")
-def open_link(app: App, body: LinkOpenIn) -> LinkOut:
+def open_link(app: App, user: User, body: LinkOpenIn) -> LinkOut:
     """Use another port. What is wrong with it is said at once, and the present one stays."""
+    app.authority.check(user)
     app.link.open(body.url)
     return present.link.link(app.status.header())
 
 
 @router.post("/link/acknowledge-dictionary")
-def acknowledge_dictionary(app: App) -> LinkOut:
+def acknowledge_dictionary(app: App, user: User) -> LinkOut:
     """Accept that the device has another dictionary; commanding is blocked until then."""
-    app.link.acknowledge_dictionary(app.settings.user)
+    app.authority.check(user)
+    app.link.acknowledge_dictionary(user)
     return present.link.link(app.status.header())
 
 
 @router.post("/link/close")
-def close_link(app: App) -> LinkOut:
+def close_link(app: App, user: User) -> LinkOut:
     """Give the port back."""
+    app.authority.check(user)
     app.link.close()
     return present.link.link(app.status.header())

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
-from pydantic import AfterValidator
 
 from gss.api import present
-from gss.api.deps import LARGEST_ID, App, ContactId
+from gss.api.deps import LARGEST_ID, App, ContactId, Moment
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry_export import FORMATS, export
 
 router = APIRouter(prefix="/telemetry", tags=["telemetry"])
 
 
-def _with_zone(value: datetime) -> datetime:
-    return value if value.tzinfo else value.replace(tzinfo=UTC)
-
-
-Moment = Annotated[datetime, AfterValidator(_with_zone)]
 Fields = Annotated[list[str], Query(min_length=1, max_length=20)]
 ExportFields = Annotated[list[str], Query(min_length=1, max_length=200)]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId
+from gss.api.deps import App, RowId, User
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
 
@@ -21,8 +21,9 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
 
 
 @router.post("/download", status_code=201)
-def download(app: App, body: TransferIn) -> TransferOut:
+def download(app: App, user: User, body: TransferIn) -> TransferOut:
     """Bring an image or a part of it, a bank, or a table from the device."""
+    app.commands.require_user(user)
     region = Part(**body.region.model_dump()) if body.region else None
     view = app.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
     return present.records.transfer(view)
@@ -36,17 +37,18 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
 
 @router.post("/{transfer_id}/pause")
 def pause(app: App, transfer_id: RowId) -> TransferOut:
-    """Stop sending; what is stored stays stored."""
+    """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume")
-def resume(app: App, transfer_id: RowId) -> TransferOut:
+def resume(app: App, user: User, transfer_id: RowId) -> TransferOut:
     """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
+    app.commands.require_user(user)
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 
 @router.post("/{transfer_id}/abort")
 def abort(app: App, transfer_id: RowId) -> TransferOut:
-    """Give it up on both sides."""
+    """Give it up on both sides. Free to all, as ABORT is."""
     return present.records.transfer(app.transfers.abort(transfer_id))

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
 
-Scalar = int | float | str
+Scalar = bool | int | float | str
 
 
 class TablePlaceOut(Out):

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from gss.device.simulator.faults import LineControl
 from gss.device.simulator.machine import Device
-from gss.domain.errors import Conflict
+from gss.domain.errors import BadInput, Conflict
 
 READ_BYTES = 4096
 BACKLOG_BYTES = 4096
@@ -115,6 +115,8 @@ class TcpLine:
     """One connection at a time on the loopback; a second one is closed at once."""
 
     def __init__(self, port: int) -> None:
+        if not 0 <= port <= 65535:
+            raise BadInput("TCP port is out of range", expected="0 – 65535", got=str(port))
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

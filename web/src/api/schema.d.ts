@@ -1771,7 +1771,7 @@ export interface paths {
         put?: never;
         /**
          * Pause
-         * @description Stop sending; what is stored stays stored.
+         * @description Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority.
          */
         post: operations["pause_api_transfers__transfer_id__pause_post"];
         delete?: never;
@@ -1811,7 +1811,7 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description Give it up on both sides.
+         * @description Give it up on both sides. Free to all, as ABORT is.
          */
         post: operations["abort_api_transfers__transfer_id__abort_post"];
         delete?: never;
@@ -4850,7 +4850,7 @@ export interface components {
             profile: string;
             /** Content */
             content?: {
-                [key: string]: number | string;
+                [key: string]: boolean | number | string;
             };
         };
         /**
@@ -7284,7 +7284,9 @@ export interface operations {
     open_link_api_link_open_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -7362,7 +7364,9 @@ export interface operations {
     acknowledge_dictionary_api_link_acknowledge_dictionary_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -7436,7 +7440,9 @@ export interface operations {
     close_link_api_link_close_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -9460,7 +9466,9 @@ export interface operations {
     choose_set_api_telemetry_limits_set_put: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -9538,7 +9546,9 @@ export interface operations {
     override_api_telemetry_limits__key__put: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 key: string;
             };
@@ -9618,7 +9628,9 @@ export interface operations {
     restore_api_telemetry_limits__key__delete: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 key: string;
             };
@@ -9847,7 +9859,9 @@ export interface operations {
     acknowledge_api_alarms__alarm_id__acknowledge_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 alarm_id: number;
             };
@@ -9927,7 +9941,9 @@ export interface operations {
     shelve_api_alarms__alarm_id__shelve_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 alarm_id: number;
             };
@@ -10007,7 +10023,9 @@ export interface operations {
     unshelve_api_alarms__alarm_id__unshelve_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 alarm_id: number;
             };
@@ -10087,7 +10105,9 @@ export interface operations {
     clear_api_alarms__alarm_id__clear_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 alarm_id: number;
             };
@@ -10322,7 +10342,9 @@ export interface operations {
     import_frame_api_frames_import_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -11400,7 +11422,9 @@ export interface operations {
     build_catalogue_api_catalogues_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -11478,7 +11502,9 @@ export interface operations {
     preview_api_catalogues_preview_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -12014,7 +12040,9 @@ export interface operations {
     reprocess_api_campaigns_reprocess_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -12317,7 +12345,9 @@ export interface operations {
     download_api_transfers_download_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path?: never;
             cookie?: never;
         };
@@ -12547,7 +12577,9 @@ export interface operations {
     resume_api_transfers__transfer_id__resume_post: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 transfer_id: number;
             };
@@ -13156,7 +13188,9 @@ export interface operations {
     note_contact_api_contacts__contact_id__note_put: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
             path: {
                 contact_id: number;
             };

@@ -1,0 +1,67 @@
+"""Who may do what, and whose name goes on the record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+ALICE = {"X-GSS-User": "alice"}
+BOB = {"X-GSS-User": "bob"}
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/api/link/close", None),
+        ("/api/link/open", {"url": "socket://127.0.0.1:9"}),
+        ("/api/link/acknowledge-dictionary", None),
+        ("/api/transfers/download", {"kind": "frame", "slot": 0}),
+        ("/api/transfers/1/resume", None),
+        ("/api/commands", {"name": "GET_STATUS", "arguments": {}, "confirm": ""}),
+    ],
+)
+def test_nobody_else_commands_through_a_side_door(client: TestClient, path: str, body: dict[str, Any] | None) -> None:
+    """While alice holds authority bob is told so, whatever door he takes."""
+    assert client.post("/api/authority/take", headers=ALICE).status_code in (200, 409)
+    answer = client.post(path, json=body, headers=BOB)
+    assert answer.status_code == 409, answer.text
+    assert "alice" in answer.text
+
+
+def test_the_record_names_who_changed_a_limit(client: TestClient) -> None:
+    """Not the server's own user."""
+    limit = {
+        "watch": [-10, 40],
+        "warning": [None, None],
+        "critical": [None, None],
+        "persistence": None,
+        "note": "bench",
+    }
+    key = "housekeeping.sensor_temperature_c"
+    changed = client.put(f"/api/telemetry/limits/{key}", json=limit, headers={"X-GSS-User": "carol"})
+    assert changed.status_code == 200, changed.text
+    assert changed.json()["changed_by"] == "carol"
+
+
+@pytest.mark.parametrize("path", ["/api/commands", "/api/commands.csv", "/api/telemetry/packets"])
+def test_a_moment_beyond_the_calendar_is_told(client: TestClient, path: str) -> None:
+    """422, not a defect and not an empty file."""
+    assert client.get(path, params={"end": "9999-12-31T23:59:59-14:00"}).status_code == 422
+
+
+def test_what_the_form_offers_can_be_sent_back(client: TestClient) -> None:
+    """Defaults of a parameter set, as they are."""
+    offered = client.get("/api/tables/defaults", params={"kind": "parameters", "profile": "cubestar"}).json()
+    body = {"kind": "parameters", "name": "as it is", "profile": "cubestar", "content": offered["content"]}
+    answer = client.post("/api/tables", json=body)
+    assert answer.status_code == 201, answer.text
+
+
+def test_a_number_in_words_is_refused(client: TestClient) -> None:
+    """A focal length of "12" is named, not a defect."""
+    body = {"kind": "calibration", "name": "x", "profile": "cubestar", "content": {"focal_col_px": "12"}}
+    answer = client.post("/api/tables", json=body)
+    assert answer.status_code in (400, 422)
+    assert "focal_col_px" in answer.text

@@ -1,0 +1,65 @@
+"""A table that cannot be right is refused before it is sent, and on board again."""
+
+from __future__ import annotations
+
+import pytest
+
+from gss.device.table_use import calibrated, calibration_values, check_parameters, parameter_values
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES, profile
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_a_units_own_values_are_taken(name: str) -> None:
+    """What the form offers can be sent back."""
+    known = profile(name)
+    assert calibrated(known, calibration_values(known)).camera == known.camera
+    check_parameters(known, parameter_values(known))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("exposure_s", 1e308),
+        ("gain_e_per_dn", 1e-308),
+        ("dark_current_e_s", -1e9),
+        ("background_e_s", 1e300),
+        ("psf_sigma_px", 0.0),
+        ("full_well_e", -1.0),
+        ("exposure_s", 0.0),
+        ("faint_limit_mag", -99.0),
+        ("read_noise_e", -1.0),
+        ("bias_dn", 1e9),
+        ("focal_col_px", 1e-300),
+        ("k1", 1e308),
+        ("focal_col_px", "12"),
+    ],
+)
+def test_a_calibration_that_cannot_be_right_is_refused(field: str, value: float | str) -> None:
+    """The sentence names the value."""
+    known = profile("cubestar")
+    with pytest.raises(BadInput, match=field):
+        calibrated(known, calibration_values(known) | {field: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("search_step_px", 0),
+        ("threshold_dn", 1_000_000),
+        ("window_px", 0),
+        ("window_px", 100_000),
+        ("max_centroids", 0),
+        ("vote_margin", -1),
+        ("min_verified_lost", 0),
+        ("max_false_probability", 0.0),
+        ("max_false_probability", 2.0),
+        ("tracking_radius_rad", 100.0),
+        ("edge_rule", 2),
+    ],
+)
+def test_parameters_that_cannot_be_right_are_refused(field: str, value: float) -> None:
+    """The sentence names the constant."""
+    known = profile("cubestar")
+    with pytest.raises(BadInput, match=field):
+        check_parameters(known, parameter_values(known) | {field: value})
