@@ -24,7 +24,9 @@ def test_rows_of_the_first_schema_are_read_by_the_newest(tmp_path: Path) -> None
     database = Database(open_engine(url))
     with database.unit_of_work() as session:
         session.execute(
-            text("INSERT INTO contacts (id, url, started, rx_bytes, tx_bytes, capture) VALUES (1, 'x', :at, 1, 2, 'c')"),
+            text(
+                "INSERT INTO contacts (id, url, started, rx_bytes, tx_bytes, capture) VALUES (1, 'x', :at, 1, 2, 'c')"
+            ),
             {"at": STARTED},
         )
         session.execute(
