@@ -156,3 +156,14 @@ def test_abort_answers_its_key_on_every_page(page):
     page.keyboard.press("Shift+Escape")
     page.goto("/commands")
     expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
+
+
+def test_the_live_page_at_rest_asks_little(page):
+    """What is shown comes by the stream: in five quiet seconds fewer than twenty requests, none of them in a loop."""
+    page.goto("/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    page.wait_for_timeout(2000)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.wait_for_timeout(5000)
+    assert len(asked) < 20, asked[:30]

@@ -25,15 +25,19 @@ export class FrameView {
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
   private shown: string | null = null;
   private generation = 0;
+  /** No state: an effect that starts a reading must not run again because the reading has begun. */
+  private busy = false;
   private following = false;
   private again = false;
 
   /** Reads a frame, or the newest one; pixels only when they are other pixels. */
   async load(id: number | 'latest'): Promise<void> {
     // Frames may come faster than one is read: what is being read is shown, then the newest of those that came meanwhile.
-    if (id === 'latest' && this.loading && this.following) { this.again = true; return; }
+    if (id === 'latest' && this.busy && this.following) { this.again = true; return; }
     this.following = id === 'latest';
+    this.busy = true;
     await this.read(id);
+    this.busy = false;
     if (!this.again) return;
     this.again = false;
     await this.load('latest');
