@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import erfa  # type: ignore[import-untyped]
+import erfa  # type: ignore[import-untyped]  # the package has no types
 import numpy as np
 
 from gss.catalogue_tools.corrections import DAYS_PER_YEAR, J2000_JYEAR

@@ -73,7 +73,7 @@ def read_argument(where: str, row: Row, enums: Enums) -> Argument:
         raise BadInput(f"{where}: a number needs min and max")
     if argument.type in INTEGER_RANGES:
         low, high = INTEGER_RANGES[argument.type]
-        if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]
+        if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]  # a number has both, checked above
             raise BadInput(
                 f"{where}: range does not fit {argument.type}", expected=f"{low} – {high}", got=argument.range_text
             )
@@ -87,7 +87,7 @@ def _check_default(where: str, argument: Argument, numeric: bool) -> None:
         return
     good = True
     if numeric:
-        good = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]
+        good = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]  # a number has both, checked above
     elif argument.choices:
         good = any(c.name == default for c in argument.choices)
     elif argument.type == "bool":

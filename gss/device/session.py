@@ -186,7 +186,7 @@ class HostSession:
         """The size of chunks for a kind of content that the dictionary knows."""
         opening = self._dictionary.service("OPEN_DOWNLOAD")
         item = next(f for f in opening.fields if f.name == "kind")
-        encode([item], {"kind": kind})  # type: ignore[list-item]
+        encode([item], {"kind": kind})  # type: ignore[list-item]  # an item of a service is an Item
         return wanted or self._quality.chunk_bytes(direction)
 
     def _queue(self, transfer: Transfer, paused: str) -> int:

@@ -33,7 +33,7 @@ def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tup
 
 def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) -> HelloReceived:
     """The device's identity from what HELLO returns; ``own_hash``: of the ground's dictionary."""
-    told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]
+    told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
     return HelloReceived(
         device_model=str(v["device_model"]),
         profile=str(v["profile"]),

@@ -151,7 +151,7 @@ class TransferTalk:
                 t.chunks, window, request_patience_s(window, chunk_bytes, self.line_bytes_s), resumed=t.resumed
             )
         else:
-            self._prepare_download(t, size, chunk_bytes, window, bytes(v["sha256"]))  # type: ignore[arg-type]
+            self._prepare_download(t, size, chunk_bytes, window, bytes(v["sha256"]))  # type: ignore[arg-type]  # bytes fields decode to bytes
             t.frame_number = int(v["frame_number"])
         started_over = had_some and (not t.resumed if t.direction is Direction.UP else not t.holds_any)
         t.to(TransferState.TRANSFERRING, STARTED_OVER[t.direction] if started_over else t.note)
@@ -189,7 +189,7 @@ class TransferTalk:
     def chunk(self, t: Transfer, message: Decoded, now_s: float) -> None:
         """A chunk came down."""
         assert t.receiver is not None  # noqa: S101 - the caller has checked it
-        index, data = int(message.values["index"]), bytes(message.values["data"])  # type: ignore[arg-type]
+        index, data = int(message.values["index"]), bytes(message.values["data"])  # type: ignore[arg-type]  # bytes fields decode to bytes
         t.tries = 0
         t.due_s = now_s + self._poke_after_s(t)
         if t.receiver.accept(index, int(message.values["serial"]), len(data)):

@@ -27,7 +27,7 @@ def _filter(
     start: Moment | None = None,
     end: Moment | None = None,
     name: Words = [],  # noqa: B006 - the framework copies it
-    result: Words = [],  # noqa: B006
+    result: Words = [],  # noqa: B006 - as above
     user: Word = "",
     source: Word = "",
     contact: ContactId = None,

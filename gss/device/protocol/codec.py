@@ -91,7 +91,7 @@ def coerce(item: Item, value: Value) -> Value:
         low, high = INTEGER_RANGES[kind]
         whole = isinstance(value, int) and not isinstance(value, bool)
         whole = whole or (isinstance(value, float) and value.is_integer())
-        if not whole or not low <= value <= high:  # type: ignore[operator]
+        if not whole or not low <= value <= high:  # type: ignore[operator]  # a number or bytes by the tests above
             raise _bad(item, value)
         return int(value)
     if kind in FLOATS:
@@ -155,7 +155,7 @@ def encode_item(item: Item, value: Value) -> bytes:
     if isinstance(value, str):
         data = value.encode()
         return bytes([len(data)]) + data if item.type == "text" else data.ljust(item.size, b"\0")
-    return bytes(value)  # type: ignore[arg-type]
+    return bytes(value)  # type: ignore[arg-type]  # a number or bytes by the tests above
 
 
 def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None = None) -> bytes:

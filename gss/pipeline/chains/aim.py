@@ -7,8 +7,6 @@ repeats. What the document leaves open, and what we add against false attitudes:
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from gss.domain.angles import Array
@@ -22,7 +20,7 @@ from gss.pipeline.chains.aim_detect import find_centroids
 from gss.pipeline.chains.aim_match import AimCatalogue, Matching, match_stars, prepare
 from gss.pipeline.chains.aim_parameters import NAME, AimParameters, default_parameters
 from gss.pipeline.chains.modes import Hint, Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
 from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
 from gss.pipeline.regions import Pixels
@@ -135,19 +133,7 @@ class AimChain:
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
     ) -> AimParameters:
-        base = default_parameters(profile, exposure_s)
-        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-        radius_rad = base.assisted_radius_rad
-        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
-            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
-        return replace(
-            base,
-            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
-            min_area_px=smallest,
-            max_area_px=max(largest, smallest),
-            assisted_radius_rad=radius_rad,
-        )
+        return with_commanded(default_parameters(profile, exposure_s), profile.camera, commanded, mode)
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
         return prepare(catalogue, profile)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import Centroids
 from gss.domain.stars import OnboardCatalogue
@@ -13,7 +9,7 @@ from gss.pipeline.chains import cubestar
 from gss.pipeline.chains.cubestar_match import Matching
 from gss.pipeline.chains.cubestar_parameters import CubestarParameters, default_parameters
 from gss.pipeline.chains.modes import Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
 from gss.pipeline.regions import Pixels
 
 # Erlank 2013 §5.3.3–5.3.6: 320 ms for twenty centroids, under 10 ms for QUEST.
@@ -29,19 +25,7 @@ class CubestarChain:
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
     ) -> CubestarParameters:
-        base = default_parameters(profile, exposure_s)
-        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-        radius_rad = base.assisted_radius_rad
-        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
-            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
-        return replace(
-            base,
-            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
-            min_area_px=smallest,
-            max_area_px=max(largest, smallest),
-            assisted_radius_rad=radius_rad,
-        )
+        return with_commanded(default_parameters(profile, exposure_s), profile.camera, commanded, mode)
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> OnboardCatalogue:
         return catalogue

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import Centroids
 from gss.domain.stars import OnboardCatalogue
@@ -15,7 +11,7 @@ from gss.pipeline.chains.far_mst_detect import find_centroids
 from gss.pipeline.chains.far_mst_match import FarMstMatching, match_stars
 from gss.pipeline.chains.far_mst_parameters import NAME, FarMstParameters, default_parameters
 from gss.pipeline.chains.modes import Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
 from gss.pipeline.regions import Pixels
 
 # Huffman 2006 Table 7.2 at 2 σ: 0.170 s for the sliding pre-filter of 1280 x 1024 pixels, 1.4 ms a star; §7.4: 8.3 s for 14
@@ -33,19 +29,7 @@ class FarMstChain:
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
     ) -> FarMstParameters:
-        base = default_parameters(profile, exposure_s)
-        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-        radius_rad = base.assisted_radius_rad
-        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
-            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
-        return replace(
-            base,
-            threshold_dn=None if commanded.threshold_dn is None else float(commanded.threshold_dn),
-            min_area_px=smallest,
-            max_area_px=max(largest, smallest),
-            assisted_radius_rad=radius_rad,
-        )
+        return with_commanded(default_parameters(profile, exposure_s), profile.camera, commanded, mode)
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> FarMstCatalogue:
         return far_mst_catalogue(catalogue, profile.camera)

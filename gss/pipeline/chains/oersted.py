@@ -22,7 +22,7 @@ from gss.pipeline.centroid import brightest_first
 from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.oersted_match import Matching, OerstedCatalogue, match_stars, prepare
 from gss.pipeline.chains.oersted_parameters import NAME, OerstedParameters, default_parameters
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
 from gss.pipeline.hyperaccuracy import brightest_pixels, hyperaccurate_centroids, inside_frame
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
 from gss.pipeline.identify.focal_census import focal_objection
@@ -197,19 +197,7 @@ class OerstedChain:
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
     ) -> OerstedParameters:
-        base = default_parameters(profile, exposure_s)
-        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-        radius_rad = base.assisted_radius_rad
-        if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
-            radius_rad = min(float(np.pi), profile.camera.half_diagonal_rad + commanded.hint_radius_rad)
-        return replace(
-            base,
-            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
-            min_area_px=smallest,
-            max_area_px=max(largest, smallest),
-            assisted_radius_rad=radius_rad,
-        )
+        return with_commanded(default_parameters(profile, exposure_s), profile.camera, commanded, mode)
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> OerstedCatalogue:
         return prepare(catalogue, profile)

@@ -7,8 +7,8 @@ same frame, bank, settings and prior give the same bits in all three.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,29 @@ class Commanded:
     min_area_px: int | None = None
     max_area_px: int | None = None
     hint_radius_rad: float | None = None
+
+
+P = TypeVar("P")
+
+
+def with_detection(base: P, commanded: Commanded) -> P:
+    """A chain's parameters with the commanded threshold and sizes in their place; the largest never below the smallest."""
+    own: Any = base
+    smallest = own.min_area_px if commanded.min_area_px is None else commanded.min_area_px
+    largest = own.max_area_px if commanded.max_area_px is None else commanded.max_area_px
+    threshold_dn = own.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn)
+    changed: P = replace(own, threshold_dn=threshold_dn, min_area_px=smallest, max_area_px=max(largest, smallest))
+    return changed
+
+
+def with_commanded(base: P, camera: Camera, commanded: Commanded, mode: Mode) -> P:
+    """As :func:`with_detection`, and an assisted catalogue that reaches as far as the field and the hint's radius."""
+    changed: Any = with_detection(base, commanded)
+    if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
+        reach_rad = min(float(np.pi), camera.half_diagonal_rad + commanded.hint_radius_rad)
+        changed = replace(changed, assisted_radius_rad=reach_rad)
+    result: P = changed
+    return result
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from gss.domain.results import Centroids
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import sunsat
 from gss.pipeline.chains.modes import Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_detection
 from gss.pipeline.chains.sunsat_match import (
     SunsatCatalogue,
     SunsatMatching,
@@ -35,19 +35,10 @@ class SunsatChain:
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
     ) -> SunsatParameters:
-        base = default_parameters(profile, exposure_s)
-        smallest = base.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-        largest = base.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-        radius_rad = base.hint_error_rad
+        base = with_detection(default_parameters(profile, exposure_s), commanded)
         if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
-            radius_rad = commanded.hint_radius_rad
-        return replace(
-            base,
-            threshold_dn=base.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn),
-            min_area_px=smallest,
-            max_area_px=max(largest, smallest),
-            hint_error_rad=radius_rad,
-        )
+            return replace(base, hint_error_rad=commanded.hint_radius_rad)
+        return base
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> SunsatCatalogue:
         return prepare(catalogue)
