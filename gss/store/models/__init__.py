@@ -1,0 +1,34 @@
+"""The tables, by aggregate. Importing this room is what makes all of them known."""
+
+from gss.store.models.base import Base, UtcDateTime
+from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarSource
+from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
+from gss.store.models.frames import Frame, Solution
+from gss.store.models.link import Command, CommandStage, Contact, Device, Event, TelemetryPacket, Transfer
+from gss.store.models.studies import Analysis, Calibration
+
+__all__ = [
+    "Alarm",
+    "Analysis",
+    "Authority",
+    "BankHistory",
+    "Base",
+    "Calibration",
+    "Catalogue",
+    "Choice",
+    "Command",
+    "CommandStage",
+    "Contact",
+    "Device",
+    "DeviceTable",
+    "Event",
+    "Frame",
+    "Job",
+    "Solution",
+    "Stack",
+    "StackRun",
+    "StarSource",
+    "TelemetryPacket",
+    "Transfer",
+    "UtcDateTime",
+]

@@ -1,0 +1,100 @@
+"""What people at the console do: alarms, choices, authority, stacks, long work."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class Alarm(Base):
+    """A limit that was left, from its first sample until it is back and an operator has seen it. Never deleted."""
+
+    __tablename__ = "alarms"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    packet: Mapped[str] = mapped_column(String(40))
+    field: Mapped[str] = mapped_column(String(60), index=True)
+    state: Mapped[str] = mapped_column(String(10))
+    worst: Mapped[str] = mapped_column(String(10))
+    value: Mapped[float | None]
+    limit_text: Mapped[str] = mapped_column(String(120), default="")
+    limit_set: Mapped[str] = mapped_column(String(30), default="")
+    raised: Mapped[datetime] = mapped_column(index=True)
+    cleared: Mapped[datetime | None]
+    acknowledged: Mapped[datetime | None]
+    acknowledged_by: Mapped[str] = mapped_column(String(60), default="")
+    shelved_until: Mapped[datetime | None]
+    shelved_by: Mapped[str] = mapped_column(String(60), default="")
+    note: Mapped[str] = mapped_column(Text, default="")
+    closed: Mapped[datetime | None] = mapped_column(index=True)
+
+
+class Choice(Base):
+    """What an operator has chosen for the installation, by name: the limit set in force, changed limits."""
+
+    __tablename__ = "choices"
+    name: Mapped[str] = mapped_column(String(60), primary_key=True)
+    value: Mapped[dict[str, Any]]
+    changed: Mapped[datetime]
+    user: Mapped[str] = mapped_column(String(60))
+
+
+class Authority(Base):
+    """Who may command, from taking to releasing. The open row, if any, is the holder."""
+
+    __tablename__ = "authorities"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    holder: Mapped[str] = mapped_column(String(60))
+    taken: Mapped[datetime]
+    ended: Mapped[datetime | None] = mapped_column(index=True)
+    ended_by: Mapped[str] = mapped_column(String(60), default="")
+    reason: Mapped[str] = mapped_column(Text, default="")
+
+
+class Stack(Base):
+    """A prepared list of commands. ``steps``: name, arguments, delay, condition of each."""
+
+    __tablename__ = "stacks"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(80), unique=True)
+    note: Mapped[str] = mapped_column(Text, default="")
+    steps: Mapped[list[Any]]
+    author: Mapped[str] = mapped_column(String(60))
+    changed: Mapped[datetime]
+
+
+class StackRun(Base):
+    """One run of a stack: the steps as they were then, and how far it came."""
+
+    __tablename__ = "stack_runs"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    stack_id: Mapped[int | None] = mapped_column(ForeignKey("stacks.id", ondelete="SET NULL"))
+    name: Mapped[str] = mapped_column(String(80))
+    steps: Mapped[list[Any]]
+    state: Mapped[str] = mapped_column(String(12), index=True)
+    step: Mapped[int] = mapped_column(default=0)
+    reason: Mapped[str] = mapped_column(Text, default="")
+    user: Mapped[str] = mapped_column(String(60))
+    started: Mapped[datetime]
+    finished: Mapped[datetime | None]
+
+
+class Job(Base):
+    """Long work with progress."""
+
+    __tablename__ = "jobs"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str] = mapped_column(String(30))
+    title: Mapped[str] = mapped_column(String(120))
+    state: Mapped[str] = mapped_column(String(12))
+    done: Mapped[int] = mapped_column(default=0)
+    total: Mapped[int] = mapped_column(default=0)
+    text: Mapped[str] = mapped_column(Text, default="")
+    created: Mapped[datetime]
+    finished: Mapped[datetime | None]
+    request: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    result: Mapped[dict[str, Any]] = mapped_column(default=dict)

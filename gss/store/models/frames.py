@@ -1,0 +1,68 @@
+"""Images and what chains made of them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class Frame(Base):
+    """An image: what it is and where its pixels are kept. Pixels are little-endian, row by row."""
+
+    __tablename__ = "frames"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
+    number: Mapped[int | None]
+    slot: Mapped[int | None]
+    source: Mapped[str] = mapped_column(String(10))
+    name: Mapped[str] = mapped_column(String(200))
+    taken: Mapped[datetime] = mapped_column(index=True)
+    received: Mapped[datetime]
+    columns: Mapped[int]
+    rows: Mapped[int]
+    bits: Mapped[int]
+    dtype: Mapped[str] = mapped_column(String(10))
+    exposure_s: Mapped[float | None]
+    profile: Mapped[str | None] = mapped_column(String(40))
+    mode: Mapped[str | None] = mapped_column(String(20))
+    sha256: Mapped[str] = mapped_column(String(64), index=True)
+    complete: Mapped[bool] = mapped_column(default=True)
+    rows_held: Mapped[list[Any]] = mapped_column(default=list)
+    truth: Mapped[list[Any] | None]
+    bank_sha256: Mapped[str | None] = mapped_column(String(64))
+    parameters: Mapped[dict[str, Any]] = mapped_column(default=dict)
+
+
+class Solution(Base):
+    """One result on one frame. ``detail`` holds what the overlays draw."""
+
+    __tablename__ = "solutions"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    frame_id: Mapped[int] = mapped_column(ForeignKey("frames.id"), index=True)
+    origin: Mapped[str] = mapped_column(String(10))
+    chain: Mapped[str] = mapped_column(String(30))
+    version: Mapped[str] = mapped_column(String(30))
+    created: Mapped[datetime]
+    outcome: Mapped[str] = mapped_column(String(10))
+    reason: Mapped[str] = mapped_column(Text, default="")
+    quaternion: Mapped[list[Any] | None]
+    sigma_rad: Mapped[list[Any] | None]
+    found: Mapped[int] = mapped_column(default=0)
+    matched: Mapped[int] = mapped_column(default=0)
+    rejected: Mapped[int] = mapped_column(default=0)
+    rms_px: Mapped[float | None]
+    false_match_probability: Mapped[float | None]
+    fov_rad: Mapped[list[Any] | None]
+    timing_s: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    verdict: Mapped[str | None] = mapped_column(String(10))
+    error_axis_rad: Mapped[float | None]
+    error_roll_rad: Mapped[float | None]
+    replay: Mapped[str | None] = mapped_column(Text)
+    camera: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    notes: Mapped[list[Any]] = mapped_column(default=list)
+    detail: Mapped[dict[str, Any]] = mapped_column(default=dict)

@@ -1,0 +1,130 @@
+"""The line: who answered, what was said, what was sent."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import BigInteger, ForeignKey, Index, String, Text
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from gss.store.models.base import Base
+
+
+class Device(Base):
+    """A sensor that once said hello."""
+
+    __tablename__ = "devices"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(80), unique=True)
+    profile: Mapped[str] = mapped_column(String(40))
+    firmware: Mapped[str] = mapped_column(String(40))
+    simulated: Mapped[bool]
+    dictionary_hash: Mapped[str] = mapped_column(String(64))
+    first_seen: Mapped[datetime]
+    last_seen: Mapped[datetime]
+
+
+class Contact(Base):
+    """From opening the line to closing it."""
+
+    __tablename__ = "contacts"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    device_id: Mapped[int | None] = mapped_column(ForeignKey("devices.id"))
+    url: Mapped[str] = mapped_column(String(300))
+    started: Mapped[datetime]
+    ended: Mapped[datetime | None]
+    rx_bytes: Mapped[int] = mapped_column(default=0)
+    tx_bytes: Mapped[int] = mapped_column(default=0)
+    capture: Mapped[str] = mapped_column(String(300), default="")
+    captures: Mapped[list[Any]] = mapped_column(default=list)
+    note: Mapped[str] = mapped_column(Text, default="")
+
+
+class Command(Base):
+    """A command as drafted, with its bytes and its fate."""
+
+    __tablename__ = "commands"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
+    request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # 32 bits unsigned on the wire
+    name: Mapped[str] = mapped_column(String(60))
+    arguments: Mapped[dict[str, Any]]
+    user: Mapped[str] = mapped_column(String(60))
+    source: Mapped[str] = mapped_column(String(20))
+    created: Mapped[datetime]
+    finished: Mapped[datetime | None]
+    result: Mapped[str] = mapped_column(String(20))
+    detail: Mapped[str] = mapped_column(Text, default="")
+    late: Mapped[bool] = mapped_column(default=False)
+    attempts: Mapped[int] = mapped_column(default=1)
+    resolved_note: Mapped[str] = mapped_column(Text, default="")
+    values: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    run_id: Mapped[int | None] = mapped_column(ForeignKey("stack_runs.id"), index=True)
+    stages: Mapped[list[CommandStage]] = relationship(
+        order_by="CommandStage.id", lazy="selectin", cascade="all, delete-orphan"
+    )
+
+
+class CommandStage(Base):
+    """One report in a command's life."""
+
+    __tablename__ = "command_stages"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    command_id: Mapped[int] = mapped_column(ForeignKey("commands.id"), index=True)
+    stage: Mapped[str] = mapped_column(String(20))
+    at: Mapped[datetime]
+    detail: Mapped[str] = mapped_column(Text, default="")
+
+
+class TelemetryPacket(Base):
+    """One decoded packet, engineering values by field name."""
+
+    __tablename__ = "telemetry_packets"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"))
+    packet: Mapped[str] = mapped_column(String(40))
+    received: Mapped[datetime]
+    device_time_s: Mapped[float]
+    request_id: Mapped[int] = mapped_column(BigInteger)
+    values: Mapped[dict[str, Any]]
+    __table_args__ = (Index("ix_telemetry_packets_packet_received", "packet", "received"),)
+
+
+class Transfer(Base):
+    """A file on its way up or down."""
+
+    __tablename__ = "transfers"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"))
+    direction: Mapped[str] = mapped_column(String(4))
+    kind: Mapped[str] = mapped_column(String(20))
+    target: Mapped[str] = mapped_column(String(20))
+    subject: Mapped[str] = mapped_column(String(120))
+    state: Mapped[str] = mapped_column(String(20))
+    reason: Mapped[str] = mapped_column(Text, default="")
+    size: Mapped[int] = mapped_column(default=0)
+    chunk_size: Mapped[int] = mapped_column(default=0)
+    stored: Mapped[list[Any]] = mapped_column(default=list)
+    resent: Mapped[int] = mapped_column(default=0)
+    sha256: Mapped[str] = mapped_column(String(64), default="")
+    created: Mapped[datetime]
+    finished: Mapped[datetime | None]
+    frame_id: Mapped[int | None] = mapped_column(ForeignKey("frames.id"))
+    catalogue_id: Mapped[int | None] = mapped_column(ForeignKey("catalogues.id"))
+    table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
+    options: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    log: Mapped[list[Any]] = mapped_column(default=list)
+
+
+class Event(Base):
+    """Something worth a line in the record. ``seq`` only grows."""
+
+    __tablename__ = "events"
+    seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    at: Mapped[datetime] = mapped_column(index=True)
+    kind: Mapped[str] = mapped_column(String(30))
+    severity: Mapped[str] = mapped_column(String(10))
+    text: Mapped[str] = mapped_column(Text)
+    data: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    __table_args__ = ({"sqlite_autoincrement": True},)

@@ -1,0 +1,43 @@
+"""Calibrations of a camera and analyses of a night: versions that are kept, compared and used again."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class Calibration(Base):
+    """One version of a camera. ``request``: frames and options it was made from; ``result``: camera, uncertainties, maps."""
+
+    __tablename__ = "calibrations"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    profile: Mapped[str] = mapped_column(String(40), index=True)
+    kind: Mapped[str] = mapped_column(String(20))
+    name: Mapped[str] = mapped_column(String(80))
+    created: Mapped[datetime]
+    author: Mapped[str] = mapped_column(String(60))
+    tool: Mapped[str] = mapped_column(String(40))
+    request: Mapped[dict[str, Any]]
+    values: Mapped[dict[str, Any]]
+    result: Mapped[dict[str, Any]]
+    note: Mapped[str] = mapped_column(Text, default="")
+    table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
+
+
+class Analysis(Base):
+    """One analysis of frames or telemetry: what was asked and the figures of its report page."""
+
+    __tablename__ = "analyses"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str] = mapped_column(String(30), index=True)
+    title: Mapped[str] = mapped_column(String(120))
+    created: Mapped[datetime]
+    author: Mapped[str] = mapped_column(String(60))
+    tool: Mapped[str] = mapped_column(String(40))
+    request: Mapped[dict[str, Any]]
+    result: Mapped[dict[str, Any]]
