@@ -1,7 +1,7 @@
 """The tables, by aggregate. Importing this room is what makes all of them known."""
 
 from gss.store.models.base import Base, UtcDateTime
-from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarSource
+from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
 from gss.store.models.frames import Frame, Solution
 from gss.store.models.link import Command, CommandStage, Contact, Device, Event, TelemetryPacket, Transfer
@@ -27,7 +27,7 @@ __all__ = [
     "Solution",
     "Stack",
     "StackRun",
-    "StarSource",
+    "StarList",
     "TelemetryPacket",
     "Transfer",
     "UtcDateTime",

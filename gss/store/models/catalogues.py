@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String
+from sqlalchemy import ForeignKey, Index, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
@@ -49,33 +49,41 @@ class DeviceTable(Base):
 
 
 class BankHistory(Base):
-    """What was in a bank of a device, from when the device said so until it said otherwise."""
+    """One bank of a device in one state with one content, from when the device said so; ``ended`` None: still so.
+    ``told``: when the device last confirmed it."""
 
     __tablename__ = "bank_history"
     id: Mapped[int] = mapped_column(primary_key=True)
-    device_id: Mapped[int] = mapped_column(ForeignKey("devices.id"), index=True)
-    bank: Mapped[str] = mapped_column(String(20))
-    state: Mapped[str] = mapped_column(String(20))
+    device_id: Mapped[int | None] = mapped_column(ForeignKey("devices.id"))
+    bank: Mapped[str] = mapped_column(String(12))
+    state: Mapped[str] = mapped_column(String(12))
     sha256: Mapped[str] = mapped_column(String(64), default="")
-    name: Mapped[str] = mapped_column(String(80), default="")
+    name: Mapped[str] = mapped_column(String(60), default="")
     catalogue_id: Mapped[int | None] = mapped_column(ForeignKey("catalogues.id"))
     began: Mapped[datetime] = mapped_column(index=True)
-    ended: Mapped[datetime | None] = mapped_column(index=True)
-    how: Mapped[str] = mapped_column(String(40), default="")
+    told: Mapped[datetime]
+    ended: Mapped[datetime | None]
+    how: Mapped[str] = mapped_column(String(20), default="")
     user: Mapped[str] = mapped_column(String(60), default="")
-    detail: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    note: Mapped[str] = mapped_column(Text, default="")
+    __table_args__ = (Index("ix_bank_history_device_id_ended", "device_id", "ended"),)
 
 
-class StarSource(Base):
-    """A star list that somebody brought: the bytes are a blob, ``report`` says what was read and what was dropped."""
+class StarList(Base):
+    """A star list that somebody brought: the file as it came is a blob, ``report`` says what was read and what was dropped."""
 
-    __tablename__ = "star_sources"
+    __tablename__ = "star_lists"
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(80))
-    kind: Mapped[str] = mapped_column(String(20))
     created: Mapped[datetime]
     author: Mapped[str] = mapped_column(String(60))
+    format: Mapped[str] = mapped_column(String(20))
+    epoch_jyear: Mapped[float]
+    frame: Mapped[str] = mapped_column(String(20))
+    profile: Mapped[str] = mapped_column(String(40), default="")
     stars: Mapped[int]
-    sha256: Mapped[str] = mapped_column(String(64))
-    mapping: Mapped[dict[str, Any]]
-    report: Mapped[dict[str, Any]]
+    dropped: Mapped[int]
+    size: Mapped[int]
+    sha256: Mapped[str] = mapped_column(String(64), index=True)
+    mapping: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    report: Mapped[dict[str, Any]] = mapped_column(default=dict)
