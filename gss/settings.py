@@ -45,6 +45,9 @@ class Settings(BaseSettings):
         default=1024, ge=1, description="The oldest files of the raw capture go when all together are larger."
     )
     user: str = Field(default="operator-1", description="Name of the single local user.")
+    catalogue_watch_days: float = Field(
+        default=5.0, ge=0, le=366, description="Days before the active catalogue expires at which the alarm begins."
+    )
     solve_chain: str = Field(default="reference", description="Chain that runs on every frame that comes down.")
 
     @property

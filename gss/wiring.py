@@ -11,6 +11,8 @@ from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
 from gss.operations.alarms import AlarmService
 from gss.operations.authority import AuthorityService
+from gss.operations.bank_history import BankHistoryService
+from gss.operations.bank_plans import activations, uploads
 from gss.operations.banks import BankService
 from gss.operations.build_catalogue import CatalogueService
 from gss.operations.campaigns import CampaignService
@@ -21,6 +23,7 @@ from gss.operations.contacts import ContactService
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.downloads import Downloads
 from gss.operations.events import EventBus
+from gss.operations.expiry import ExpiryWatch
 from gss.operations.frames import FrameService
 from gss.operations.jobs import JobService
 from gss.operations.link import LinkService
@@ -57,6 +60,7 @@ class Services:
     transfers: TransferService
     frames: FrameService
     banks: BankService
+    bank_history: BankHistoryService
     catalogues: CatalogueService
     jobs: JobService
     status: StatusService
@@ -138,6 +142,8 @@ def build(settings: Settings) -> Services:
     solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
+    bank_history = BankHistoryService(link, database, utc_now)
+    bank_history.planners += [uploads(transfers, database), activations(schedule)]
     jobs = JobService(database, bus, utc_now)
     epoch_jyear = jyear_of(utc_now())
     campaigns = CampaignService(database, jobs)
@@ -153,12 +159,14 @@ def build(settings: Settings) -> Services:
         commands.handle,
         transfers.handle,
         reception.handle,
+        bank_history.handle,
         alarms.handle,
         contacts.handle,
         schedule.handle,
         stack_runs.handle,
     ]
     status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
+    status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     return Services(
         settings,
@@ -170,6 +178,7 @@ def build(settings: Settings) -> Services:
         transfers,
         frames,
         banks,
+        bank_history,
         catalogues,
         jobs,
         status,

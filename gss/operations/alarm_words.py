@@ -12,7 +12,8 @@ from gss.operations.value_words import formatted
 from gss.store.models import Alarm
 
 LONGEST = 120
-EVENT, LINK = "event", "link"
+EVENT, LINK, CATALOGUE = "event", "link", "catalogue"
+UNMEASURED = (EVENT, LINK, CATALOGUE)
 """Alarms that are not about a field have these for a packet."""
 SIGNAL: Key = (LINK, "housekeeping")
 
@@ -39,6 +40,8 @@ def title_of(dictionary: Dictionary, row: Alarm) -> str:
     """What it is about."""
     if (row.packet, row.field) == SIGNAL:
         return "Loss of signal"
+    if row.packet == CATALOGUE:
+        return f"Catalogue {row.field}"
     field = field_of(dictionary, row)
     return field.title if field else row.field
 

@@ -17,9 +17,11 @@ from gss.device.session_events import DeviceEvent, SessionEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
 from gss.operations.alarm_words import (
+    CATALOGUE,
     EVENT,
     LINK,
     SIGNAL,
+    UNMEASURED,
     AlarmView,
     cut,
     field_of,
@@ -68,7 +70,7 @@ class AlarmService:
         with self._lock:
             self._open = {(row.packet, row.field): row for row in rows}
         for row in rows:
-            if row.state in ("raised", "acked") and row.packet not in (EVENT, LINK):
+            if row.state in ("raised", "acked") and row.packet not in UNMEASURED:
                 self._telemetry.board.seed((row.packet, row.field), State(row.worst))
 
     # --- what comes ---------------------------------------------------------------------------------------------
@@ -102,6 +104,12 @@ class AlarmService:
                         row, "ok", f"{title_of(self._dictionary, row)}: back from the shelf", shelved_until=None
                     )
             self._listen(now)
+
+    def watch(self, key: Key, state: State, value: float, text: str, limit: str) -> None:
+        """Follow something that is judged elsewhere, for example how long a catalogue is valid."""
+        with self._lock:
+            if state is not State.OK or key in self._open:
+                self._follow(key, state, value, text, limit, judged=True)
 
     def _listen(self, now: datetime) -> None:
         contact_id = self._link.contact_id if self._link.connected else None
@@ -226,7 +234,7 @@ class AlarmService:
             changes: dict[str, Any] = {"state": "closed", "closed": now, "cleared": row.cleared or now}
             if row.acknowledged is None:
                 changes |= {"acknowledged": now, "acknowledged_by": user}
-            if row.packet not in (EVENT, LINK):
+            if row.packet not in UNMEASURED:
                 self._telemetry.board.seed((row.packet, row.field), State.OK)
             return self._by(row, user, "closed by hand", note, **changes)
 
@@ -239,8 +247,8 @@ class AlarmService:
 
     def _is_fresh(self, row: Alarm) -> bool:
         """Is the value that raised it still coming?"""
-        if row.packet == LINK:
-            return self._link.connected
+        if row.packet in (LINK, CATALOGUE):
+            return row.packet == CATALOGUE or self._link.connected
         found = self._telemetry.board.latest(row.packet)
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
         return found is not None and (self._now() - found[0]).total_seconds() <= stale_s
@@ -275,7 +283,7 @@ class AlarmService:
     def _level(self, row: Alarm) -> State:
         if row.state not in ("raised", "acked"):
             return State.OK
-        if row.packet == LINK:
+        if row.packet in (LINK, CATALOGUE):
             return State(row.worst)
         return self._telemetry.board.counted((row.packet, row.field))
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 
 from gss.operations.alarm_words import SIGNAL
 from gss.operations.alarms import AlarmService
 from gss.operations.authority import AuthorityService
-from gss.operations.banks import BankService, BankView, days_left
+from gss.operations.banks import BankService, BankView
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.link import LinkService
@@ -20,7 +21,6 @@ TICK_S = 1.0
 UP_WITHIN_S = 3.0
 NOISY_ABOVE = 0.005
 ERROR_WINDOW_S = 60
-EXPIRY_WATCH_DAYS = 5.0
 Found = dict[str, tuple[str, str]]
 ORDER = {"ok": 0, "unknown": 1, "watch": 2, "warning": 3, "critical": 4}
 
@@ -96,6 +96,7 @@ class StatusService:
         self._lock = threading.Lock()  # requests and the ticker both look
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
+        self.tickers: list[Callable[[], None]] = [alarms.tick]
 
     def start(self) -> None:
         """Start telling."""
@@ -109,7 +110,8 @@ class StatusService:
 
     def _run(self) -> None:
         while not self._stop.wait(TICK_S):
-            self._latched.tick()
+            for tick in self.tickers:
+                tick()
             self._bus.publish("link", self.header())
             self._bus.publish("telemetry", (self._telemetry.values(), self._latched.of_field()))
 
@@ -121,7 +123,7 @@ class StatusService:
         banks = self._banks.views()
         with self._lock:
             tx, rx = self._directions()
-            alarms = self._alarms(rx, match, banks)
+            alarms = self._alarms(rx, match)
         connected = self._link.connected
         return Header(
             device=(hello.serial or hello.device_model) if hello else "no device",
@@ -164,10 +166,10 @@ class StatusService:
         tx = DirectionState("up" if alive else "down", tx_age_s, 0.0, sent.bytes, sent.good, 0)
         return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
 
-    def _alarms(self, rx: DirectionState, match: bool | None, banks: list[BankView]) -> list[Alarm]:
+    def _alarms(self, rx: DirectionState, match: bool | None) -> list[Alarm]:
         found = self._line_alarms(rx, match)
         if self._link.connected:
-            found |= self._bank_alarms(banks)
+            found |= self._bank_alarms()
         now = self._now()
         self._since = {key: self._since.get(key, now) for key in found}
         alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in found.items()]
@@ -195,14 +197,9 @@ class StatusService:
             if not (silent and (v.row.packet, v.row.field) == SIGNAL)
         ]
 
-    def _bank_alarms(self, banks: list[BankView]) -> Found:
+    def _bank_alarms(self) -> Found:
         found: Found = {}
         left_s = (self._link.session.housekeeping or {}).get("confirm_left_s", 0)
         if isinstance(left_s, int | float) and left_s > 0:
             found["confirm"] = ("warning", f"The new bank is not confirmed: back to the old one in {left_s:.0f} s")
-        for bank in banks:
-            left = days_left(bank.catalogue.valid_to if bank.catalogue else None, self._now())
-            if bank.active and bank.catalogue and left is not None and left < EXPIRY_WATCH_DAYS:
-                words = f"expires in {left:.1f} d" if left > 0 else "has expired"
-                found["catalogue"] = ("watch" if left > 0 else "warning", f"Catalogue {bank.catalogue.name} {words}")
         return found

@@ -1,0 +1,45 @@
+"""What was in which bank of which device, and when."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.store.models import BankHistory, Contact, Device
+
+
+def add(session: Session, row: BankHistory) -> BankHistory:
+    """Store a row and give it its id."""
+    session.add(row)
+    session.flush()
+    return row
+
+
+def still_so(session: Session, device_id: int) -> list[BankHistory]:
+    """What each bank of a device holds now, as far as the ground knows; by bank."""
+    query = select(BankHistory).where(BankHistory.device_id == device_id, BankHistory.ended.is_(None))
+    return list(session.scalars(query.order_by(BankHistory.bank, BankHistory.id)))
+
+
+def between(session: Session, device_id: int, start: datetime, end: datetime) -> list[BankHistory]:
+    """What was so at some time of a span, by bank, then by time."""
+    query = select(BankHistory).where(
+        BankHistory.device_id == device_id,
+        BankHistory.began <= end,
+        BankHistory.ended.is_(None) | (BankHistory.ended >= start),
+    )
+    return list(session.scalars(query.order_by(BankHistory.bank, BankHistory.began, BankHistory.id)))
+
+
+def devices(session: Session) -> list[Device]:
+    """Devices whose banks are on record, the one that answered last first."""
+    known = select(BankHistory.device_id).distinct()
+    return list(session.scalars(select(Device).where(Device.id.in_(known)).order_by(Device.last_seen.desc())))
+
+
+def device_of_contact(session: Session, contact_id: int) -> int | None:
+    """Id of the device of a contact, None before it said who it is."""
+    contact = session.get(Contact, contact_id)
+    return None if contact is None else contact.device_id
