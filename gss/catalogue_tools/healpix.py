@@ -6,6 +6,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 
@@ -32,3 +33,30 @@ def centres(nside: int) -> Array:
 def pixel_area_sr(nside: int) -> float:
     """Solid angle of one pixel."""
     return float(np.pi / (3 * nside**2))
+
+
+def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
+    """(n,) ring-order pixel numbers of (n, 3) unit vectors."""
+    x, y, z = np.asarray(unit, float).T
+    turn = np.mod(np.arctan2(y, x) * (2 / np.pi), 4.0)
+    away = np.abs(z)
+    low, high = nside * (0.5 + turn), nside * 0.75 * z
+    up, down = np.floor(low - high).astype(np.int64), np.floor(low + high).astype(np.int64)
+    ring = nside + 1 + up - down
+    odd = 1 - (ring & 1)
+    column = np.mod((up + down - nside + odd + 1) // 2, 4 * nside)
+    belt = 2 * nside * (nside - 1) + (ring - 1) * 4 * nside + column
+    part = turn - np.floor(turn)
+    scale = nside * np.sqrt(3 * (1 - away))
+    right, left = np.floor(part * scale).astype(np.int64), np.floor((1 - part) * scale).astype(np.int64)
+    from_pole = right + left + 1
+    along = np.mod(np.floor(turn * from_pole).astype(np.int64), 4 * from_pole)
+    north = 2 * from_pole * (from_pole - 1) + along
+    south = 12 * nside**2 - 2 * from_pole * (from_pole + 1) + along
+    return np.where(away <= 2 / 3, belt, np.where(z > 0, north, south))
+
+
+def pixel_radius_rad(nside: int) -> float:
+    """No direction is farther than this from the centre of its pixel."""
+    # The farthest corner is that of the pixels between cap and belt; this bound holds for every nside (checked by test).
+    return float(1.1 * np.sqrt(pixel_area_sr(nside)))

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from gss.catalogue_tools.counting import Counts, stars_per_field
 from gss.catalogue_tools.envelope import Envelope
-from gss.catalogue_tools.field import Disc, FieldShape
+from gss.catalogue_tools.field import FieldShape
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.stars import DistanceTable
 
-BLOCK = 8192
-Counts = NDArray[np.int64]
+__all__ = ["Counts", "Quality", "assess", "candidates_per_query", "stars_per_field"]
 
 
 @dataclass(frozen=True)
@@ -60,26 +59,6 @@ def assess(
     ra, dec, roll = ra_dec_roll_rad(attitudes[worst])
     candidates = float("nan") if distances is None else candidates_per_query(distances, tolerance_rad)
     return Quality(pointings, np.bincount(counts), int(counts[worst]), ra, dec, roll, candidates)
-
-
-def stars_per_field(
-    unit: Array, attitudes: Array, shape: FieldShape | Disc, each: Callable[..., Iterable[Counts]] = map
-) -> Counts:
-    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how blocks are worked off:
-    ``map``, or that of a pool of threads, which the work inside lets run side by side."""
-    if not len(unit) or not len(attitudes):
-        return np.zeros(len(attitudes), np.int64)
-    tree = cKDTree(unit)
-    starts = range(0, len(attitudes), BLOCK)
-    return np.concatenate(list(each(lambda s: _count(unit, tree, attitudes[s : s + BLOCK], shape), starts)))
-
-
-def _count(unit: Array, tree: cKDTree, attitudes: Array, shape: FieldShape | Disc) -> Counts:
-    reach = 2 * np.sin(min(shape.half_diagonal_rad, np.pi) / 2) * (1 + 1e-9)
-    near = cKDTree(attitudes[:, 2]).sparse_distance_matrix(tree, reach, output_type="ndarray")
-    field, star = near["i"], near["j"]
-    seen = shape.inside(np.einsum("nij,nj->ni", attitudes[field], unit[star]))
-    return np.bincount(field[seen], minlength=len(attitudes))
 
 
 def candidates_per_query(distances: DistanceTable, tolerance_rad: float) -> float:

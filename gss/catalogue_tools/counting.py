@@ -1,0 +1,86 @@
+"""How many stars a million fields hold: fields sorted by place, so that each place looks at its own few stars only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.field import Disc, FieldShape
+from gss.catalogue_tools.healpix import centres, pixel_of, pixel_radius_rad
+from gss.domain.angles import Array
+
+Counts = NDArray[np.int64]
+# Fields and stars looked at in one step: fits the processor's cache.
+STEP = 131_072
+# Fewer fields than this in a place, or places much smaller than a field, cost more than they save.
+FIELDS_PER_PIXEL = 24
+PIXEL_OF_FIELD = 0.2
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """What the Earth hides: ``nadir``: (m, 3) ICRS unit vectors, one per field; ``radius_rad``: limb and margin."""
+
+    nadir: Array
+    radius_rad: float
+
+
+def stars_per_field(
+    unit: Array,
+    attitudes: Array,
+    shape: FieldShape | Disc,
+    each: Callable[..., Iterable[Counts]] = map,
+    shadow: Shadow | None = None,
+) -> Counts:
+    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how groups are worked off:
+    ``map``, or that of a pool of threads, which the work inside lets run side by side. ``shadow``: stars behind it do not count.
+    """
+    fields = len(attitudes)
+    counts = np.zeros(fields, np.int64)
+    if not len(unit) or not fields:
+        return counts
+    groups = _groups(unit, attitudes[:, 2], shape)
+
+    def work(group: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Counts:
+        rows, stars = group
+        return _count(unit[stars], attitudes[rows], shape, shadow, rows)
+
+    for (rows, _), found in zip(groups, each(work, groups), strict=True):
+        counts[rows] = found
+    return counts
+
+
+def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """(rows of fields, rows of stars that these may show): by pixel of the sky, as fine as the number of fields pays for."""
+    nside = 1
+    while (
+        12 * (2 * nside) ** 2 * FIELDS_PER_PIXEL <= len(boresight)
+        and pixel_radius_rad(nside) > PIXEL_OF_FIELD * shape.half_diagonal_rad
+    ):
+        nside *= 2
+    pixel = pixel_of(nside, boresight)
+    order = np.argsort(pixel, kind="stable")
+    used, starts = np.unique(pixel[order], return_index=True)
+    reach = min(shape.half_diagonal_rad + pixel_radius_rad(nside), np.pi)
+    near = unit @ centres(nside)[used].T >= np.cos(reach) - 1e-12
+    groups = []
+    for k, rows in enumerate(np.split(order, starts[1:])):
+        stars = np.flatnonzero(near[:, k])
+        if len(stars):
+            size = max(1, STEP // len(stars))
+            groups += [(rows[s : s + size], stars) for s in range(0, len(rows), size)]
+    return groups
+
+
+def _count(
+    unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, rows: NDArray[np.intp]
+) -> Counts:
+    m = len(attitudes)
+    v = (attitudes.reshape(3 * m, 3) @ unit.T).reshape(m, 3, len(unit))
+    seen = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
+    if shadow is not None:
+        seen &= shadow.nadir[rows] @ unit.T <= np.cos(shadow.radius_rad)
+    return np.count_nonzero(seen, axis=1).astype(np.int64)
