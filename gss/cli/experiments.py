@@ -34,6 +34,24 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("--json", action="store_true", help="one JSON object per experiment and line")
     p.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page with every table")
     p.set_defaults(run=run)
+    p = kinds.add_parser(
+        "never-wrong",
+        help="hunt for false attitudes at length",
+        description="Random attitudes with faults before every camera's chain and the reference. What is done is kept in FILE, and "
+        "the next run does the rest. Exit code 0: no wrong answer; 3: some.",
+    )
+    p.add_argument("--attitudes", type=int, default=10_000, metavar="N", help="per camera and chain, as lists")
+    p.add_argument("--frames", type=int, default=130, metavar="N", help="per camera and chain, rendered")
+    p.add_argument("--seed", type=int, default=1, help="of every random number (default 1)")
+    p.add_argument("--camera", action="append", metavar="NAME", help="only this one; may be repeated")
+    p.add_argument("--chain", action="append", metavar="own|reference", help="only this one; may be repeated")
+    p.add_argument("--keep", type=Path, default=Path("never-wrong.jsonl"), metavar="FILE", help="what is done")
+    p.add_argument("--again", action="store_true", help="also what FILE holds; the newer counts")
+    p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
+    p.add_argument(
+        "--page", type=Path, metavar="FILE", help="write a Markdown page of what is done, and run nothing more"
+    )
+    p.set_defaults(run=never_wrong)
 
 
 def list_experiments(_: argparse.Namespace) -> int:
@@ -69,3 +87,33 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.page is not None:
         arguments.page.write_text(as_page(done, __version__, arguments.share), "utf-8")
     return 0
+
+
+def never_wrong(arguments: argparse.Namespace) -> int:
+    """Do the rest of the campaign, or write what is done."""
+    from gss.operations.never_wrong import Hunt, hunt, read, selected
+    from gss.operations.never_wrong_page import page
+    from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS
+
+    if not 1 <= arguments.workers <= 64:
+        raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
+    wanted = Hunt(
+        arguments.attitudes,
+        arguments.frames,
+        arguments.seed,
+        tuple(arguments.camera or CAMERAS),
+        tuple(arguments.chain or CHAINS),
+    )
+
+    def told(count: int, total: int) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{count} of {total}", end="", file=sys.stderr, flush=True)
+
+    if arguments.page is not None:
+        arguments.page.write_text(page(wanted, read(arguments.keep)), "utf-8")
+    else:
+        hunt(wanted, arguments.keep, workers=arguments.workers, again=arguments.again, told=told)
+    done = read(arguments.keep)
+    wrong = sorted(text for key in selected(done, wanted) for text in done[key]["wrong"])
+    print("\n".join(wrong) if wrong else "no wrong answer")
+    return 3 if wrong else 0

@@ -11,8 +11,8 @@ from gss.domain.experiment import Cell, Experiment, Progress, share_interval
 from gss.domain.results import Verdict
 from gss.domain.stars import StarTable
 from gss.pipeline.chains.modes import Mode
-from gss.pipeline.experiments.erlank_sky import random_attitude
-from gss.pipeline.experiments.never_wrong_sky import FAULTS, SETTINGS, Fault, Subject, prior, shown, subject
+from gss.pipeline.experiments.never_wrong_faults import FAULTS, Fault, attitude_at
+from gss.pipeline.experiments.never_wrong_sky import SETTINGS, Subject, prior, shown, subject
 from gss.pipeline.score import Score, assess
 
 MODES = tuple(Mode)
@@ -76,7 +76,8 @@ def _sum(cells: list[_Cell], trials: int) -> str:
     answers = asked_for - sum(c.counts[Verdict.NONE] for c in cells)
     most = 100 * share_interval(wrong, answers)[1]
     return (
-        f"{trials} random attitudes per chain, fault and mode, a quarter of them for the reference, a fifth among 100 false stars: "
+        f"{trials} random attitudes per chain, fault and mode, a quarter of them for the reference, fewer for faults that "
+        "cost a search of the whole sky: "
         f"{asked_for} lists, {answers} answers, {wrong} wrong: with 95 % fewer than {most:.2g} % of answers to such a mixture"
     )
 
@@ -131,8 +132,12 @@ def _named(asked: Subject, fault: Fault, key: tuple[int, ...], judged: Score) ->
 
 def judge(asked: Subject, fault: Fault, key: Key, trial: int) -> Score:
     """One trial: seed, numbers of chain, fault and mode, and its own number name it."""
-    rng = np.random.default_rng([*key, trial])
-    attitude, mode = random_attitude(rng), MODES[key[3]]
+    return judge_with(asked, fault, MODES[key[3]], np.random.default_rng([*key, trial]))
+
+
+def judge_with(asked: Subject, fault: Fault, mode: Mode, rng: np.random.Generator) -> Score:
+    """One trial of a chain: attitude, list and prior drawn from ``rng``, the answer held against truth."""
+    attitude = attitude_at(fault.place, asked.camera, rng)
     made = shown(asked, fault, attitude, rng)
     result = asked.solve(made.centroids, mode, prior(asked.setting, mode, attitude, rng))
     judged = assess(result, made.truth, asked.camera)

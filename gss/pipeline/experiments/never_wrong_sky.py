@@ -1,4 +1,4 @@
-"""What the never-wrong campaign puts before the chains: each one's camera and bank, and lists of centroids with every fault."""
+"""What the never-wrong campaign puts before the chains: each one's camera and bank, and lists of centroids as it would see them."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from gss.pipeline.chains.onboard import Commanded, Work
 from gss.pipeline.chains.sunsat_detect import brightness_dn
 from gss.pipeline.chains.sunsat_parameters import default_parameters as sunsat_parameters
 from gss.pipeline.chains.systems import system
+from gss.pipeline.experiments.never_wrong_faults import Fault, displace, fade, strangers
 from gss.pipeline.identify import near
 from gss.pipeline.identify.kvector import pair_table
 from gss.pipeline.identify.verify import Sky
@@ -28,6 +29,8 @@ from gss.pipeline.render import stars_near, truth_of
 Solver = Callable[[Centroids, Mode, Array | None], SolveResult]
 """Of centroids in a mode with the attitude to go by unless lost; assisted, a system's chain gets its boresight alone."""
 REFERENCE_CAMERA = "far_mst"
+# Whose frames come by mistake to each camera.
+ANOTHER = {"cubestar": "far_mst", "far_mst": "oersted", "oersted": "sunsat", "sunsat": "oersted", "aim": "sunsat"}
 # How much fainter a star may be that an error of magnitude brings above the limit.
 BEYOND_MAG = 1.5
 
@@ -63,39 +66,6 @@ SETTINGS = (
 
 
 @dataclass(frozen=True)
-class Fault:
-    """One way a list is spoilt. ``missing``: share of the stars left out; ``off_mag``: added to each star's magnitude, up or down
-    at random; ``shift_mag``: added to all; ``scale``: the true focal length over the believed; ``mirrored``: left for right;
-    ``share``: of the trials, because some faults cost a search of the whole sky."""
-
-    title: str
-    false: int = 0
-    missing: float = 0.0
-    off_mag: float = 0.0
-    shift_mag: float = 0.0
-    scale: float = 1.0
-    mirrored: bool = False
-    share: float = 1.0
-
-
-FAULTS = (
-    Fault("no fault"),
-    Fault("1 false star", false=1),
-    Fault("5 false stars", false=5),
-    Fault("10 false stars", false=10),
-    Fault("100 false stars", false=100, share=0.2),
-    Fault("a third missing, 2 false", false=2, missing=1 / 3),
-    Fault("magnitudes ±0.5 each", off_mag=0.5),
-    Fault("magnitudes +0.5 all", shift_mag=0.5),
-    Fault("focal length +1 %", scale=1.01),
-    Fault("focal length −1 %", scale=0.99),
-    Fault("mirrored", mirrored=True),
-    Fault("mirrored, 10 false stars", false=10, mirrored=True),
-    Fault("20 false stars alone", false=20, missing=1.0),
-)
-
-
-@dataclass(frozen=True)
 class Subject:
     """A chain ready to be asked."""
 
@@ -118,12 +88,10 @@ def subject(setting: Setting, stars: StarTable) -> Subject:
 
 
 def _system(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
-    chain = system(setting.chain)
-    catalogue = chain.prepare(_bank(stars.brighter_than(setting.bank_mag), known.camera), known)
-    works = {m: Work(known.camera, catalogue, chain.parameters(known, None, Commanded(), m), m) for m in Mode}
+    chain, works = system(setting.chain), works_of(setting, known, stars)
 
     def solve(centroids: Centroids, mode: Mode, near_icrs: Array | None) -> SolveResult:
-        work = replace(works[mode], hint=None if near_icrs is None else _hint(mode, near_icrs))
+        work = replace(works[mode], hint=None if near_icrs is None else hint_of(mode, near_icrs))
         s = chain.calculate_attitude(chain.match_stars(centroids, work), centroids, work)
         outcome = Outcome.SOLVED if s.attitude is not None else Outcome.NONE
         probability = s.false_match_probability
@@ -132,6 +100,13 @@ def _system(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
         )
 
     return solve
+
+
+def works_of(setting: Setting, known: CameraProfile, stars: StarTable) -> dict[Mode, Work]:
+    """A system's tasks in each mode, without a hint, with a bank over the whole sky."""
+    chain = system(setting.chain)
+    catalogue = chain.prepare(_bank(stars.brighter_than(setting.bank_mag), known.camera), known)
+    return {m: Work(known.camera, catalogue, chain.parameters(known, None, Commanded(), m), m) for m in Mode}
 
 
 def _bank(bright: StarTable, camera: Camera) -> OnboardCatalogue:
@@ -143,17 +118,27 @@ def _bank(bright: StarTable, camera: Camera) -> OnboardCatalogue:
 
 
 def _reference(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
-    sky = reference.known_sky(Sky(stars.hip, stars.icrs, stars.v_mag), known.camera, setting.bank_mag)
+    sky = reference_sky(setting, known, stars)
 
     def solve(centroids: Centroids, mode: Mode, near_icrs: Array | None) -> SolveResult:
-        radius_rad = setting.tracking_rad if mode is Mode.TRACKING else setting.assisted_rad
-        hint = None if near_icrs is None else near.Hint(near_icrs, radius_rad)
-        return reference.solve_centroids(centroids, known.camera, sky, hint=hint)
+        return reference.solve_centroids(centroids, known.camera, sky, hint=reference_hint(setting, mode, near_icrs))
 
     return solve
 
 
-def _hint(mode: Mode, near_icrs: Array) -> Hint:
+def reference_sky(setting: Setting, known: CameraProfile, stars: StarTable) -> reference.KnownSky:
+    """Ours knows the whole table and identifies by the stars that the bank has."""
+    return reference.known_sky(Sky(stars.hip, stars.icrs, stars.v_mag), known.camera, setting.bank_mag)
+
+
+def reference_hint(setting: Setting, mode: Mode, near_icrs: Array | None) -> near.Hint | None:
+    """The prior as ours takes it."""
+    radius_rad = setting.tracking_rad if mode is Mode.TRACKING else setting.assisted_rad
+    return None if near_icrs is None else near.Hint(near_icrs, radius_rad)
+
+
+def hint_of(mode: Mode, near_icrs: Array) -> Hint:
+    """The prior as a system's chain takes it: all of it in tracking, else the boresight."""
     if mode is Mode.TRACKING:
         return Hint.from_quaternion(quaternion_from_matrix(near_icrs))
     return Hint(near_icrs[2])
@@ -180,20 +165,21 @@ def shown(asked: Subject, fault: Fault, attitude: Array, rng: np.random.Generato
     """What the camera would list at an attitude with that fault: every star of the sky measured brighter than its limit, those
     that the bank does not hold too."""
     setting, believed = asked.setting, asked.camera
+    taken_by = profile(ANOTHER[setting.camera]).camera if fault.another else believed
     true = replace(
-        believed, focal_col_px=fault.scale * believed.focal_col_px, focal_row_px=fault.scale * believed.focal_row_px
+        taken_by, focal_col_px=fault.scale * taken_by.focal_col_px, focal_row_px=fault.scale * taken_by.focal_row_px
     )
     truth = truth_of(stars_near(asked.stars, true, attitude), true, attitude)
     n = len(truth.hip)
     v_mag = truth.v_mag + setting.noise_mag * rng.normal(size=n) + fault.off_mag * rng.choice((-1.0, 1.0), n)
-    v_mag = v_mag + fault.shift_mag
-    seen = (v_mag <= setting.seen_mag) & (rng.random(n) >= fault.missing)
+    v_mag = fade(v_mag + fault.shift_mag, fault, rng)
+    seen = (v_mag <= setting.seen_mag) & (rng.random(n) >= fault.missing) & believed.contains(truth.pixels)
     pixels = truth.pixels[seen] + setting.noise_px * rng.normal(size=(int(seen.sum()), 2))
-    edge = (believed.columns - 0.5, believed.rows - 0.5)
-    pixels = np.vstack([pixels, rng.uniform((-0.5, -0.5), edge, (fault.false, 2))])
+    pixels, v_mag = displace(pixels, v_mag[seen], setting.seen_mag, fault, rng)
+    more_pixels, more_mag = strangers(fault, setting.seen_mag, believed, rng)
+    pixels, v_mag = np.vstack([pixels, more_pixels]), np.concatenate([v_mag, more_mag])
     if fault.mirrored:
         pixels[:, 0] = believed.columns - 1 - pixels[:, 0]
-    v_mag = np.concatenate([v_mag[seen], rng.uniform(setting.seen_mag - 4.0, setting.seen_mag, fault.false)])
     order = np.argsort(v_mag, kind="stable")
     flux = _flux_dn(setting, asked.profile, v_mag[order])
     return Shown(Centroids.from_pixels(pixels[order], flux, setting.noise_px), truth)

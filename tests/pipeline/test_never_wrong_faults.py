@@ -1,0 +1,110 @@
+"""The campaign that hunts for false attitudes: its faults do what they say, and its shards can be made again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.profiles import profile
+from gss.pipeline.experiments.never_wrong import judge
+from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, Campaign, Shard, setting_of, shards
+from gss.pipeline.experiments.never_wrong_faults import FAULTS, Fault, Place, attitude_at
+from gss.pipeline.experiments.never_wrong_frames import FRAME_FAULTS, FrameCampaign, FrameShard, spoilt
+from gss.pipeline.experiments.never_wrong_sky import SETTINGS, Subject, shown, subject
+
+STARS = load_stars(7.0)
+CUBESTAR = SETTINGS[0]
+
+
+def _subject() -> Subject:
+    return subject(CUBESTAR, STARS)
+
+
+def test_every_fault_of_the_requirement_is_there() -> None:
+    """False stars by number, missing, planets, doubles, variables, magnitudes, focal length, mirror, other camera, pole, RA 0."""
+    assert {0, 1, 5, 10, 100} <= {f.false for f in FAULTS}
+    assert {0.5, -0.5} <= {f.shift_mag for f in FAULTS}
+    assert {1.01, 0.99} <= {f.scale for f in FAULTS}
+    for asked in ("missing", "planets", "blended", "variable", "off_mag", "saturated", "mirrored", "another"):
+        assert any(getattr(f, asked) for f in FAULTS), asked
+    assert {Place.POLE, Place.ZERO_RA} <= {f.place for f in FAULTS}
+    assert any(f.starless for f in FRAME_FAULTS)
+    assert any(f.flat == 1.0 for f in FRAME_FAULTS)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("place", [Place.POLE, Place.ZERO_RA])
+def test_a_field_lies_where_its_fault_says(camera: str, place: Place) -> None:
+    """The pole, or a point of the meridian of RA 0, is on the detector."""
+    rng, known = np.random.default_rng(3), profile(camera).camera
+    for _ in range(20):
+        attitude = attitude_at(place, known, rng)
+        if place is Place.POLE:
+            points = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+        else:
+            dec = np.radians(np.linspace(-90, 90, 2000))
+            points = np.stack([np.cos(dec), np.zeros_like(dec), np.sin(dec)], axis=1)
+        ahead = points @ attitude.T
+        ahead = ahead[ahead[:, 2] > np.cos(known.half_diagonal_rad)]
+        assert known.contains(known.project(ahead)).any()
+
+
+@pytest.mark.parametrize(
+    ("fault", "more"),
+    [(Fault("x", planets=3), 3), (Fault("x", false=7), 7), (Fault("x", missing=1.0, false=2), None)],
+)
+def test_strangers_are_added(fault: Fault, more: int | None) -> None:
+    """A list has as many points more as the fault has planets and false stars; planets are the brightest."""
+    asked, attitude = _subject(), attitude_at(Place.ANYWHERE, _subject().camera, np.random.default_rng(1))
+    plain = shown(asked, replace(fault, planets=0, false=0), attitude, np.random.default_rng(2)).centroids
+    spoiled = shown(asked, fault, attitude, np.random.default_rng(2)).centroids
+    assert len(spoiled) - len(plain) == (2 if more is None else more)
+    if fault.planets:
+        assert spoiled.flux_dn[2] > plain.flux_dn[0]
+
+
+def test_another_camera_gives_its_own_places() -> None:
+    """What another focal length saw lies elsewhere, and on the detector that is believed in."""
+    asked, attitude = _subject(), attitude_at(Place.ANYWHERE, _subject().camera, np.random.default_rng(1))
+    made = shown(asked, Fault("x", another=True), attitude, np.random.default_rng(2))
+    own = shown(asked, Fault("x"), attitude, np.random.default_rng(2))
+    assert asked.camera.contains(made.centroids.pixels).all()
+    assert len(made.centroids) != len(own.centroids)
+
+
+@pytest.mark.parametrize("fault", range(len(FAULTS)))
+def test_cubestar_never_answers_wrongly(fault: int) -> None:
+    """Four attitudes of each fault and mode: no wrong answer."""
+    asked = _subject()
+    for mode in range(3):
+        for trial in range(4):
+            assert judge(asked, FAULTS[fault], (21, 0, fault, mode), trial).verdict.value != "wrong"
+
+
+def test_a_shard_is_the_same_again_and_shares_its_lists() -> None:
+    """The same shard gives the same verdicts; own chain and reference are asked as often, of the same faults and modes."""
+    campaign = Campaign(STARS)
+    first, again = (campaign.run(Shard("cubestar", "own", 4, 0)) for _ in range(2))
+    assert first == again
+    assert sum(first.counts.values()) == 250
+    assert not first.wrong
+    assert setting_of("cubestar", "reference").camera == "cubestar"
+    assert len(shards(501, 1, ("cubestar", "aim"))) == 3 * 2 * 2
+
+
+def test_frames_are_spoilt_and_judged() -> None:
+    """One frame of each fault: blank, flat, mirrored and foreign frames have no answer, the plain one has; sizes fit."""
+    known = profile("cubestar")
+    verdicts = FrameCampaign(STARS).run(FrameShard("cubestar", "own", 2, 1))
+    by_fault = {FRAME_FAULTS[j].title: verdict for (j, _, verdict) in verdicts.counts}
+    assert not verdicts.wrong
+    for title in ("frame, blank", "frame, full scale everywhere", "frame, mirrored", "frame, another camera"):
+        assert by_fault[title] == "none"
+    assert by_fault["frame, no fault"] in ("correct", "imprecise")
+    for fault in FRAME_FAULTS:
+        rng = np.random.default_rng(5)
+        pixels, _ = spoilt(fault, known, STARS, attitude_at(fault.place, known.camera, rng), rng)
+        assert pixels.shape == (known.camera.rows, known.camera.columns)
