@@ -83,6 +83,21 @@ def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
     )
 
 
+def earth_motion(jyear: float) -> tuple[Array, Array]:
+    """(3,) barycentric place of the Earth in au and (3,) velocity in units of c, ICRS."""
+    _, bary = erfa.epv00(J2000_JD, _days(jyear))
+    return np.asarray(bary["p"]), np.asarray(bary["v"] * AU_DAY)
+
+
+def mean_earth_velocity_c(jyear: float, days: float) -> Array:
+    """(3,) mean barycentric velocity of the Earth in units of c over ``days`` round ``jyear``: the chord of its path."""
+    if days <= 0:
+        return earth_motion(jyear)[1]
+    half_yr = days / DAYS_PER_YEAR / 2
+    chord_au = earth_motion(jyear + half_yr)[0] - earth_motion(jyear - half_yr)[0]
+    return np.asarray(chord_au / days * AU_DAY)
+
+
 def moon_v_mag(sun_au: Array, moon_au: Array) -> float:
     """Magnitude of the Moon from its distance and phase (Allen 1976 §66)."""
     from_sun = moon_au - sun_au

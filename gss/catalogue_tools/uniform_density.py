@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gss.catalogue_tools.doubles import Doubles, merge
 from gss.catalogue_tools.field import Disc, FieldShape
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.stars import FLAG_MULTIPLE, StarTable
+from gss.domain.stars import StarTable
 
 BLOCK = 2048
 
@@ -104,28 +103,4 @@ def merge_doubles(stars: StarTable, separation_rad: float) -> StarTable:
 
     Groups grow over chains of close stars. The brightest member lends its name, motion and colour, and the flag of a multiple.
     """
-    if separation_rad <= 0 or len(stars) < 2:
-        return stars
-    pairs = cKDTree(stars.icrs).query_pairs(2 * np.sin(separation_rad / 2), output_type="ndarray")
-    if not len(pairs):
-        return stars
-    n = len(stars)
-    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    count, group = connected_components(graph, directed=False)
-    light = 10 ** (-0.4 * stars.v_mag)
-    total = np.bincount(group, light, count)
-    icrs = np.column_stack([np.bincount(group, light * axis, count) for axis in stars.icrs.T]).astype(float)
-    icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
-    members = np.bincount(group, minlength=count)
-    order = np.argsort(stars.v_mag, kind="stable")
-    _, first = np.unique(group[order], return_index=True)
-    leader = order[first]
-    kept = np.sort(leader)
-    own, several = group[kept], members[group[kept]] > 1
-    merged = stars.take(kept)
-    return replace(
-        merged,
-        icrs=np.where(several[:, None], icrs[own], merged.icrs),
-        v_mag=np.where(several, -2.5 * np.log10(total[own]), merged.v_mag),
-        flags=np.where(several, merged.flags | FLAG_MULTIPLE, merged.flags).astype(np.uint16),
-    )
+    return merge(stars, Doubles("huffman", separation_rad)).stars if separation_rad > 0 else stars

@@ -1,0 +1,84 @@
+"""How bright a star is to a camera: its colour as a blackbody through the camera's spectral response (Liebe 1992, "Correction
+to CCD-sensitivity"), and the light lost towards the rim of the field (ibid.).
+
+The constant C of the document is set so that a star of B−V = 0 has the same magnitude in both systems.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.response import SpectralResponse
+
+# Planck's hc/k, in nanometres times kelvin.
+HC_OVER_K_NM_K = 1.438776877e7
+# Beyond these a blackbody says nothing about a star (carbon stars on the red side).
+B_V_RANGE = (-0.4, 2.5)
+ROLL_OFFS = ("off", "average", "worst")
+GRID_STEPS = 581
+# Johnson's V on energy, 470 to 700 nm in steps of 10 nm (Bessell 1990, PASP 102, 1181, Table 2).
+V_WAVELENGTH_NM = np.arange(470.0, 701.0, 10.0)
+V_PASSBAND = (
+    0.000, 0.030, 0.163, 0.458, 0.780, 0.967, 1.000, 0.973, 0.898, 0.792, 0.684, 0.574,
+    0.461, 0.359, 0.270, 0.197, 0.135, 0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0.000,
+)  # fmt: skip
+WAVELENGTH_NM = np.arange(300.0, 1201.0, 2.0)
+
+
+def temperature_k(b_v: Array | float) -> Array:
+    """Blackbody temperature of a colour index (Ballesteros 2012, EPL 97, 34008, eq. 14); colours are held to B_V_RANGE."""
+    reduced = 0.92 * np.clip(np.asarray(b_v, float), *B_V_RANGE)
+    return np.asarray(4600.0 * (1 / (reduced + 1.7) + 1 / (reduced + 0.62)))
+
+
+def planck(wavelength_nm: Array, kelvin: Array) -> Array:
+    """(n, m) spectral exitance of n temperatures at m wavelengths, in a common unit."""
+    exponent = HC_OVER_K_NM_K / (np.asarray(wavelength_nm)[None, :] * np.asarray(kelvin)[:, None])
+    return np.asarray(1 / (np.asarray(wavelength_nm)[None, :] ** 5 * np.expm1(exponent)))
+
+
+def instrument_minus_v(b_v: Array, response: SpectralResponse, unknown_b_v: float) -> Array:
+    """What to add to V of each star; NaN colours count as ``unknown_b_v``."""
+    grid, correction = _table(response)
+    colour = np.where(np.isnan(b_v), unknown_b_v, b_v)
+    return np.asarray(np.interp(colour, grid, correction))
+
+
+def roll_off_mag(profile: CameraProfile, which: str) -> float:
+    """Magnitudes lost to the lens: averaged over the detector or in the corner, loss growing with the square of the distance
+    from the optical centre (``Defects.corner_loss``)."""
+    if which not in ROLL_OFFS:
+        raise BadInput("unknown lens roll-off", expected=" | ".join(ROLL_OFFS), got=which)
+    if which == "off":
+        return 0.0
+    loss = profile.defects.corner_loss
+    if which == "average":
+        loss *= _mean_square_share(profile)
+    if not loss < 1:
+        raise BadInput("the lens lets no light into the corner", expected="a corner loss below 1", got=f"{loss:g}")
+    return float(-2.5 * np.log10(1 - loss))
+
+
+def _mean_square_share(profile: CameraProfile) -> float:
+    """Mean of r² over the detector, over r² of the furthest corner."""
+    camera = profile.camera
+    centres = (camera.centre_col_px, camera.centre_row_px)
+    spans = [(-0.5 - c, n - 0.5 - c) for n, c in zip((camera.columns, camera.rows), centres, strict=True)]
+    mean = sum((b**3 - a**3) / (3 * (b - a)) for a, b in spans)
+    return float(mean / sum(max(abs(a), abs(b)) ** 2 for a, b in spans))
+
+
+@lru_cache(maxsize=32)
+def _table(response: SpectralResponse) -> tuple[Array, Array]:
+    """Colour indices and instrument magnitude minus V."""
+    b_v = np.linspace(*B_V_RANGE, GRID_STEPS)
+    light = planck(WAVELENGTH_NM, temperature_k(np.append(b_v, 0.0)))
+    seen = light @ response.at(WAVELENGTH_NM)
+    visual = light @ np.interp(WAVELENGTH_NM, V_WAVELENGTH_NM, V_PASSBAND, left=0.0, right=0.0)
+    ratio = seen / visual
+    return b_v, -2.5 * np.log10(ratio[:-1] / ratio[-1])
