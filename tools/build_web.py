@@ -22,11 +22,12 @@ ROOT = Path(__file__).resolve().parent.parent
 WEB = ROOT / "web"
 BUILT = ROOT / "gss" / "web"
 STAMP = BUILT / ".built-from"
+FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "latin-600", "greek-400"))
 
 
 def source_hash(root: Path) -> str:
     """Hash over every file that decides what the pages are."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(__file__).read_bytes())
     web = root / "web"
     names = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
     names += [p for p in sorted(web.iterdir()) if p.is_file()]
@@ -63,8 +64,17 @@ def build(root: Path = ROOT) -> bool:
         subprocess.run([*npm, "ci", "--no-audit", "--no-fund"], cwd=web, check=True, env=environment)
         lock_stamp.write_text(lock)
     subprocess.run([*npm, "run", "build"], cwd=web, check=True, env=environment)
+    _lay_out_fonts(web)
     stamp.write_text(wanted)
     return True
+
+
+def _lay_out_fonts(web: Path) -> None:
+    """The faces that PDF reports are set in; the pages themselves take them in the browsers' format."""
+    target = web.parent / "gss" / "web" / "fonts"
+    target.mkdir(exist_ok=True)
+    for name in FONTS:
+        shutil.copy(web / "node_modules" / "@fontsource" / "ibm-plex-sans" / "files" / name, target / name)
 
 
 def _environment(npm: list[str]) -> dict[str, str]:

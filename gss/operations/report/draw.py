@@ -1,0 +1,229 @@
+"""Drawings of a report with any pen: plots, arrows over the detector, maps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gss.operations.report.axes import MINUS, clock, decades, ticks, time_ticks, written
+from gss.operations.report.parts import Arrows, Cells, Plot, Series
+from gss.operations.report.pens import COLOURS, HAIR, INK, SOFT, Pen, Point
+
+WIDTH, PLOT_HEIGHT = 510.0, 170.0
+LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 20.0, 30.0
+DETECTOR_WIDTH = 420.0
+
+
+def height_of(drawing: Plot | Arrows | Cells) -> float:
+    """Height of a drawing of the full width."""
+    if isinstance(drawing, Plot):
+        return PLOT_HEIGHT
+    return TOP + 16 + DETECTOR_WIDTH * drawing.rows / drawing.columns
+
+
+def draw(pen: Pen, drawing: Plot | Arrows | Cells) -> None:
+    """Draw it with its upper left corner at (0, 0)."""
+    if isinstance(drawing, Plot):
+        _plot(pen, drawing)
+    elif isinstance(drawing, Arrows):
+        _arrows(pen, drawing)
+    else:
+        _cells(pen, drawing)
+
+
+# --- plots ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """From values to places."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+    log_y: bool
+
+    def x(self, value: float) -> float:
+        return LEFT + (WIDTH - LEFT - RIGHT) * (value - self.x0) / (self.x1 - self.x0)
+
+    def y(self, value: float) -> float:
+        if self.log_y:
+            share = (math.log10(max(value, self.y0)) - math.log10(self.y0)) / (
+                math.log10(self.y1) - math.log10(self.y0)
+            )
+        else:
+            share = (value - self.y0) / (self.y1 - self.y0)
+        return PLOT_HEIGHT - BOTTOM - (PLOT_HEIGHT - TOP - BOTTOM) * share
+
+
+def _plot(pen: Pen, plot: Plot) -> None:
+    pen.text(LEFT, 11, plot.title, size=8.5)
+    frame = _frame(plot)
+    if frame is None:
+        pen.text(LEFT, PLOT_HEIGHT / 2, "nothing to draw", colour=SOFT)
+        return
+    _axes(pen, plot, frame)
+    for level in plot.levels:
+        _level(pen, frame, level.value, level.label, level.vertical)
+    for k, series in enumerate(plot.series):
+        _series(pen, frame, series, COLOURS[k % len(COLOURS)])
+    if len(plot.series) > 1:
+        at = WIDTH - RIGHT
+        for k, series in reversed(list(enumerate(plot.series))):
+            pen.text(at, 11, series.label, colour=COLOURS[k % len(COLOURS)], anchor="end")
+            at -= 5.0 * len(series.label) + 14
+
+
+def _frame(plot: Plot) -> _Frame | None:
+    xs = [x for s in plot.series for x in s.x] + [v.value for v in plot.levels if v.vertical]
+    ys = [y for s in plot.series for y in s.y if y is not None] + [v.value for v in plot.levels if not v.vertical]
+    if plot.log_y:
+        ys = [y for y in ys if y > 0]
+    if not xs or not ys:
+        return None
+    x0, x1 = _room(min(xs), max(xs), 0.0 if plot.time else 0.01)
+    if plot.log_y:
+        low, high = min(ys) / 1.15, max(ys) * 1.15
+        return _Frame(x0, x1, low, high, True)
+    bars = any(s.style == "bars" for s in plot.series)
+    low, high = _room(min(0.0, *ys) if bars else min(ys), max(ys), 0.06)
+    return _Frame(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, False)
+
+
+def _room(low: float, high: float, share: float) -> tuple[float, float]:
+    if high - low <= 1e-12 * max(1.0, abs(high)):
+        return low - 0.5, high + 0.5
+    return low - share * (high - low), high + share * (high - low)
+
+
+def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
+    bottom = PLOT_HEIGHT - BOTTOM
+    y_ticks = decades(f.y0, f.y1) if plot.log_y else ticks(f.y0, f.y1)
+    if plot.log_y and len(y_ticks) < 2:
+        y_ticks = ticks(f.y0, f.y1)
+    step = y_ticks[1] - y_ticks[0] if len(y_ticks) > 1 else 1.0
+    for value in y_ticks:
+        pen.line([(LEFT, f.y(value)), (WIDTH - RIGHT, f.y(value))], HAIR, 0.4)
+        pen.text(
+            LEFT - 4,
+            f.y(value) + 2.6,
+            written(value, min(step, value) if plot.log_y else step),
+            size=7,
+            anchor="end",
+            colour=SOFT,
+        )
+    x_ticks = time_ticks(f.x0, f.x1) if plot.time else ticks(f.x0, f.x1, 8)
+    step = x_ticks[1] - x_ticks[0] if len(x_ticks) > 1 else 1.0
+    for value in x_ticks:
+        pen.line([(f.x(value), bottom), (f.x(value), bottom + 3)], SOFT, 0.5)
+        words = clock(value, f.x1 - f.x0) if plot.time else written(value, step)
+        pen.text(f.x(value), bottom + 11, words, size=7, anchor="middle", colour=SOFT)
+    pen.box(LEFT, TOP, WIDTH - LEFT - RIGHT, bottom - TOP, stroke=SOFT)
+    pen.text((LEFT + WIDTH - RIGHT) / 2, PLOT_HEIGHT - 4, plot.x_label, size=7.5, anchor="middle", colour=SOFT)
+    pen.text(10, (TOP + bottom) / 2, plot.y_label, size=7.5, anchor="middle", colour=SOFT, up=True)
+
+
+def _level(pen: Pen, f: _Frame, value: float, label: str, vertical: bool) -> None:
+    if vertical:
+        pen.line([(f.x(value), TOP), (f.x(value), PLOT_HEIGHT - BOTTOM)], INK, 0.7, 3)
+        pen.text(f.x(value) + 3, TOP + 8, label, size=7)
+    else:
+        pen.line([(LEFT, f.y(value)), (WIDTH - RIGHT, f.y(value))], INK, 0.7, 3)
+        pen.text(WIDTH - RIGHT - 3, f.y(value) - 2, label, size=7, anchor="end")
+
+
+def _series(pen: Pen, f: _Frame, series: Series, colour: str) -> None:
+    if series.style == "bars":
+        base = f.y(max(0.0, f.y0)) if not f.log_y else f.y(f.y0)
+        for left, right, y in zip(series.x, series.x[1:], series.y, strict=False):
+            if y:
+                pen.box(f.x(left), min(f.y(y), base), f.x(right) - f.x(left) - 0.4, abs(base - f.y(y)), fill=colour)
+        return
+    for run in _runs(series):
+        places = [(f.x(x), f.y(y)) for x, y in run]
+        if series.style == "dots" or len(places) == 1:
+            pen.dots(places, colour, 1.2)
+        else:
+            pen.line(places, colour, 1.1)
+
+
+def _runs(series: Series) -> list[list[Point]]:
+    """The points between gaps."""
+    runs: list[list[Point]] = [[]]
+    for x, y in zip(series.x, series.y, strict=True):
+        if y is None or not math.isfinite(y):
+            if runs[-1] and series.style != "dots":
+                runs.append([])
+        else:
+            runs[-1].append((x, y))
+    return [run for run in runs if run]
+
+
+# --- over the detector ----------------------------------------------------------------------------------------------
+
+
+def _detector(pen: Pen, title: str, columns: int, rows: int) -> Callable[[float, float], Point]:
+    """Title and border; from (col, row) to places."""
+    scale = DETECTOR_WIDTH / columns
+    pen.text(LEFT, 11, title, size=8.5)
+    pen.box(LEFT, TOP, DETECTOR_WIDTH, rows * scale, stroke=SOFT)
+    return lambda col, row: (LEFT + (col + 0.5) * scale, TOP + (row + 0.5) * scale)
+
+
+def _arrows(pen: Pen, a: Arrows) -> None:
+    place = _detector(pen, a.title, a.columns, a.rows)
+    for col, row, d_col, d_row in zip(a.col, a.row, a.d_col, a.d_row, strict=True):
+        if d_col is None or d_row is None:
+            continue
+        start, end = place(col, row), place(col + a.scale * d_col, row + a.scale * d_row)
+        pen.line([start, end], COLOURS[0], 0.8)
+        pen.dots([start], COLOURS[0], 1.0)
+    one_px = a.scale * DETECTOR_WIDTH / a.columns
+    _key(pen, a.rows * DETECTOR_WIDTH / a.columns + TOP + 10, one_px, a.note)
+
+
+def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
+    """A bar of known length."""
+    length = next(v for v in (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0) if v * one_px <= 120)
+    if length:
+        pen.line([(LEFT, y), (LEFT + length * one_px, y)], COLOURS[0], 1.2)
+        pen.text(LEFT + length * one_px + 5, y + 3, f"{length:g} px", size=7.5)
+    pen.text(LEFT + DETECTOR_WIDTH, y + 3, note, size=7.5, colour=SOFT, anchor="end")
+
+
+SHADES = ("#eef4fa", "#cfe1f0", "#9fc5e3", "#6aa3d0", "#3a7fb5", "#1c5a8c", "#0c3a5f")
+
+
+def _cells(pen: Pen, c: Cells) -> None:
+    place = _detector(pen, c.title, c.columns, c.rows)
+    known = [v for line in c.values for v in line if v is not None]
+    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    across, down = c.columns / len(c.values[0]), c.rows / len(c.values)
+    for j, line in enumerate(c.values):
+        for i, value in enumerate(line):
+            if value is None:
+                continue
+            (x0, y0), (x1, y1) = (
+                place(i * across - 0.5, j * down - 0.5),
+                place((i + 1) * across - 0.5, (j + 1) * down - 0.5),
+            )
+            pen.box(x0, y0, x1 - x0, y1 - y0, fill=_shade(value, low, high))
+            if (x1 - x0) > 24:
+                dark = (value - low) > 0.55 * (high - low)
+                pen.text(
+                    (x0 + x1) / 2,
+                    (y0 + y1) / 2 + 2.5,
+                    f"{value:.3g}".replace("-", MINUS),
+                    size=6.5,
+                    anchor="middle",
+                    colour="#ffffff" if dark else INK,
+                )
+    y = TOP + DETECTOR_WIDTH * c.rows / c.columns + 13
+    pen.text(LEFT, y, f"{low:.3g} to {high:.3g} {c.unit}".replace("-", MINUS), size=7.5, colour=SOFT)
+
+
+def _shade(value: float, low: float, high: float) -> str:
+    share = 0.5 if high <= low else (value - low) / (high - low)
+    return SHADES[min(len(SHADES) - 1, int(share * len(SHADES)))]

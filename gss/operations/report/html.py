@@ -1,0 +1,71 @@
+"""A report as one sheet of HTML: no scripts, nothing from elsewhere, drawings inside."""
+
+from __future__ import annotations
+
+from html import escape
+
+from gss.operations.report.draw import WIDTH, draw, height_of
+from gss.operations.report.parts import Arrows, Cells, Fact, Note, Plot, Report, Section, Table
+from gss.operations.report.pens import SvgPen
+
+STYLE = """
+@page { size: A4; margin: 15mm }
+body { font: 10pt/1.4 system-ui, sans-serif; color: #111; background: #fff; max-width: 180mm; margin: 8mm auto }
+h1 { font-size: 16pt; margin: 0 0 1mm } h2 { font-size: 11pt; margin: 6mm 0 1.5mm; border-bottom: 1px solid #999 }
+h3 { font-size: 10pt; margin: 3mm 0 1mm } p { margin: 1mm 0 } .soft { color: #555 }
+.note { border-left: 3px solid #a04600; padding-left: 3mm; margin: 2mm 0 } .severe { border-color: #bf1e2e }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
+th, td { text-align: left; padding: .6mm 3mm .6mm 0; vertical-align: top; border-bottom: 1px solid #ddd }
+dl { display: grid; grid-template-columns: repeat(2, 1fr); gap: .6mm 8mm; margin: 0 }
+dl div { display: flex; justify-content: space-between; border-bottom: 1px solid #eee }
+dt { color: #555 } dd { margin: 0; font-variant-numeric: tabular-nums }
+figure { margin: 3mm 0; break-inside: avoid } tr { break-inside: avoid } svg { width: 100%; height: auto }
+@media print { body { margin: 0; max-width: none } }
+"""
+
+
+def as_html(report: Report) -> str:
+    """The sheet."""
+    body = "".join(
+        [
+            f"<h1>{escape(report.title)}</h1><p class='soft'>{escape(report.subtitle)}</p>",
+            *map(_note, report.notes),
+            *map(_section, report.sections),
+        ]
+    )
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(report.title)}</title>"
+        f"<style>{STYLE}</style></head><body>{body}</body></html>"
+    )
+
+
+def _note(note: Note) -> str:
+    word = "Do not rely on this" if note.severe else "Note"
+    kind = "note severe" if note.severe else "note"
+    return f"<p class='{kind}'><b>{word}:</b> {escape(note.text)} <span class='soft'>{escape(note.hint)}</span></p>"
+
+
+def _section(section: Section) -> str:
+    text = f"<p>{escape(section.text)}</p>" if section.text else ""
+    facts = f"<dl>{''.join(map(_fact, section.facts))}</dl>" if section.facts else ""
+    drawings = "".join(f"<figure>{as_svg(d)}</figure>" for d in section.drawings)
+    return f"<h2>{escape(section.title)}</h2>{text}{facts}{drawings}{''.join(map(_table, section.tables))}"
+
+
+def _fact(fact: Fact) -> str:
+    note = f" <span class='soft'>{escape(fact.note)}</span>" if fact.note else ""
+    unit = f" <span class='soft'>{escape(fact.unit)}</span>" if fact.unit else ""
+    return f"<div><dt>{escape(fact.label)}{note}</dt><dd>{escape(fact.value)}{unit}</dd></div>"
+
+
+def as_svg(drawing: Plot | Arrows | Cells) -> str:
+    """One drawing."""
+    pen = SvgPen(WIDTH, height_of(drawing), drawing.title)
+    draw(pen, drawing)
+    return pen.svg()
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
+    rows = "".join("<tr>" + "".join(f"<td>{escape(v)}</td>" for v in row) + "</tr>" for row in table.rows)
+    return f"<h3>{escape(table.title)}</h3><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

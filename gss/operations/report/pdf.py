@@ -1,0 +1,241 @@
+"""A report as PDF: the same parts and drawings, on A4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from fpdf import FPDF
+
+from gss.operations.report.draw import WIDTH, draw, height_of
+from gss.operations.report.parts import Arrows, Cells, Note, Plot, Report, Section, Table
+from gss.operations.report.pens import INK, SOFT, Point
+
+FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
+FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
+"""The console's own face, built into its pages; its letters come in two files."""
+PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
+BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
+"""For a checkout whose pages were not built: the plain letters that every PDF reader has."""
+MARGIN, LINE = 42.0, 12.0
+MOST_ROWS = 400
+"""Longer tables belong in the CSV; the sheet says how much it left out."""
+
+
+def as_pdf(report: Report, made: datetime) -> bytes:
+    """The bytes of the file. ``made`` stands in its properties, so that the same report gives the same bytes."""
+    sheet = _Sheet(report.title)
+    sheet.pdf.set_creation_date(made)
+    sheet.words(report.title, size=15, bold=True, gap=3)
+    sheet.words(report.subtitle, colour=SOFT, gap=6)
+    for note in report.notes:
+        sheet.note(note)
+    for section in report.sections:
+        sheet.section(section)
+    return bytes(sheet.pdf.output())
+
+
+class _Sheet:
+    """Where the next part goes."""
+
+    def __init__(self, title: str) -> None:
+        self.pdf = FPDF(unit="pt", format="A4")
+        self.pdf.set_auto_page_break(False)
+        self.pdf.set_title(title)
+        self.pdf.set_creator("GSS")
+        self._faces = _faces(self.pdf)
+        self.y = 0.0
+        self._page()
+
+    def _page(self) -> None:
+        self.pdf.add_page()
+        self.y = MARGIN
+
+    def room(self, height: float) -> None:
+        """Turn the page where the rest is too short."""
+        if self.y + height > self.pdf.h - MARGIN:
+            self._page()
+
+    def words(self, text: str, *, size: float = 9, bold: bool = False, colour: str = INK, gap: float = 2) -> None:
+        """A paragraph, broken at words."""
+        for line in _lines(text, size, self.pdf.w - 2 * MARGIN):
+            self.room(size * 1.35)
+            self.y += size * 1.25
+            self.put(MARGIN, self.y, line, size=size, colour=colour, bold=bold)
+        self.y += gap
+
+    def note(self, note: Note) -> None:
+        """A warning with what to do."""
+        word = "Do not rely on this: " if note.severe else "Note: "
+        self.words(f"{word}{note.text} {note.hint}", colour="#a04600", gap=4)
+
+    def section(self, section: Section) -> None:
+        """A heading with what belongs to it; it is never the last line of a page."""
+        self.room(60)
+        self.y += 8
+        self.words(section.title, size=11, bold=True, gap=1)
+        self.pdf.set_draw_color("#999999")
+        self.pdf.set_line_width(0.5)
+        self.pdf.line(MARGIN, self.y + 1, self.pdf.w - MARGIN, self.y + 1)
+        self.y += 4
+        if section.text:
+            self.words(section.text)
+        for fact in section.facts:
+            self.room(LINE)
+            self.y += LINE
+            self.put(MARGIN, self.y, f"{fact.label} {fact.note}".strip(), colour=SOFT)
+            self.put(self.pdf.w - MARGIN, self.y, f"{fact.value} {fact.unit}".strip(), anchor="end")
+        self.y += 4
+        for drawing in section.drawings:
+            self.drawing(drawing)
+        for table in section.tables:
+            self.table(table)
+
+    def drawing(self, drawing: Plot | Arrows | Cells) -> None:
+        """One drawing across the page."""
+        height = height_of(drawing)
+        self.room(height)
+        draw(_PdfPen(self, MARGIN, self.y), drawing)
+        self.y += height + 4
+
+    def table(self, table: Table) -> None:
+        """Columns as wide as their longest word, squeezed alike where they do not fit."""
+        self.words(table.title, bold=True, gap=0)
+        shown = table.rows[:MOST_ROWS]
+        wide = [max(len(row[k]) for row in [table.columns, *shown]) for k in range(len(table.columns))]
+        across = self.pdf.w - 2 * MARGIN
+        step = min(4.6, across / max(1, sum(w + 2 for w in wide)))
+        size = min(8.0, step * 1.75)
+        for number, row in enumerate([table.columns, *shown]):
+            self.room(LINE)
+            self.y += size * 1.35
+            at = MARGIN
+            for width, value in zip(wide, row, strict=True):
+                self.put(at, self.y, value, size=size, colour=SOFT if number == 0 else INK)
+                at += (width + 2) * step
+        if len(table.rows) > MOST_ROWS:
+            self.words(f"and {len(table.rows) - MOST_ROWS} more rows", colour=SOFT)
+        self.y += 6
+
+    def put(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: float = 9,
+        colour: str = INK,
+        anchor: str = "start",
+        bold: bool = False,
+    ) -> None:
+        """Words on their base line, each run of letters in the face that has them."""
+        runs = list(_runs(words, self._faces))
+        widths = []
+        for face, run in runs:
+            self._use(face, size, bold)
+            widths.append(self.pdf.get_string_width(run))
+        at = x - {"start": 0.0, "middle": sum(widths) / 2, "end": sum(widths)}[anchor]
+        self.pdf.set_text_color(colour)
+        for (face, run), width in zip(runs, widths, strict=True):
+            self._use(face, size, bold)
+            self.pdf.text(at, y, run)
+            at += width
+
+    def _use(self, face: str, size: float, bold: bool) -> None:
+        self.pdf.set_font(face, "B" if bold and face != "greek" else "", size)
+
+
+def _faces(pdf: FPDF) -> bool:
+    """Load the console's faces; False where the pages were not built."""
+    files = {name: FONTS / f"{stem}-400-normal.woff" for name, stem in FACES.items()}
+    bold = FONTS / f"{FACES['latin']}-600-normal.woff"
+    if not all(path.is_file() for path in (*files.values(), bold)):
+        return False
+    for name, path in files.items():
+        pdf.add_font(name, "", path)
+    pdf.add_font("latin", "B", bold)
+    return True
+
+
+def _runs(words: str, faces: bool) -> Iterator[tuple[str, str]]:
+    """(face, letters) in order."""
+    words = words.translate(PLAIN)
+    if not faces:
+        yield "helvetica", words.translate(BARE).encode("latin-1", "replace").decode("latin-1")
+        return
+    face, run = "latin", ""
+    for letter in words:
+        of = "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
+        if of != face and run:
+            yield face, run
+            run = ""
+        face, run = of, run + letter
+    if run:
+        yield face, run
+
+
+def _lines(text: str, size: float, across: float) -> list[str]:
+    """Broken at words; a letter is taken for half as wide as high."""
+    most = int(across / (size * 0.5))
+    lines, line = [], ""
+    for word in text.split():
+        if line and len(line) + 1 + len(word) > most:
+            lines.append(line)
+            line = word
+        else:
+            line = f"{line} {word}".strip()
+    return [*lines, line] if line else lines
+
+
+class _PdfPen:
+    """Draws into the sheet from a corner on."""
+
+    def __init__(self, sheet: _Sheet, x: float, y: float) -> None:
+        self._sheet, self._pdf = sheet, sheet.pdf
+        self._x, self._y = x, y
+        self._scale = (sheet.pdf.w - 2 * MARGIN) / WIDTH
+
+    def _at(self, x: float, y: float) -> Point:
+        return self._x + x * self._scale, self._y + y * self._scale
+
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0, dash: float = 0.0) -> None:
+        self._pdf.set_draw_color(colour)
+        self._pdf.set_line_width(width)
+        self._pdf.set_dash_pattern(dash, dash)
+        self._pdf.polyline([self._at(x, y) for x, y in points])
+        self._pdf.set_dash_pattern()
+
+    def box(self, x: float, y: float, width: float, height: float, stroke: str = "", fill: str = "") -> None:
+        left, top = self._at(x, y)
+        if stroke:
+            self._pdf.set_draw_color(stroke)
+            self._pdf.set_line_width(0.5)
+        if fill:
+            self._pdf.set_fill_color(fill)
+        style = ("D" if stroke else "") + ("F" if fill else "")
+        self._pdf.rect(left, top, max(0.0, width) * self._scale, max(0.0, height) * self._scale, style=style)
+
+    def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
+        self._pdf.set_fill_color(colour)
+        for x, y in points:
+            left, top = self._at(x, y)
+            self._pdf.rect(left - radius * 0.8, top - radius * 0.8, 1.6 * radius, 1.6 * radius, style="F")
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: float = 8,
+        colour: str = INK,
+        anchor: str = "start",
+        up: bool = False,
+    ) -> None:
+        left, top = self._at(x, y)
+        if up:
+            with self._pdf.rotation(90, x=left, y=top):
+                self._sheet.put(left, top, words, size=size, colour=colour, anchor=anchor)
+        else:
+            self._sheet.put(left, top, words, size=size, colour=colour, anchor=anchor)

@@ -1,0 +1,93 @@
+"""What a drawing needs of paper: lines, boxes, dots and words; and the pen that writes SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Protocol
+
+Point = tuple[float, float]
+INK, SOFT, HAIR = "#1b222a", "#5a6672", "#c9d0d8"
+COLOURS = ("#0a66ad", "#b04f00", "#11704a", "#6a43bf", "#8a6d00")
+"""First series first; told apart by their words as well."""
+
+
+class Pen(Protocol):
+    """Coordinates are points of 1/72 inch, y downwards."""
+
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0, dash: float = 0.0) -> None:
+        """A line through points."""
+        ...
+
+    def box(self, x: float, y: float, width: float, height: float, stroke: str = "", fill: str = "") -> None:
+        """A rectangle; "" leaves out its border or its ground."""
+        ...
+
+    def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
+        """Small discs."""
+        ...
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: float = 8,
+        colour: str = INK,
+        anchor: str = "start",
+        up: bool = False,
+    ) -> None:
+        """Words on their base line; ``anchor``: start, middle or end; ``up``: read from below."""
+        ...
+
+
+class SvgPen:
+    """Collects SVG."""
+
+    def __init__(self, width: float, height: float, title: str) -> None:
+        self._size, self._title = (width, height), title
+        self._parts: list[str] = []
+
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0, dash: float = 0.0) -> None:
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        dashes = f" stroke-dasharray='{dash:g}'" if dash else ""
+        self._parts.append(
+            f"<polyline points='{path}' fill='none' stroke='{colour}' stroke-width='{width:g}'{dashes}/>"
+        )
+
+    def box(self, x: float, y: float, width: float, height: float, stroke: str = "", fill: str = "") -> None:
+        self._parts.append(
+            f"<rect x='{x:.1f}' y='{y:.1f}' width='{max(0, width):.1f}' height='{max(0, height):.1f}' "
+            f"fill='{fill or 'none'}' stroke='{stroke or 'none'}' stroke-width='.6'/>"
+        )
+
+    def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
+        # One path of zero-length strokes with round caps: thousands of dots stay one element.
+        path = " ".join(f"M{x:.1f},{y:.1f}h0" for x, y in points)
+        self._parts.append(f"<path d='{path}' stroke='{colour}' stroke-width='{2 * radius:g}' stroke-linecap='round'/>")
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: float = 8,
+        colour: str = INK,
+        anchor: str = "start",
+        up: bool = False,
+    ) -> None:
+        turn = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if up else ""
+        self._parts.append(
+            f"<text x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}' fill='{colour}'{turn}>"
+            f"{escape(words)}</text>"
+        )
+
+    def svg(self) -> str:
+        """The drawing."""
+        width, height = self._size
+        return (
+            f"<svg viewBox='0 0 {width:g} {height:g}' role='img' xmlns='http://www.w3.org/2000/svg'>"
+            f"<title>{escape(self._title)}</title>{''.join(self._parts)}</svg>"
+        )

@@ -1,0 +1,51 @@
+"""Calibrations and analyses: kept for good, newest first."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import Analysis, Calibration
+
+
+def add_calibration(session: Session, row: Calibration) -> Calibration:
+    """Store a calibration and give it its id."""
+    session.add(row)
+    session.flush()
+    return row
+
+
+def calibration(session: Session, calibration_id: int) -> Calibration:
+    """The calibration of that id."""
+    row = session.get(Calibration, calibration_id)
+    if row is None:
+        raise NotFound("no such calibration", got=str(calibration_id))
+    return row
+
+
+def calibrations(session: Session, limit: int, profile: str = "") -> list[Calibration]:
+    """Newest first; of one camera where it is named."""
+    query = select(Calibration).where(Calibration.profile == profile) if profile else select(Calibration)
+    return list(session.scalars(query.order_by(Calibration.id.desc()).limit(limit)))
+
+
+def add_analysis(session: Session, row: Analysis) -> Analysis:
+    """Store an analysis and give it its id."""
+    session.add(row)
+    session.flush()
+    return row
+
+
+def analysis(session: Session, analysis_id: int) -> Analysis:
+    """The analysis of that id."""
+    row = session.get(Analysis, analysis_id)
+    if row is None:
+        raise NotFound("no such analysis", got=str(analysis_id))
+    return row
+
+
+def analyses(session: Session, limit: int, kind: str = "") -> list[Analysis]:
+    """Newest first; of one kind where it is named."""
+    query = select(Analysis).where(Analysis.kind == kind) if kind else select(Analysis)
+    return list(session.scalars(query.order_by(Analysis.id.desc()).limit(limit)))

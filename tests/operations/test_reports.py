@@ -1,0 +1,118 @@
+"""Reports: the same parts as JSON, as HTML and as PDF."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+
+from gss.operations.report.axes import clock, decades, ticks, written
+from gss.operations.report.html import as_html, as_svg
+from gss.operations.report.parts import (
+    Arrows,
+    Cells,
+    Fact,
+    Level,
+    Note,
+    Plot,
+    Report,
+    Section,
+    Series,
+    Table,
+    report_from,
+)
+from gss.operations.report.pdf import as_pdf
+
+MADE = datetime(2026, 12, 1, tzinfo=UTC)
+SCATTER = Plot("Offsets", "UTC", "arcsec", [Series("x", [0.0, 60.0, 120.0], [1.0, None, -2.0], "dots")], time=True)
+REPORT = Report(
+    "Night of <tests>",
+    "3 frames",
+    [
+        Section(
+            "Accuracy",
+            "Across the boresight.",
+            [Fact("σ across", "9.2", "″", "n = 3")],
+            [
+                SCATTER,
+                Plot("Histogram", "arcsec", "frames", [Series("x", [0.0, 1.0, 2.0], [3.0, 1.0], "bars")]),
+                Plot(
+                    "Noise", "s", "arcsec", [Series("NEA", [0.1, 1.0], [30.0, 3.0])], [Level(10.0, "limit")], log_y=True
+                ),
+                Arrows("Residuals", 100, 50, [10.0, 90.0], [10.0, 40.0], [0.5, None], [0.1, None], 20.0),
+                Cells("rms", 100, 50, [[0.1, None], [0.2, 0.3]], "px"),
+            ],
+            [Table("Axes", ["axis", "σ"], [["x", "9.1″"]])],
+        )
+    ],
+    [Note("few stars", "take more frames", True, "few-stars")],
+)
+
+
+def test_a_report_survives_its_json() -> None:
+    """What is stored is what is read."""
+    assert report_from(json.loads(json.dumps(REPORT.as_dict()))) == REPORT
+
+
+def test_the_sheet_is_well_formed_and_fetches_nothing() -> None:
+    """Every tag is closed, text is escaped, no address of elsewhere stands in it."""
+
+    class Tags(HTMLParser):
+        """Checks that tags close in order."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.open: list[str] = []
+
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            if tag != "meta":
+                self.open.append(tag)
+
+        def handle_startendtag(self, tag: str, attrs: object) -> None:
+            """Nothing stays open."""
+
+        def handle_endtag(self, tag: str) -> None:
+            assert self.open.pop() == tag
+
+    sheet = as_html(REPORT)
+    tags = Tags()
+    tags.feed(sheet)
+    assert tags.open == []
+    assert "Night of &lt;tests&gt;" in sheet
+    assert not re.search(r"(src|href)=", sheet)
+    assert "http://" not in sheet.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_pdf_says_the_same_and_is_the_same_every_time() -> None:
+    """Same parts, same bytes; the pages hold drawings and words."""
+    first, again = as_pdf(REPORT, MADE), as_pdf(REPORT, MADE)
+    assert first == again
+    assert first.startswith(b"%PDF-")
+    streams = [s for s in re.findall(rb"stream\n(.*?)\nendstream", first, re.DOTALL) if s[:1] == b"x"]
+    pages = b"".join(zlib.decompress(s) for s in streams)
+    assert pages.count(b" re") > 5
+    assert pages.count(b" Tj") + pages.count(b"] TJ") > 20
+
+
+def test_a_plot_of_nothing_says_so() -> None:
+    """No numbers, no axes, but words."""
+    assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [], [])]))
+    assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [1.0], [None])]))
+
+
+def test_missing_values_break_a_line() -> None:
+    """A gap is a gap: two pieces instead of one line through it."""
+    line = Plot("Line", "x", "y", [Series("a", [0, 1, 2, 3, 4], [0.0, 1.0, None, 1.0, 2.0])])
+    assert as_svg(line).count("stroke-width='1.1'") == 2
+
+
+def test_ticks_are_round_and_inside() -> None:
+    """Axis numbers are multiples of 1, 2, 2.5 or 5 times a power of ten, and carry the decimals they need."""
+    assert ticks(0.0, 1.0) == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
+    assert ticks(5.0, 5.0) == []
+    assert decades(0.05, 200.0) == [0.1, 1.0, 10.0, 100.0]
+    assert [written(v, 0.25) for v in (0.25, -0.5)] == ["0.25", "−0.50"]
+    assert written(2e-7, 1e-7) == "2.0e−07"
+    assert clock(3600.0, 60.0) == "01:00:00"
