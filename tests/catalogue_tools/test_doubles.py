@@ -1,0 +1,169 @@
+"""Effective centres of light: each document's policy, by hand-made pairs and on the real sky."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.doubles import POLICIES, Doubles, merge, separable_rad, spoiled
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.angles import ARCSEC_RAD, separation_rad
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES
+from gss.domain.stars import FLAG_MULTIPLE, StarTable
+
+CLOSE_RAD = 1e-3
+ALPHA_CEN = (71683, 71681)  # α Centauri A and B, 19″ apart in 1991
+
+
+def _stars(places_rad: list[tuple[float, float]], v_mag: list[float]) -> StarTable:
+    """Stars near the x axis, at small angles east and north of it, numbered from 1."""
+    n = len(v_mag)
+    east, north = np.array(places_rad, float).reshape(n, 2).T
+    icrs = np.column_stack([np.ones(n), east, north])
+    base = load_stars(3.0).take(np.arange(n))
+    unit = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
+    return replace(base, hip=np.arange(1, n + 1, dtype=np.int32), icrs=unit, v_mag=np.array(v_mag, float))
+
+
+def test_photocentre_lies_by_the_light_ratio() -> None:
+    """A companion at 2.5 mag fainter pulls the centre by s·l₂/(l₁+l₂) = s/11 (Moniteq 1983 §2.2), the light adds."""
+    merged = merge(
+        _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5]), Doubles("moniteq", 2 * CLOSE_RAD, largest_broadening=10.0)
+    )
+    assert len(merged.stars) == 1
+    assert merged.stars.icrs[0, 1] == pytest.approx(CLOSE_RAD / 11, rel=1e-5)
+    assert merged.stars.v_mag[0] == pytest.approx(4 - 2.5 * np.log10(1.1), abs=1e-12)
+    assert merged.stars.flags[0] & FLAG_MULTIPLE
+    assert (merged.groups, merged.members) == (1, 2)
+    assert merged.largest_shift_rad == pytest.approx(CLOSE_RAD / 11, rel=1e-5)
+
+
+def test_erlank_averages_the_position_without_the_light() -> None:
+    """Erlank 2013 §4.3.2's first option puts the star midway, his second leaves both."""
+    pair = _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5])
+    assert merge(pair, Doubles("erlank_combine", 2 * CLOSE_RAD)).stars.icrs[0, 1] == pytest.approx(
+        CLOSE_RAD / 2, rel=1e-5
+    )
+    assert merge(pair, Doubles("erlank_keep", 2 * CLOSE_RAD)).stars is pair
+
+
+def test_blend_that_is_not_star_like_is_rejected() -> None:
+    """Equal stars s apart have an extra spread of s/2: rejected above the limit of half a σ, kept below it."""
+    profile = PROFILES["sunsat"]
+    sigma = separable_rad(profile) / 4
+    wide = merge(_stars([(0, 0), (1.2 * sigma, 0)], [4.0, 4.0]), Doubles("moniteq"), profile)
+    narrow = merge(_stars([(0, 0), (0.8 * sigma, 0)], [4.0, 4.0]), Doubles("moniteq"), profile)
+    assert (len(wide.stars), sorted(wide.rejected.hip)) == (0, [1, 2])
+    assert (len(narrow.stars), len(narrow.rejected)) == (1, 0)
+    faint = merge(_stars([(0, 0), (1.2 * sigma, 0)], [4.0, 8.0]), Doubles("moniteq"), profile)
+    assert (len(faint.stars), len(faint.rejected)) == (1, 0)
+
+
+def test_stars_too_faint_to_count_stay_out_of_the_blend() -> None:
+    """Contaminants fainter than the limit neither move a star nor spoil it."""
+    pair = _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5])
+    merged = merge(pair, Doubles("moniteq", 2 * CLOSE_RAD, contaminant_mag=6.0))
+    assert np.array_equal(merged.stars.icrs, pair.icrs)
+
+
+def test_chains_merge_for_huffman_and_not_for_moniteq() -> None:
+    """Three stars in a row, neighbours close, ends apart: one group by chains, the brightest's blur takes only its neighbour."""
+    row = _stars([(0, 0), (CLOSE_RAD, 0), (2 * CLOSE_RAD, 0)], [4.0, 5.0, 6.0])
+    assert len(merge(row, Doubles("huffman", 1.5 * CLOSE_RAD)).stars) == 1
+    around = merge(row, Doubles("moniteq", 1.5 * CLOSE_RAD, largest_broadening=10.0))
+    assert around.stars.hip.tolist() == [1, 3]
+
+
+def test_dropping_spares_a_star_with_a_harmless_neighbour() -> None:
+    """The fainter of a pair always goes; the brighter only when the fainter is within 2.5 mag."""
+    far = _stars([(0, 0), (CLOSE_RAD, 0)], [3.0, 5.6])
+    near = _stars([(0, 0), (CLOSE_RAD, 0)], [3.0, 5.4])
+    assert spoiled(far, 2 * CLOSE_RAD).tolist() == [False, True]
+    assert spoiled(near, 2 * CLOSE_RAD).tolist() == [True, True]
+    assert merge(far, Doubles("drop", 2 * CLOSE_RAD)).stars.hip.tolist() == [1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), policy=st.sampled_from(POLICIES))
+def test_merging_does_not_depend_on_the_order(seed: int, policy: str) -> None:
+    """Shuffled rows give the same stars, to the bit, and the same rejects; equal magnitudes included."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 40))
+    places = [(float(x), float(y)) for x, y in rng.uniform(0, 4 * CLOSE_RAD, (n, 2))]
+    stars = _stars(places, [float(m) for m in rng.integers(2, 9, n)])
+    policy_of = Doubles(policy, CLOSE_RAD)
+    one, other = merge(stars, policy_of), merge(stars.take(rng.permutation(n)), policy_of)
+    first, second = np.argsort(one.stars.hip), np.argsort(other.stars.hip)
+    for name in ("hip", "icrs", "v_mag", "flags"):
+        assert np.array_equal(getattr(one.stars, name)[first], getattr(other.stars, name)[second]), name
+    assert sorted(one.rejected.hip) == sorted(other.rejected.hip)
+    assert one.largest_shift_rad == other.largest_shift_rad
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_light_is_neither_lost_nor_made(seed: int) -> None:
+    """Huffman's merging keeps the light of the sky, and the flux-weighted centre of all of it."""
+    rng = np.random.default_rng(seed)
+    stars = _stars([(float(x), float(y)) for x, y in rng.uniform(0, 3e-5, (20, 2))], list(rng.uniform(1, 8, 20)))
+    merged = merge(stars, Doubles("huffman", 1e-5)).stars
+
+    def light(table: StarTable) -> np.ndarray:
+        return np.asarray(10 ** (-0.4 * table.v_mag))
+
+    assert light(merged).sum() == pytest.approx(light(stars).sum(), rel=1e-12)
+    assert light(merged) @ merged.icrs == pytest.approx(light(stars) @ stars.icrs, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_no_two_merged_stars_are_within_the_cameras_reach(name: str) -> None:
+    """After Huffman's merging of the stars to V 6 hardly any two centres are closer than the camera separates."""
+    profile = PROFILES[name]
+    merged = merge(load_stars(6.0), Doubles("huffman"), profile)
+    assert len(merged.stars) + merged.members - merged.groups == len(load_stars(6.0))
+    again = merge(merged.stars, Doubles("huffman"), profile)
+    assert again.groups <= 0.02 * max(merged.groups, 50)
+
+
+def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
+    """The two suns of α Cen, 19″ apart, are one centre of light at −0.3 mag between them."""
+    stars = load_stars(2.0)
+    rows = [int(np.flatnonzero(stars.hip == hip)[0]) for hip in ALPHA_CEN]
+    merged = merge(stars, Doubles("moniteq"), PROFILES["sunsat"]).stars
+    row = int(np.flatnonzero(merged.hip == ALPHA_CEN[0])[0])
+    assert ALPHA_CEN[1] not in merged.hip
+    assert merged.v_mag[row] == pytest.approx(-0.29, abs=0.05)
+    a, b = stars.icrs[rows]
+    assert separation_rad(a, merged.icrs[row]) + separation_rad(merged.icrs[row], b) == pytest.approx(
+        separation_rad(a, b)
+    )
+    assert separation_rad(a, b) / ARCSEC_RAD == pytest.approx(19, abs=2)
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        (lambda: Doubles("best"), "policy"),
+        (lambda: Doubles(separation_rad=0.0), "separation"),
+        (lambda: Doubles(separation_rad=float("nan")), "separation"),
+        (lambda: Doubles(largest_broadening=0.0), "limits for doubles"),
+        (lambda: merge(load_stars(2.0), Doubles()), "need a separation"),
+    ],
+)
+def test_impossible_policies_are_refused(bad, text) -> None:  # type: ignore[no-untyped-def]
+    """Each mistake is told with its name."""
+    with pytest.raises(BadInput, match=text):
+        bad()
+
+
+def test_empty_and_lonely_tables_pass_through() -> None:
+    """No star and one star are no pair, whatever the policy."""
+    for policy in POLICIES:
+        for n in (0, 1):
+            few = load_stars(2.0).take(np.arange(n))
+            assert len(merge(few, Doubles(policy, CLOSE_RAD)).stars) == n

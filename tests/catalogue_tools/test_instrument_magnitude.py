@@ -1,0 +1,122 @@
+"""Instrument magnitudes: Planck's law and the integrals against astropy, the lens against a sum over pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.modeling.physical_models import BlackBody
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.correction_switches import Corrections
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.instrument_magnitude import (
+    V_PASSBAND,
+    V_WAVELENGTH_NM,
+    instrument_minus_v,
+    roll_off_mag,
+    temperature_k,
+)
+from gss.catalogue_tools.sky_source import corrected
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES
+from gss.domain.response import GENERIC, RESPONSES, SpectralResponse, response_of
+from gss.domain.sensor import Defects
+
+ASTROPY_TOLERANCE_MAG = 0.002
+
+
+def test_temperature_of_the_sun() -> None:
+    """B−V 0.65 is a star like the Sun, 5 770 K; blue is hot, red is cool."""
+    assert temperature_k(0.65) == pytest.approx(5778, abs=30)
+    assert np.all(np.diff(temperature_k(np.linspace(-0.4, 2.5, 50))) < 0)
+
+
+@pytest.mark.parametrize("name", sorted(RESPONSES))
+def test_integrals_are_astropys(name: str) -> None:
+    """Magnitudes of five colours through each camera agree with astropy's blackbody, summed twenty times as finely."""
+    response = RESPONSES[name]
+    fine = np.arange(300.0, 1200.0, 0.1)
+
+    def ratio(kelvin: float) -> float:
+        light = BlackBody(kelvin * u.K, scale=1 * u.erg / u.s / u.cm**2 / u.AA / u.sr)(fine * u.nm).value
+        v_band = np.interp(fine, V_WAVELENGTH_NM, V_PASSBAND, left=0, right=0)
+        return float((light * response.at(fine)).sum() / (light * v_band).sum())
+
+    colours = np.array([-0.3, 0.3, 0.65, 1.2, 1.9])
+    expected = [-2.5 * np.log10(ratio(float(temperature_k(c))) / ratio(float(temperature_k(0.0)))) for c in colours]
+    assert np.abs(instrument_minus_v(colours, response, 0.6) - expected).max() < ASTROPY_TOLERANCE_MAG
+
+
+def test_a_camera_that_sees_v_gives_v() -> None:
+    """Through Johnson's V itself nothing changes."""
+    v_band = SpectralResponse("V", "Bessell 1990", tuple(V_WAVELENGTH_NM), V_PASSBAND)
+    assert np.abs(instrument_minus_v(np.linspace(-0.4, 2.5, 30), v_band, 0.6)).max() < 1e-12
+
+
+@given(b_v=st.floats(-0.3, 2.4))
+def test_red_stars_are_brighter_to_silicon(b_v: float) -> None:
+    """To a sensor with more red than V has, the redder of two stars of equal V is never the fainter."""
+    pair = instrument_minus_v(np.array([b_v, b_v + 0.1]), RESPONSES["oersted"], 0.6)
+    assert pair[1] < pair[0]
+
+
+def test_white_stars_keep_their_v_and_unknown_colours_are_stated() -> None:
+    """B−V 0 is the common zero; a star without a colour counts as the one given."""
+    for response in (*RESPONSES.values(), GENERIC):
+        shift = instrument_minus_v(np.array([0.0, np.nan, 0.6]), response, 0.6)
+        assert shift[0] == pytest.approx(0, abs=1e-6)
+        assert shift[1] == shift[2]
+
+
+def test_every_profile_has_a_response_with_its_source() -> None:
+    """All five cameras have a curve, and each says what of it is chosen."""
+    for profile in PROFILES.values():
+        assert "chosen" in response_of(profile).source
+    assert response_of(replace(PROFILES["sunsat"], name="mine")) is GENERIC
+    aim = RESPONSES["aim"]
+    assert aim.at(np.linspace(400, 1000, 601)).mean() == pytest.approx(0.15, rel=0.01)
+    assert max(RESPONSES["far_mst"].a_per_w) == pytest.approx(0.16)
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_mean_lens_loss_is_that_of_the_pixels(name: str) -> None:
+    """The average roll-off is the mean over all pixels of a loss growing with the square of the radius."""
+    profile = PROFILES[name]
+    camera = profile.camera
+    col = np.arange(camera.columns) - camera.centre_col_px
+    row = np.arange(camera.rows) - camera.centre_row_px
+    corner = max(np.hypot(c, r) for c in col[[0, -1]] for r in row[[0, -1]])
+    loss = profile.defects.corner_loss * (np.add.outer(row**2, col**2) / corner**2).mean()
+    assert roll_off_mag(profile, "average") == pytest.approx(-2.5 * np.log10(1 - loss), rel=0.01)
+    assert roll_off_mag(profile, "worst") == pytest.approx(-2.5 * np.log10(1 - profile.defects.corner_loss))
+    assert roll_off_mag(profile, "off") == 0
+
+
+def test_corrections_record_how_colours_were_had() -> None:
+    """The facts name the response curve, its source, and how many stars had no colour."""
+    sky = corrected(load_stars(), Corrections(instrument_magnitude=True), 2026.9, profile=PROFILES["oersted"])
+    fact = sky.facts["applied"][-1]
+    assert (fact["name"], fact["no_colour"]) == ("instrument_magnitude", 52)
+    assert fact["source"].startswith("chosen")
+    assert 0.5 < fact["largest"] < 1.6
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        (lambda: SpectralResponse("x", "", (400.0,), (1.0,)), "response curve"),
+        (lambda: SpectralResponse("x", "", (500.0, 400.0), (1.0, 1.0)), "response curve"),
+        (lambda: SpectralResponse("x", "", (400.0, 500.0), (0.0, 0.0)), "response curve"),
+        (lambda: SpectralResponse("x", "", (400.0, 500.0), (-1.0, 1.0)), "response curve"),
+        (lambda: roll_off_mag(PROFILES["aim"], "much"), "roll-off"),
+        (lambda: roll_off_mag(replace(PROFILES["aim"], defects=Defects(corner_loss=1.0)), "worst"), "no light"),
+    ],
+)
+def test_impossible_optics_are_refused(bad, text) -> None:  # type: ignore[no-untyped-def]
+    """Each mistake is told with its name."""
+    with pytest.raises(BadInput, match=text):
+        bad()
