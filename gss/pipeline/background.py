@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gss.domain.angles import Array
+from gss.pipeline.kernels import NUMPY, Kernels
 
 TILE_PX = 32
 SAMPLES_PER_TILE = 64  # enough for a level good to a sixth of the noise, few enough to cost nothing
 CLIP_SIGMA = 3.0
 CLIP_ROUNDS = 2
+OUT_OF_REACH = 1e30
 FLAT_PER_SIGMA = 0.08  # a tile's level is itself only known to about a tenth of the noise
 
 
@@ -45,6 +47,16 @@ class Background:
             both.append(top * (1 - fr) + bottom * fr)
         return both[0], both[1]
 
+    def on_grid(self, cols: Array | NDArray[np.intp], rows: Array | NDArray[np.intp]) -> Array:
+        """(rows, cols) levels where these rows and columns cross."""
+        return np.asarray(self._between(rows, 0) @ self.level @ self._between(cols, 1).T)
+
+    def _between(self, place: Array | NDArray[np.intp], axis: int) -> Array:
+        """(n, tiles) weights of the tiles at positions along one axis."""
+        tiles = self.level.shape[axis]
+        at = np.clip((np.asarray(place) + 0.5) / self.tile_px - 0.5, 0, tiles - 1)
+        return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(tiles))))
+
     def scaled(self, level_factor: float, noise_factor: float) -> Background:
         """The same mesh in another unit."""
         return Background(self.level * level_factor, self.noise * noise_factor, self.tile_px)
@@ -54,26 +66,39 @@ class Background:
         return np.asarray(ndimage.minimum_filter(self.level + sigma * self.noise, size=3, mode="nearest"))
 
 
-def _clipped(samples: Array) -> tuple[Array, Array]:
+def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     """Clipped mean and standard deviation of each row; NaN samples do not count. One sort gives median and spread at once."""
     ordered = np.sort(samples, axis=1)  # NaN last
-    count = ordered.shape[1] - np.isnan(ordered).sum(axis=1)
+    count, missing = np.full(len(ordered), ordered.shape[1]), None
+    if ordered.dtype.kind == "f" and np.isnan(ordered[:, -1]).any():
+        missing = np.isnan(ordered)
+        count -= np.count_nonzero(missing, axis=1)
+    if loops.clip is not None:
+        return loops.clip(ordered, count)
     row = np.arange(len(ordered))
 
     def quantile(share: float) -> Array:
-        return np.asarray(ordered[row, np.maximum((share * (count - 1) + 0.5).astype(np.intp), 0)])
+        return ordered[row, np.maximum((share * (count - 1) + 0.5).astype(np.intp), 0)].astype(float)
 
     middle, low, high = quantile(0.5), quantile(0.1587), quantile(0.8413)
+    off = ordered - middle[:, None]
+    if missing is not None:
+        off[missing] = 0.0
+    mean_off = np.abs(off).sum(axis=1) / np.maximum(count, 1)
     # Coarsely quantised frames can have equal quantiles although they are noisy.
-    spread = np.maximum((high - low) / 2, np.minimum(np.nanmean(np.abs(ordered - middle[:, None]), axis=1), 0.5))
-    mean = middle
+    spread = np.maximum((high - low) / 2, np.minimum(mean_off, 0.5))
+    mean = np.zeros(len(ordered))
+    if missing is not None:
+        off[missing] = OUT_OF_REACH
     for _ in range(CLIP_ROUNDS):
-        keep = np.abs(ordered - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12
+        # A sum over two factors is one pass; masks and copies would be several.
+        keep = (np.abs(off - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12).astype(float)
         n = np.maximum(keep.sum(axis=1), 1)
-        mean = np.where(keep.any(axis=1), np.where(keep, ordered, 0.0).sum(axis=1) / n, middle)
-        squares = np.where(keep, (ordered - mean[:, None]) ** 2, 0.0).sum(axis=1) / n
-        spread = np.sqrt(squares) * 1.014  # what clipping a normal distribution at 3 sigma takes away
-    return mean, spread
+        mean = np.einsum("ij,ij->i", keep, off) / n
+        off_kept = keep * (off - mean[:, None])
+        variance = np.einsum("ij,ij->i", off_kept, off_kept) / n
+        spread = np.sqrt(variance) * 1.014  # what clipping a normal distribution at 3 sigma takes away
+    return middle + mean, spread
 
 
 def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
@@ -81,10 +106,10 @@ def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, 
     rows, cols = image.shape
     shape = (-(-rows // tile_px), -(-cols // tile_px))
     per = -(-tile_px // step)
-    picked = image[step // 2 :: step, step // 2 :: step].astype(np.float32)
+    picked = image[step // 2 :: step, step // 2 :: step]
     side = (shape[0] * per, shape[1] * per)
     if tile_px % step == 0 and picked.shape == side:
-        padded = picked
+        padded = picked if picked.dtype.kind == "u" else picked.astype(np.float32)
     else:
         padded = np.full(side, np.nan, np.float32)
         at = [np.arange(step // 2, n, step) for n in (rows, cols)]
@@ -94,22 +119,15 @@ def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, 
     return np.asarray(tiles), shape
 
 
-def measure_background(image: NDArray[Any], tile_px: int = TILE_PX) -> Background:
+def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kernels = NUMPY) -> Background:
     """Mesh of an image of any real type. Tiles of equal level within their own error become one plane (all equal)."""
     tile = int(min(tile_px, *image.shape))
     step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
     step = next(s for s in range(step, 0, -1) if tile % s == 0)
     samples, shape = _tile_samples(image, tile, step)
-    short = np.isnan(samples).mean(axis=1) > 0.7  # slivers at the far edges: too few pixels to say anything
-    with np.errstate(invalid="ignore"):
-        usable = samples[~short] if (~short).any() else samples
-        level_ok, noise_ok = _clipped(usable)
-    level, noise = np.full(len(samples), np.nan), np.full(len(samples), np.nan)
-    level[~short] = level_ok
-    noise[~short] = noise_ok
+    level, noise = _of_tiles(samples, loops)
     level_mesh, noise_mesh = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
-    level_mesh = ndimage.median_filter(level_mesh, size=3, mode="nearest")
-    noise_mesh = ndimage.median_filter(noise_mesh, size=3, mode="nearest")
+    level_mesh, noise_mesh = _median_of_nine(np.stack([level_mesh, noise_mesh]))
     typical = float(np.median(noise_mesh))
     if np.std(level_mesh) < FLAT_PER_SIGMA * typical:
         level_mesh = np.full(shape, float(np.mean(level_mesh)))
@@ -117,13 +135,39 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX) -> Backgroun
     return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
 
 
-def pixel_noise(image: NDArray[Any], background: Background, most: int = 5_000) -> float:
+def _of_tiles(samples: Array, loops: Kernels) -> tuple[Array, Array]:
+    """Level and noise of each tile, NaN for slivers at the far edges that hold too few pixels to say anything."""
+    # The last pixel of a tile is the first to lie outside the frame.
+    if samples.dtype.kind == "u" or not np.isnan(samples[:, -1]).any():
+        return _clipped(samples, loops)
+    short = np.isnan(samples).mean(axis=1) > 0.7
+    level, noise = np.full(len(samples), np.nan), np.full(len(samples), np.nan)
+    use = ~short if not short.all() else short
+    with np.errstate(invalid="ignore"):
+        level[use], noise[use] = _clipped(samples[use], loops)
+    return level, noise
+
+
+def _median_of_nine(meshes: Array) -> Array:
+    """(m, r, c) medians over 3x3 tiles of each of (m, r, c) meshes; edges repeat."""
+    m, rows, cols = meshes.shape
+    wide = np.empty((m, rows + 2, cols + 2))
+    wide[:, 1:-1, 1:-1] = meshes
+    wide[:, 0, 1:-1], wide[:, -1, 1:-1] = meshes[:, 0], meshes[:, -1]
+    wide[:, :, 0], wide[:, :, -1] = wide[:, :, 1], wide[:, :, -2]
+    nine = np.empty((m, rows, cols, 9))
+    for k in range(9):
+        nine[..., k] = wide[:, k // 3 : k // 3 + rows, k % 3 : k % 3 + cols]
+    nine.partition(4, axis=-1)
+    return nine[..., 4]
+
+
+def pixel_noise(image: NDArray[Any], background: Background, most: int = 3_000, loops: Kernels = NUMPY) -> float:
     """Typical standard deviation of one sky pixel, from a regular subset of about ``most`` pixels."""
     step = max(1, int(np.sqrt(image.size / most)) | 1)  # odd: not in step with tiles or two-pixel patterns
-    row, col = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
-    level, _ = background.at(col.ravel(), row.ravel())
-    residual = image[step // 2 :: step, step // 2 :: step].astype(float).ravel() - level
-    _, spread = _clipped(residual[None])
+    rows, cols = np.arange(step // 2, image.shape[0], step), np.arange(step // 2, image.shape[1], step)
+    residual = (image[step // 2 :: step, step // 2 :: step] - background.on_grid(cols, rows)).ravel()
+    _, spread = _clipped(residual[None], loops)
     return float(max(spread[0], 1e-6))
 
 

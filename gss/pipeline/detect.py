@@ -12,8 +12,9 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids, Region
 from gss.pipeline.background import Background
+from gss.pipeline.kernels import NUMPY, Kernels, kernels
 from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, single_again
-from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours
+from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours, widths_px
 
 THRESHOLD_SIGMA = 5.5
 MAX_STARS = 400
@@ -25,7 +26,7 @@ class Detections:
     """Stars found in one frame, and how the frame looked.
 
     ``psf_covariance_px2``: (2, 2), shared by the stars. ``streak_px``: length of the trail in px (0 for round stars) and
-    its direction from +col towards +row.
+    its direction from +col towards +row. ``loops``: which code ran, numpy or numba.
     """
 
     centroids: Centroids
@@ -35,6 +36,7 @@ class Detections:
     streak_px: float
     streak_direction_rad: float
     notes: tuple[str, ...]
+    loops: str = NUMPY.name
 
     @property
     def psf_sigma_px(self) -> float:
@@ -50,19 +52,22 @@ def find_stars(
     e_per_dn: float = 0.0,
     threshold_sigma: float = THRESHOLD_SIGMA,
     max_stars: int = MAX_STARS,
+    fast: bool | None = None,
 ) -> Detections:
     """Stars of a (rows, cols) frame of any real type, brightest first.
 
     ``psf_sigma_px`` None: the width is estimated from the frame itself (foreign images), trails included.
     ``saturation_dn``: values from here on are clipped and not fitted; None: the frame's own ceiling if it touches it.
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
+    loops = kernels(fast)
     image = _checked(pixels)
     ceiling = _ceiling(image) if saturation_dn is None else saturation_dn
     notes: list[str] = []
     known = psf_sigma_px is not None
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
-    pass_one = find_peaks(image, covariance, threshold_sigma, notes)
+    pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
     if not known:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
@@ -70,10 +75,10 @@ def find_stars(
             covariance = measured
             if moved > 0.8:
                 notes.clear()
-                pass_one = find_peaks(image, covariance, threshold_sigma, notes)
+                pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             else:
                 pass_one = single_again(image, pass_one, covariance)
-    return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes)
+    return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
 
 
 def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -134,18 +139,21 @@ def _measure(
     e_per_dn: float,
     max_stars: int,
     notes: list[str],
+    loops: Kernels,
 ) -> Detections:
-    low, high = np.sqrt(np.linalg.eigvalsh(covariance))
+    low, high = widths_px(covariance)
     half = int(np.clip(np.ceil(2.6 * high), 2, 14))
     stars = np.flatnonzero(~peaks.single)
     stars = stars[_not_shoulders(image, peaks, stars, high, ceiling)][: 3 * max_stars]
     stamps = cut_stamps(image, peaks.col[stars], peaks.row[stars], peaks.sky[stars], half, ceiling)
     stamps = _blown_kept(stamps, image, peaks, stars, half)
     noise = peaks.noise[stars]
-    fit = fit_stars(stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn)
+    fit = fit_stars(
+        stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn, loops.settle
+    )
     cleaned, touched = subtract_neighbours(stamps, fit, covariance)
     if touched.any():
-        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn)
+        fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn, loops.settle)
     reasons = _reasons(image, fit, stamps, high)
     inside = np.array([r == "" for r in reasons], bool)
     order = np.flatnonzero(inside)[np.argsort(-fit.flux[inside], kind="stable")]
@@ -159,15 +167,16 @@ def _measure(
     if n_single > 20:
         notes.append(f"{n_single} single bright pixels were left out as hot pixels")
     is_streak = high / low >= STREAK_RATIO
-    _, vectors = np.linalg.eigh(covariance)
+    direction_rad = 0.5 * float(np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])) % np.pi
     return Detections(
         centroids,
         _regions(peaks, stars, order, area, peak, fit, reasons, half),
         peaks.background,
         covariance,
         float(np.sqrt(12 * (high**2 - low**2))) if is_streak else 0.0,
-        float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi) if is_streak else 0.0,
+        direction_rad if is_streak else 0.0,
         tuple(notes),
+        loops.name,
     )
 
 
@@ -244,29 +253,18 @@ def _regions(
 ) -> tuple[Region, ...]:
     """Windows of kept stars, then of what was rejected and why (the brightest of them)."""
 
-    def window(col: float, row: float, a: int, p: float, s: float, why: str) -> Region:
-        c, r = int(col), int(row)
-        return Region(c - half, r - half, c + half, r + half, a, p, s, why)
+    col, row = peaks.col[stars].tolist(), peaks.row[stars].tolist()
+    areas, tops, sums = area.tolist(), peak.tolist(), np.nan_to_num(fit.flux).tolist()
 
-    kept = [
-        window(peaks.col[stars[k]], peaks.row[stars[k]], int(area[k]), float(peak[k]), float(fit.flux[k]), "")
-        for k in order
-    ]
+    def window(k: int, why: str) -> Region:
+        c, r = col[k], row[k]
+        return Region(c - half, r - half, c + half, r + half, areas[k], tops[k], sums[k], why)
+
+    kept = [window(k, "") for k in order.tolist()]
     chosen = set(order.tolist())
-    left = [
-        window(
-            peaks.col[stars[k]],
-            peaks.row[stars[k]],
-            int(area[k]),
-            float(peak[k]),
-            float(np.nan_to_num(fit.flux[k])),
-            reasons[k],
-        )
-        for k in range(len(stars))
-        if k not in chosen and reasons[k]
-    ]
-    hot = [
-        window(peaks.col[k], peaks.row[k], 1, float(peaks.snr[k] * peaks.noise[k]), 0.0, "single pixel, row or column")
-        for k in np.flatnonzero(peaks.single)[:limit]
-    ]
+    left = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
+    hot = []
+    for k in np.flatnonzero(peaks.single)[:limit].tolist():
+        c, r, top = int(peaks.col[k]), int(peaks.row[k]), float(peaks.snr[k] * peaks.noise[k])
+        hot.append(Region(c - half, r - half, c + half, r + half, 1, top, 0.0, "single pixel, row or column"))
     return tuple(kept + left[:limit] + hot)

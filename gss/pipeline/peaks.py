@@ -11,35 +11,65 @@ from scipy import ndimage
 
 from gss.domain.angles import Array
 from gss.pipeline.background import Background, measure_background, pixel_noise
+from gss.pipeline.kernels import NUMPY, Kernels
+from gss.pipeline.psf import widths_px
 
 MAX_PEAKS = 4000  # counted budget: brightest first, the rest is said to be left out
 STREAK_RATIO = 1.7
 BINOMIAL_GAIN = 256.0
+BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
+STRIP_ROWS = 128
+# Neighbours of a pixel, (row, column), in reading order: four before it, four after.
+AROUND = np.array([(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
 SINGLE_SHARE = 0.35  # of the light that a star must have beside its brightest pixel
 
 
 def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
-    """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat."""
+    """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat.
+
+    In strips that stay in the processor's cache; four sums of neighbours along each axis are the weights 1 4 6 4 1.
+    """
     kind = np.uint16 if image.dtype == np.uint8 else np.float32
-    wide = np.empty((image.shape[0] + 4, image.shape[1] + 4), kind)
-    wide[2:-2, 2:-2] = image
-    wide[:2, 2:-2], wide[-2:, 2:-2] = image[0], image[-1]
-    wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
-    for _ in range(4):
-        wide = wide[:, :-1] + wide[:, 1:]
-    for _ in range(4):
-        wide = wide[:-1] + wide[1:]
-    return wide
+    rows, cols = image.shape
+    out = np.empty((rows, cols), kind)
+    size = (min(rows, STRIP_ROWS) + 4) * (cols + 4)
+    one, two = np.empty(size, kind), np.empty(size, kind)
+    for top in range(0, rows, STRIP_ROWS):
+        bottom = min(top + STRIP_ROWS, rows)
+        high, width = bottom - top + 4, cols + 4
+        first, last = max(top - 2, 0), min(bottom + 2, rows)
+        wide = one[: high * width].reshape(high, width)
+        skip = first - (top - 2)
+        wide[skip : skip + last - first, 2:-2] = image[first:last]
+        wide[:skip, 2:-2], wide[skip + last - first :, 2:-2] = image[0], image[-1]
+        wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
+        # The strip's memory is one line of numbers: sums with the next and with the number one row on need no copies, and
+        # what runs over the end of a row is never read.
+        a, b = one[: high * width], two[: high * width]
+        length = high * width
+        for reach in (1, 1, 1, 1, width, width, width):
+            np.add(a[: length - reach], a[reach:length], out=b[: length - reach])
+            length -= reach
+            a, b = b, a
+        summed = a.reshape(high, width)[: bottom - top + 1, :cols]
+        np.add(summed[:-1], summed[1:], out=out[top:bottom])
+    return out
 
 
-def _filtered(image: NDArray[Any], covariance: Array) -> tuple[NDArray[Any], float]:
-    """The frame under a filter close to its point-spread function, and the filter's gain. Noise is measured on the result."""
-    low, high = np.sqrt(np.linalg.eigvalsh(covariance))
+def _filtered(
+    image: NDArray[Any], covariance: Array, loops: Kernels = NUMPY
+) -> tuple[NDArray[Any], float, tuple[Array, Array]]:
+    """The frame under a filter close to its point-spread function, the filter's gain, and what it sums along each axis.
+    Noise is measured on the result."""
+    low, high = widths_px(covariance)
     if high < 1.6:
-        return _binomial_sum(image), BINOMIAL_GAIN
+        return (loops.binomial or _binomial_sum)(image), BINOMIAL_GAIN, (BINOMIAL, BINOMIAL)
     if high / low < STREAK_RATIO:
-        smooth = ndimage.gaussian_filter(image.astype(np.float32), float(np.sqrt(low * high)), mode="nearest")
-        return np.asarray(smooth), 1.0
+        sigma = float(np.sqrt(low * high))
+        smooth = ndimage.gaussian_filter(image.astype(np.float32), sigma, mode="nearest")
+        reach = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1)
+        line = np.exp(-0.5 * (reach / sigma) ** 2)
+        return np.asarray(smooth), 1.0, (line, line)
     half = int(np.ceil(2.5 * high))
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     q = np.linalg.inv(covariance)
@@ -47,7 +77,22 @@ def _filtered(image: NDArray[Any], covariance: Array) -> tuple[NDArray[Any], flo
     from scipy.signal import oaconvolve
 
     wide = np.pad(image.astype(np.float32), half, mode="edge")
-    return np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid")), 1.0
+    smooth = np.asarray(oaconvolve(wide, (kernel / kernel.sum()).astype(np.float32), mode="valid"))
+    return smooth, 1.0, (kernel.sum(1), kernel.sum(0))
+
+
+def _edge_noise(place: NDArray[np.intp], count: int, line: Array) -> Array:
+    """(n,) by how much noisier than inside the filtered frame is at rows (or columns) of ``count``: where the outermost pixel
+    is repeated, its noise is summed several times instead of averaged."""
+    half = len(line) // 2
+    near = np.minimum(place, count - 1 - place)
+    if not len(near) or near.min() >= half:
+        return np.ones(len(near))
+    weights = np.zeros((half, len(line)))
+    for at in range(half):
+        np.add.at(weights[at], np.maximum(np.arange(-half, half + 1) + at, 0), line)
+    factor = np.append(np.sqrt((weights**2).sum(1) / (line**2).sum()), 1.0)
+    return np.asarray(factor[np.minimum(near, half)])
 
 
 @dataclass(frozen=True)
@@ -63,15 +108,20 @@ class Peaks:
     background: Background
 
 
-def find_peaks(image: NDArray[Any], covariance: Array, threshold_sigma: float, notes: list[str]) -> Peaks:
+def find_peaks(
+    image: NDArray[Any], covariance: Array, threshold_sigma: float, notes: list[str], loops: Kernels = NUMPY
+) -> Peaks:
     """Local maxima of a (rows, cols) frame under a filter as wide as its stars, above ``threshold_sigma``."""
-    smooth, gain = _filtered(image, covariance)
-    background = measure_background(smooth)
-    raw_background = _unfiltered(image, background, gain)
-    row, col = _above(smooth, background, threshold_sigma)
+    smooth, gain, (down, across) = _filtered(image, covariance, loops)
+    background = measure_background(smooth, loops=loops)
+    raw_background = _unfiltered(image, background, gain, loops)
+    row, col = _above(smooth, background, threshold_sigma, loops)
+    top = _is_maximum(smooth, row, col)
+    row, col = row[top], col[top]
     level, noise = background.at(col, row)
+    noise = noise * _edge_noise(row, image.shape[0], down) * _edge_noise(col, image.shape[1], across)
     snr = (smooth[row, col] - level) / noise
-    keep = np.flatnonzero((snr > threshold_sigma) & _is_maximum(smooth, row, col))
+    keep = np.flatnonzero(snr > threshold_sigma)
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     if len(keep) > MAX_PEAKS:
         notes.append(f"{len(keep)} peaks above threshold; the brightest {MAX_PEAKS} were looked at")
@@ -82,10 +132,10 @@ def find_peaks(image: NDArray[Any], covariance: Array, threshold_sigma: float, n
     return Peaks(col, row, snr, sky, raw_noise, single, raw_background)
 
 
-def _unfiltered(image: NDArray[Any], background: Background, gain: float) -> Background:
+def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops: Kernels) -> Background:
     """Level and noise of single pixels from the mesh of a filtered frame; ``gain``: of the filter on a flat frame."""
     level = background.scaled(1 / gain, 1.0)
-    return level.scaled(1.0, pixel_noise(image, level) / float(np.median(background.noise)))
+    return level.scaled(1.0, pixel_noise(image, level, loops=loops) / float(np.median(background.noise)))
 
 
 def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
@@ -94,13 +144,17 @@ def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
     return replace(peaks, single=single)
 
 
-def _above(smooth: NDArray[Any], background: Background, sigma: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _above(
+    smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pixels that may be above threshold: each tile against its own lowest threshold."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
         lowest = np.clip(np.floor(lowest), 0, np.iinfo(smooth.dtype).max)
-    per_col = np.repeat(lowest, tile, axis=1)[:, : smooth.shape[1]].astype(smooth.dtype)
+    per_col = np.repeat(lowest.astype(smooth.dtype), tile, axis=1)[:, : smooth.shape[1]]
+    if loops.above is not None:
+        return loops.above(smooth, per_col, tile)
     hit = np.empty(smooth.shape, bool)
     for k in range(len(lowest)):
         np.greater(smooth[k * tile : (k + 1) * tile], per_col[k], out=hit[k * tile : (k + 1) * tile])
@@ -111,14 +165,12 @@ def _above(smooth: NDArray[Any], background: Background, sigma: float) -> tuple[
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
     """No neighbour is higher; of equal ones the first in reading order counts."""
     rows, cols = smooth.shape
+    r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
+    outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)
+    there = smooth.ravel()[np.where(outside, 0, r * cols + c)]
     here = smooth[row, col]
-    best = np.ones(len(row), bool)
-    for dr, dc in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-        there = smooth[np.clip(row + dr, 0, rows - 1), np.clip(col + dc, 0, cols - 1)]
-        outside = (row + dr < 0) | (row + dr >= rows) | (col + dc < 0) | (col + dc >= cols)
-        earlier = (dr, dc) < (0, 0)
-        best &= outside | ((here > there) if earlier else (here >= there))
-    return best
+    best = np.concatenate([here > there[:4], here >= there[4:]]) | outside
+    return np.asarray(best.all(axis=0))
 
 
 def _is_single_pixel(

@@ -7,6 +7,8 @@ trailed stars.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +21,13 @@ FIT_ROUNDS = 6
 MOMENT_ROUNDS = 14
 STEP_DONE_PX = 2e-4
 MODEL_FLOOR = 0.012  # of the width: what a real lens differs from a Gaussian
+
+
+def widths_px(covariance: Array) -> tuple[float, float]:
+    """Standard deviations along the short and the long axis of a (2, 2) covariance."""
+    xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    middle, off = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    return math.sqrt(max(middle - off, 0.0)), math.sqrt(middle + off)
 
 
 @dataclass(frozen=True)
@@ -89,50 +98,66 @@ def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> Shapes:
     )
 
 
+Settle = Callable[[Stamps, Array, Array, Array, Array], tuple[Array, Array]]
+
+
 @dataclass(frozen=True)
 class PsfFit:
-    """Positions (n,), summed flux (n,), standard deviation of a position per axis (n,), ``misfit``: rms residual of the
-    stamp per rms of noise and 5 % of the peak (n,), and whether the fit stayed at its star."""
+    """Positions (n,), summed flux (n,), standard deviation of a position per axis (n,), and whether the
+    fit stayed at its star."""
 
     col: Array
     row: Array
     flux: Array
     sigma_px: Array
-    misfit: Array
     good: NDArray[np.bool_]
 
 
 def fit_stars(
-    stamps: Stamps, start_col: Array, start_row: Array, covariance: Array, noise: Array, e_per_dn: float = 0.0
+    stamps: Stamps,
+    start_col: Array,
+    start_row: Array,
+    covariance: Array,
+    noise: Array,
+    e_per_dn: float = 0.0,
+    settle: Settle | None = None,
 ) -> PsfFit:
     """Gauss–Newton on position and flux of all n stars, each stamp on its own.
 
     ``covariance``: (2, 2) px² of the point-spread function. ``noise``: (n,) standard deviation of a sky pixel.
-    ``e_per_dn`` > 0 weighs pixels by their shot noise too.
+    ``e_per_dn`` > 0 weighs pixels by their shot noise too. ``settle``: another :func:`settled`.
     """
     inverse: Array = np.asarray(np.linalg.inv(covariance), float)
     half = float(stamps.dx.max())
-    x, y = start_col - stamps.col, start_row - stamps.row
     weight = stamps.use / noise[:, None] ** 2
     if e_per_dn > 0:
         weight = stamps.use / (noise[:, None] ** 2 + np.maximum(stamps.value, 0) / e_per_dn)
+    x, y = (settle or settled)(stamps, start_col - stamps.col, start_row - stamps.row, inverse, weight)
+    return _finish(stamps, x, y, inverse, covariance, weight, half)
+
+
+def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
+    """Offsets (n,) and (n,) from the middles at which no star moves any more, from a first guess of them."""
     for _ in range(FIT_ROUNDS):
         g, gx, gy = _model(stamps, x, y, inverse)
-        gg = (weight * g * g).sum(1)
-        peak = (weight * g * stamps.value).sum(1) / np.where(gg > 0, gg, np.nan)
-        residual = (stamps.value - peak[:, None] * g) * weight
-        bx, by = (residual * gx).sum(1), (residual * gy).sum(1)
-        hxx, hyy, hxy = (weight * gx * gx).sum(1), (weight * gy * gy).sum(1), (weight * gx * gy).sum(1)
-        det = (hxx * hyy - hxy * hxy) * peak
-        step_x, step_y = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
-        x = x + np.clip(np.nan_to_num(step_x), -1, 1)
-        y = y + np.clip(np.nan_to_num(step_y), -1, 1)
-        if (
-            max(np.max(np.abs(np.nan_to_num(step_x)), initial=0), np.max(np.abs(np.nan_to_num(step_y)), initial=0))
-            < STEP_DONE_PX
-        ):
+        wg, wx, wy = weight * g, weight * gx, weight * gy
+        gg = _dot(wg, g)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            peak = _dot(wg, stamps.value) / gg
+            residual = stamps.value - peak[:, None] * g
+            bx, by = _dot(wx, residual), _dot(wy, residual)
+            hxx, hyy, hxy = _dot(wx, gx), _dot(wy, gy), _dot(wx, gy)
+            det = (hxx * hyy - hxy * hxy) * peak
+            step = np.stack([hyy * bx - hxy * by, hxx * by - hxy * bx]) / det
+        step = np.minimum(np.maximum(np.where(np.isfinite(step), step, 0.0), -1.0), 1.0)
+        x, y = x + step[0], y + step[1]
+        if np.max(np.abs(step), initial=0) < STEP_DONE_PX:
             break
-    return _finish(stamps, x, y, inverse, covariance, weight, noise, half)
+    return x, y
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 def _model(stamps: Stamps, x: Array, y: Array, inverse: Array) -> tuple[Array, Array, Array]:
@@ -144,27 +169,24 @@ def _model(stamps: Stamps, x: Array, y: Array, inverse: Array) -> tuple[Array, A
 
 
 def _finish(
-    stamps: Stamps, x: Array, y: Array, inverse: Array, covariance: Array, weight: Array, noise: Array, half: float
+    stamps: Stamps, x: Array, y: Array, inverse: Array, covariance: Array, weight: Array, half: float
 ) -> PsfFit:
     g, gx, gy = _model(stamps, x, y, inverse)
-    gg = (weight * g * g).sum(1)
+    gg = _dot(weight * g, g)
     with np.errstate(invalid="ignore", divide="ignore"):
-        peak = (weight * g * stamps.value).sum(1) / gg
-        information = peak**2 * 0.5 * ((weight * gx * gx).sum(1) + (weight * gy * gy).sum(1))
-        width = float(np.sqrt(np.sqrt(np.linalg.det(covariance))))
-        sigma = np.sqrt(1 / information + (MODEL_FLOOR * width) ** 2)
-        used = np.maximum(stamps.use.sum(1), 1)
-        residual = np.sqrt((np.where(stamps.use, stamps.value - peak[:, None] * g, 0.0) ** 2).sum(1) / used)
-        misfit = residual / np.sqrt(noise**2 + (0.05 * peak) ** 2)
-    flux = peak * 2 * np.pi * np.sqrt(np.linalg.det(covariance))
+        peak = _dot(weight * g, stamps.value) / gg
+        information = peak**2 * 0.5 * (_dot(weight * gx, gx) + _dot(weight * gy, gy))
+        area = float(np.sqrt(np.linalg.det(covariance)))
+        sigma = np.sqrt(1 / information + MODEL_FLOOR**2 * area)
+    flux = peak * 2 * np.pi * area
     good = np.isfinite(peak) & (peak > 0) & np.isfinite(sigma) & (np.hypot(x, y) < max(2.0, 0.6 * half))
-    return PsfFit(stamps.col + x, stamps.row + y, flux, sigma, misfit, good)
+    return PsfFit(stamps.col + x, stamps.row + y, flux, sigma, good)
 
 
 def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """Take from each stamp the fitted models of other stars that reach into it; also says which stars that concerns."""
     half = float(stamps.dx.max())
-    reach = half + 2.5 * float(np.sqrt(np.max(np.linalg.eigvalsh(covariance))))
+    reach = half + 2.5 * widths_px(covariance)[1]
     near = (np.abs(fit.col[:, None] - fit.col) < reach) & (np.abs(fit.row[:, None] - fit.row) < reach)
     np.fill_diagonal(near, False)
     of, other = np.nonzero(near & fit.good)

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Region
+from gss.pipeline.kernels import NUMPY, Kernels
 
 Pixels = NDArray[np.integer] | NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -78,15 +79,16 @@ class SearchResult:
     stopped: str
 
 
-def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3) -> Blobs:
-    """All 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` that the search grid touches."""
+def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Kernels = NUMPY) -> Blobs:
+    """All 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` that the search grid touches; the same
+    to the bit with any ``loops``."""
     if pixels.ndim != 2 or 0 in pixels.shape:
         raise BadInput("not a frame", expected="a (rows, columns) array of pixels", got=f"shape {pixels.shape}")
     columns = pixels.shape[1]
-    lit = np.flatnonzero(pixels > threshold_dn)
+    lit = np.flatnonzero(pixels > threshold_dn) if loops.lit is None else loops.lit(pixels, threshold_dn)
     if not len(lit):
         return Blobs(lit, np.zeros(1, np.intp), columns)
-    count, label = _label(lit, columns)
+    count, label = (loops.components or _label)(lit, columns)
     row, col = np.divmod(lit, columns)
     on_grid = np.flatnonzero((row % step_px == 0) & (col % step_px == 0))
     # ``lit`` rises in raster order, so the first grid pixel of each label is where the search meets it.
@@ -112,10 +114,12 @@ def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]
     return int(count), label
 
 
-def search(pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: int = 3) -> SearchResult:
+def search(
+    pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: int = 3, loops: Kernels = NUMPY
+) -> SearchResult:
     """The plane search with its limits (Erlank 2013 §5.3.3): stops after more than ``max_invalid`` too large blobs, or at
     ``max_accepted`` stars. Too small ones are dead pixels or too faint and do not count as invalid."""
-    blobs = find_blobs(pixels, threshold_dn, step_px)
+    blobs = find_blobs(pixels, threshold_dn, step_px, loops)
     area = blobs.area_px
     too_large, too_small = area > limits.max_area_px, area < limits.min_area_px
     at_edge = _touches_border(blobs, *pixels.shape) & limits.edge

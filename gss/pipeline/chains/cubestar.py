@@ -35,6 +35,7 @@ from gss.pipeline.chains.onboard import Detection, Solution
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
 from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.soundness import is_handed
+from gss.pipeline.kernels import kernels
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.trace import Trace
 
@@ -57,16 +58,17 @@ __all__ = [
 ]
 
 
-def find_centroids(pixels: Pixels, parameters: CubestarParameters) -> Detection:
+def find_centroids(pixels: Pixels, parameters: CubestarParameters, *, fast: bool | None = None) -> Detection:
     """Stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
 
     The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Foreign frames do not come that way: the
     median of the search grid stands in for it, in the threshold as in the centroid's weights.
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`; the answer is the same to the bit.
     """
     p = parameters
     black_dn = grid_median_dn(pixels, p.search_step_px)
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, p.max_centroids, p.edge_rule)
-    found = search(pixels, black_dn + p.threshold_dn, limits, p.search_step_px)
+    found = search(pixels, black_dn + p.threshold_dn, limits, p.search_step_px, kernels(fast))
     stars = found.blobs.take(found.accepted)
     centroids = window_centroids(pixels, stars, black_dn, p.threshold_dn, p.window_px, p.noise)
     return Detection(
@@ -199,6 +201,7 @@ def solve(
     hint: Hint | None = None,
     clock: Callable[[], float] | None = None,
     trace: Trace | None = None,
+    fast: bool | None = None,
 ) -> SolveResult:
     """One frame from pixels to attitude: find_centroids, match_stars, calculate_attitude."""
     if pixels.shape != (camera.rows, camera.columns):
@@ -209,7 +212,7 @@ def solve(
         )
     kept = trace if trace is not None else Trace(clock)
     with kept.stage("detect"):
-        detection = find_centroids(pixels, parameters)
+        detection = find_centroids(pixels, parameters, fast=fast)
     kept.keep("detection", detection)
     result = solve_centroids(
         detection.centroids, camera, catalogue, parameters, mode=mode, hint=hint, clock=clock, trace=kept

@@ -1,0 +1,282 @@
+"""The inner loops of detection for numba. Each does what the numpy function of the same place does; a test holds them together."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.pipeline.background import CLIP_ROUNDS, CLIP_SIGMA
+from gss.pipeline.psf import FIT_ROUNDS, STEP_DONE_PX, Stamps
+
+Rows = NDArray[np.intp]
+BLOCK = 128
+
+
+def binomial(image: NDArray[Any]) -> NDArray[Any]:
+    """As ``peaks._binomial_sum``."""
+    kind = np.uint16 if image.dtype == np.uint8 else np.float32
+    out = np.empty(image.shape, kind)
+    if kind is np.uint16:
+        _binomial_whole(image, out)
+    else:
+        _binomial_float(np.ascontiguousarray(image, np.float32), out)
+    return out
+
+
+@njit(cache=True)
+def _binomial_whole(image, out):  # type: ignore[no-untyped-def]
+    rows, cols = image.shape
+    line = np.empty(cols + 4, np.uint16)
+    for r in range(rows):
+        a, b = max(r - 2, 0), max(r - 1, 0)
+        d, e = min(r + 1, rows - 1), min(r + 2, rows - 1)
+        for c in range(cols):
+            line[c + 2] = (
+                np.uint16(image[a, c])
+                + np.uint16(image[e, c])
+                + np.uint16(4) * (np.uint16(image[b, c]) + np.uint16(image[d, c]))
+                + np.uint16(6) * np.uint16(image[r, c])
+            )
+        line[0] = line[1] = line[2]
+        line[cols + 2] = line[cols + 3] = line[cols + 1]
+        for c in range(cols):
+            out[r, c] = line[c] + line[c + 4] + np.uint16(4) * (line[c + 1] + line[c + 3]) + np.uint16(6) * line[c + 2]
+
+
+@njit(cache=True)
+def _binomial_float(image, out):  # type: ignore[no-untyped-def]
+    """Sums in the order of the numpy way: pairs of neighbours four times along rows, then along columns."""
+    rows, cols = image.shape
+    across = np.empty((rows, cols), np.float32)
+    line = np.empty(cols + 4, np.float32)
+    for r in range(rows):
+        for c in range(cols):
+            line[c + 2] = image[r, c]
+        line[0] = line[1] = line[2]
+        line[cols + 2] = line[cols + 3] = line[cols + 1]
+        for k in range(3):
+            for c in range(cols + 3 - k):
+                line[c] = line[c] + line[c + 1]
+        for c in range(cols):
+            across[r, c] = line[c] + line[c + 1]
+    for r in range(rows):
+        a, b = max(r - 2, 0), max(r - 1, 0)
+        d, e = min(r + 1, rows - 1), min(r + 2, rows - 1)
+        for c in range(cols):
+            v0, v1, v2, v3, v4 = across[a, c], across[b, c], across[r, c], across[d, c], across[e, c]
+            w0, w1, w2, w3 = v0 + v1, v1 + v2, v2 + v3, v3 + v4
+            x0, x1, x2 = w0 + w1, w1 + w2, w2 + w3
+            out[r, c] = (x0 + x1) + (x1 + x2)
+
+
+def clip(ordered: NDArray[Any], count: Rows) -> tuple[Array, Array]:
+    """As ``background._clipped`` of rows that are sorted already."""
+    mean, spread = np.empty(len(ordered)), np.empty(len(ordered))
+    _clip(ordered, count, mean, spread)
+    return mean, spread
+
+
+@njit(cache=True, fastmath={"reassoc"})
+def _clip(ordered, count, mean_out, spread_out):  # type: ignore[no-untyped-def]
+    off = np.empty(ordered.shape[1])
+    for i in range(len(ordered)):
+        n = count[i]
+        middle = float(ordered[i, max(int(0.5 * (n - 1) + 0.5), 0)])
+        low = float(ordered[i, max(int(0.1587 * (n - 1) + 0.5), 0)])
+        high = float(ordered[i, max(int(0.8413 * (n - 1) + 0.5), 0)])
+        total = 0.0
+        for k in range(n):
+            off[k] = ordered[i, k] - middle
+            total += abs(off[k])
+        spread = max((high - low) / 2, min(total / max(n, 1), 0.5))
+        mean = 0.0
+        for _ in range(CLIP_ROUNDS):
+            reach = CLIP_SIGMA * spread + 1e-12
+            first, last = 0, n
+            while first < n and mean - off[first] > reach:
+                first += 1
+            while last > first and off[last - 1] - mean > reach:
+                last -= 1
+            total, kept = 0.0, max(last - first, 1)
+            for k in range(first, last):
+                total += off[k]
+            mean = total / kept
+            total = 0.0
+            for k in range(first, last):
+                total += (off[k] - mean) ** 2
+            spread = math.sqrt(total / kept) * 1.014
+        mean_out[i], spread_out[i] = middle + mean, spread
+
+
+def above(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, Rows]:
+    """As the comparison in ``peaks._above``; ``lowest`` (tile rows, columns), of the frame's own type."""
+    flat = _above(np.ascontiguousarray(smooth), np.ascontiguousarray(lowest), tile)
+    return np.divmod(flat, smooth.shape[1])
+
+
+@njit(cache=True)
+def _above(smooth, lowest, tile):  # type: ignore[no-untyped-def]
+    rows, cols = smooth.shape
+    blocks = -(-cols // BLOCK)
+    hit = np.empty((rows, blocks), np.bool_)
+    for r in range(rows):
+        line, limits = smooth[r], lowest[r // tile]
+        for k in range(blocks):
+            part, limit = line[k * BLOCK : (k + 1) * BLOCK], limits[k * BLOCK : (k + 1) * BLOCK]
+            some = False
+            for c in range(len(part)):  # no way out in between, so that it runs on vectors
+                some |= part[c] > limit[c]
+            hit[r, k] = some
+    return _hits(smooth, lowest, tile, hit)
+
+
+@njit(cache=True)
+def _hits(smooth, lowest, tile, hit):  # type: ignore[no-untyped-def]
+    rows, cols = smooth.shape
+    out = np.empty(BLOCK * int(hit.sum()), np.intp)
+    n = 0
+    for r in range(rows):
+        for k in range(hit.shape[1]):
+            if hit[r, k]:
+                for c in range(k * BLOCK, min((k + 1) * BLOCK, cols)):
+                    if smooth[r, c] > lowest[r // tile, c]:
+                        out[n] = r * cols + c
+                        n += 1
+    return out[:n].copy()
+
+
+def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
+    """As ``psf.settled``, star by star: all go on until the last one has come to rest, as there."""
+    x, y = np.array(x, float), np.array(y, float)
+    _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
+    return x, y
+
+
+@njit(cache=True)
+def _settle(dx, dy, value, weight, inverse, x, y):  # type: ignore[no-untyped-def]
+    xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
+    k = len(dx)
+    g, gx, gy = np.empty(k), np.empty(k), np.empty(k)
+    for _ in range(FIT_ROUNDS):
+        furthest = 0.0
+        for i in range(len(x)):
+            gg = gv = hxx = hyy = hxy = 0.0
+            for j in range(k):
+                ax, ay = dx[j] - x[i], dy[j] - y[i]
+                px, py = xx * ax + xy * ay, xy * ax + yy * ay
+                g[j] = math.exp(-0.5 * (px * ax + py * ay))
+                gx[j], gy[j] = g[j] * px, g[j] * py
+                w = weight[i, j]
+                gg += w * g[j] * g[j]
+                gv += w * g[j] * value[i, j]
+                hxx += w * gx[j] * gx[j]
+                hyy += w * gy[j] * gy[j]
+                hxy += w * gx[j] * gy[j]
+            if gg == 0.0:
+                continue
+            peak = gv / gg
+            bx = by = 0.0
+            for j in range(k):
+                rest = weight[i, j] * (value[i, j] - peak * g[j])
+                bx += rest * gx[j]
+                by += rest * gy[j]
+            det = (hxx * hyy - hxy * hxy) * peak
+            if det == 0.0:
+                continue
+            sx, sy = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
+            sx = min(max(sx, -1.0), 1.0) if math.isfinite(sx) else 0.0
+            sy = min(max(sy, -1.0), 1.0) if math.isfinite(sy) else 0.0
+            x[i] += sx
+            y[i] += sy
+            furthest = max(furthest, abs(sx), abs(sy))
+        if furthest < STEP_DONE_PX:
+            break
+
+
+def lit(image: NDArray[Any], threshold: float) -> Rows:
+    """Flat numbers of the pixels above a threshold, rising."""
+    if image.dtype.kind == "u":
+        limit = math.floor(threshold)
+        top = int(np.iinfo(image.dtype).max)
+        if limit >= top:
+            return np.empty(0, np.intp)
+        if limit < 0:
+            return np.arange(image.size)
+        whole = np.full(1, limit, image.dtype)
+        return _lit(np.ascontiguousarray(image).ravel(), whole[0])
+    return np.flatnonzero(image > threshold)
+
+
+@njit(cache=True)
+def _lit(flat, limit):  # type: ignore[no-untyped-def]
+    size = len(flat)
+    out = np.empty(1024, np.intp)
+    n = 0
+    for first in range(0, size, 2 * BLOCK):
+        last = min(first + 2 * BLOCK, size)
+        some = False
+        for value in flat[first:last]:
+            some |= value > limit
+        if not some:
+            continue
+        for c in range(first, last):
+            if flat[c] > limit:
+                if n == len(out):
+                    more = np.empty(2 * n, np.intp)
+                    more[:n] = out
+                    out = more
+                out[n] = c
+                n += 1
+    return out[:n]
+
+
+def components(lit: Rows, columns: int) -> tuple[int, NDArray[np.int32]]:
+    """As ``regions._label``: 4-connected components of lit pixels, numbered by their first pixel."""
+    label = np.empty(len(lit), np.int32)
+    return int(_components(lit, columns, label)), label
+
+
+@njit(cache=True)
+def _components(lit, columns, label):  # type: ignore[no-untyped-def]
+    n = len(lit)
+    parent = np.arange(n)
+    up = 0
+    for i in range(n):
+        if i > 0 and lit[i] - lit[i - 1] == 1 and lit[i] % columns != 0:
+            _join(parent, i, i - 1)
+        while up < i and lit[up] < lit[i] - columns:
+            up += 1
+        if up < i and lit[up] == lit[i] - columns:
+            _join(parent, i, up)
+    count = 0
+    for i in range(n):
+        root = _root(parent, i)
+        if root == i:
+            label[i] = count
+            count += 1
+        else:
+            label[i] = label[root]
+    return count
+
+
+@njit(cache=True)
+def _root(parent, i):  # type: ignore[no-untyped-def]
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True)
+def _join(parent, i, j):  # type: ignore[no-untyped-def]
+    """The earlier root wins, so that a component's number is that of its first pixel."""
+    a, b = _root(parent, i), _root(parent, j)
+    if a < b:
+        parent[b] = a
+    else:
+        parent[a] = b
