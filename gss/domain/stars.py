@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
+from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
@@ -103,12 +104,14 @@ class OnboardCatalogue:
 
     ``hip``: (n,) catalogue numbers by row (ground knowledge; formats that carry only row ids get them from the manifest).
     ``icrs``: (n, 3) unit vectors at the width the device stores. ``v_mag``: (n,), NaN where the format has none.
+    ``distances`` is empty where the format has other tables instead. ``tables``: what else the bank holds.
     """
 
     hip: Ids
     icrs: NDArray[np.floating]
     v_mag: NDArray[np.floating]
     distances: DistanceTable
+    tables: BankTables = NO_TABLES
 
     def __len__(self) -> int:
         return len(self.hip)

@@ -92,6 +92,41 @@ class TripletTable:
         return which, self.star[entry]
 
 
+CERTAIN, MAYBE, EXCHANGED = 0, 1, 2
+"""Kinds of constellation: both neighbours are always seen; one may be missed, or blends; an error of position brings it about."""
+
+
+@dataclass(frozen=True)
+class Constellations:
+    """The data base before it is spread over the classes that errors reach: m constellations of a star and two neighbours.
+
+    ``kind``: CERTAIN, MAYBE or EXCHANGED. ``first``, ``second``: classes of the two distances, ``angle_low`` to ``angle_high``:
+    those of the angle. A dozen references of the table come from each (Liebe 1992: three classes by three by one or two).
+    """
+
+    kind: NDArray[np.uint8]
+    star: Rows
+    first: Rows
+    second: Rows
+    angle_low: Rows
+    angle_high: Rows
+    stars: int
+    classes: TripletClasses
+    limit_mag: float
+    brightness_error: float
+    max_rad: float
+
+    def __len__(self) -> int:
+        return len(self.star)
+
+    def table(self) -> TripletTable:
+        """The table of references, each key and star once."""
+        which, key = _spread(self.first, self.second, self.angle_low, self.angle_high)
+        pairs = np.unique((key.astype(np.int64) << 32) | self.star[which])
+        key, star = (pairs >> 32).astype(np.uint32), (pairs & 0xFFFFFFFF).astype(np.int32)
+        return TripletTable(key, star, self.stars, self.classes, self.limit_mag, self.brightness_error, self.max_rad)
+
+
 def certain_mag(limit_mag: float, brightness_error: float) -> float:
     """Brighter ones are always seen (125 % of the limit)."""
     return float(limit_mag - 2.5 * np.log10(1 + brightness_error))
@@ -126,7 +161,25 @@ def build_triplets(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """The data base over a star list, (n, 3) and (n,). Stars without magnitude (NaN) count as certain.
+    """The data base over a star list, (n, 3) and (n,); arguments as of :func:`find_constellations`."""
+    found = find_constellations(
+        icrs, v_mag, classes, limit_mag, max_rad, brightness_error=brightness_error, blend_rad=blend_rad
+    )
+    return found.table()
+
+
+def find_constellations(
+    icrs: NDArray[np.floating],
+    v_mag: NDArray[np.floating],
+    classes: TripletClasses,
+    limit_mag: float,
+    max_rad: float,
+    *,
+    brightness_error: float = 0.25,
+    blend_rad: float = 0.0,
+) -> Constellations:
+    """Every constellation that may be measured over a star list, (n, 3) and (n,), by kind, star and classes, each once. Stars
+    without magnitude (NaN) count as certain.
 
     ``blend_rad``: closer companions melt into one image, so that the fainter one only may be seen, as the document does
     with double stars. Both neighbours must lie within ``max_rad``, which a frame can show.
@@ -135,18 +188,28 @@ def build_triplets(
     unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
     mag = np.asarray(v_mag, float)
     rows = np.flatnonzero(~(mag > faintest_mag(limit_mag, brightness_error)))
-    empty = TripletTable(
-        np.empty(0, np.uint32), np.empty(0, np.int32), len(unit), classes, limit_mag, brightness_error, max_rad
+    table = np.empty((0, 6), np.int64)
+    if len(rows) >= 3:
+        certain = ~(mag[rows] > certain_mag(limit_mag, brightness_error)) & ~_companions(
+            unit[rows], mag[rows], blend_rad
+        )
+        kind, who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
+        measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
+        table = np.unique(np.column_stack([kind, rows[who], *_classes(*measured, classes)]), axis=0)
+    star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
+    return Constellations(
+        table[:, 0].astype(np.uint8),
+        star,
+        first_class,
+        second_class,
+        low,
+        high,
+        len(unit),
+        classes,
+        limit_mag,
+        brightness_error,
+        max_rad,
     )
-    if len(rows) < 3:
-        return empty
-    certain = ~(mag[rows] > certain_mag(limit_mag, brightness_error)) & ~_companions(unit[rows], mag[rows], blend_rad)
-    who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
-    measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
-    which, key = _spread(*measured, classes)
-    pairs = np.unique((key.astype(np.int64) << 32) | rows[who[which]])
-    key, star = (pairs >> 32).astype(np.uint32), (pairs & 0xFFFFFFFF).astype(np.int32)
-    return TripletTable(key, star, len(unit), classes, limit_mag, brightness_error, max_rad)
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
@@ -161,8 +224,8 @@ def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
 
 def _constellations(
     unit: Array, certain: NDArray[np.bool_], uncertainty_rad: float, max_rad: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """(star, first neighbour, second neighbour) of every constellation that may be measured.
+) -> tuple[NDArray[np.integer], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """(kind, star, first neighbour, second neighbour) of every constellation that may be measured.
 
     As the document's list of twelve for six neighbours shows: the first is any up to the first certain one, the second any
     up to the second certain one, each also when an error of position could bring it there (Figs. 12, 13), in either order
@@ -184,7 +247,11 @@ def _constellations(
     ordered = distance[:, :, None] <= distance[:, None, :] + exchange_rad
     other = ~np.eye(distance.shape[1], dtype=bool)
     star, i, j = np.nonzero(first[:, :, None] & second[:, None, :] & ordered & other)
-    return star, near[star, i], near[star, j]
+    as_listed = distance[star, i] <= distance[star, j]
+    as_listed &= (distance[star, i] <= limit[0][star]) & (distance[star, j] <= limit[1][star])
+    both_seen = certain[near[star, i]] & certain[near[star, j]]
+    kind = np.where(as_listed, np.where(both_seen, CERTAIN, MAYBE), EXCHANGED)
+    return kind, star, near[star, i], near[star, j]
 
 
 def _rows(table: Array) -> NDArray[np.intp]:
@@ -199,18 +266,28 @@ def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[
     return chord[keep].reshape(len(near), -1), near[keep].reshape(len(near), -1)
 
 
-def _spread(
+def _classes(
     first_rad: Array, second_rad: Array, angle_rad: Array, classes: TripletClasses
-) -> tuple[NDArray[np.intp], Keys]:
-    """Every class that such a constellation may be measured in: (index of the constellation, key)."""
+) -> tuple[NDArray[np.int64], ...]:
+    """Class of the first distance, of the second, lowest and highest of the angle, (n,) each."""
     error = classes.angle_error_rad(first_rad, second_rad)
     most = int(np.floor(np.pi / classes.angle_rad))
-    low = np.clip(np.floor((angle_rad - error) / classes.angle_rad), 0, most).astype(np.int64)
-    high = np.clip(np.floor((angle_rad + error) / classes.angle_rad), 0, most).astype(np.int64)
-    count = high - low + 1
+    low, high = (
+        np.clip(np.floor(angle / classes.angle_rad), 0, most).astype(np.int64)
+        for angle in (angle_rad - error, angle_rad + error)
+    )
+    a, b = (np.floor(d / classes.distance_rad).astype(np.int64) for d in (first_rad, second_rad))
+    return a, b, low, high
+
+
+def _spread(
+    first: NDArray[np.integer], second: NDArray[np.integer], low: NDArray[np.integer], high: NDArray[np.integer]
+) -> tuple[NDArray[np.intp], Keys]:
+    """Every class that such a constellation may be measured in: (index of the constellation, key)."""
+    count = high.astype(np.int64) - low + 1
     which = np.repeat(np.arange(len(low)), count)
     angle = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + low[which]
-    a, b = (np.floor(d / classes.distance_rad).astype(np.int64)[which] for d in (first_rad, second_rad))
+    a, b = first.astype(np.int64)[which], second.astype(np.int64)[which]
     step = np.array([-1, 0, 1])
     a9, b9, c9, which9 = np.broadcast_arrays(
         a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], which[:, None, None]

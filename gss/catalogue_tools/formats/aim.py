@@ -1,0 +1,70 @@
+"""aim: Moniteq 1983 §6.1, the star list and its linked list of neighbours: per star a count and a pointer, each link at both ends.
+
+The document has 3 000 stars in 70 kbyte, of which the links take 36, and says nothing of the bytes of a star; 11 are left for
+each (chosen): right ascension and declination as whole parts of a turn in 2³² (0.0003″), magnitude in thousandths, eight
+flags. Links are 16 bits wide instead of 12, for any processor to read: 8n − 12 numbers, 16 bytes a star. Pointers of 16 bits
+limit the list to 10 924 stars. No distance table: the chain has no use for one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.header import BankHeader
+from gss.catalogue_tools.formats.layout import BankFormat, Content, check_range, from_millimag, to_millimag
+from gss.catalogue_tools.formats.oersted import no_distances
+from gss.domain.angles import ra_dec_from_unit, unit_from_ra_dec
+from gss.domain.bank_tables import BankTables
+from gss.domain.errors import BadInput
+from gss.domain.stars import DistanceTable, StarTable
+
+UNIT_RAD = 2 * np.pi / 2**32
+POLE = 2**30
+STARS = Rows(
+    "stars",
+    (
+        Field("ra_turn32", "<u4", "turn/2³²", "right ascension, ICRS"),
+        Field("dec_turn32", "<i4", "turn/2³²", "declination, −2³⁰ to 2³⁰"),
+        Field("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        Field("flags", "<u1", "", "1 variable, 2 multiple, 4 no proper motion, 8 poor position"),
+    ),
+)
+
+
+def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
+    """Columns of the star list."""
+    ra, dec = ra_dec_from_unit(stars.icrs)
+    if np.any(stars.flags > 255):
+        raise BadInput("a star's flags do not fit eight bits", expected="at most 255", got=str(int(stars.flags.max())))
+    own: Columns = {
+        "ra_turn32": np.rint(ra / UNIT_RAD).astype(np.int64) % 2**32,
+        "dec_turn32": np.rint(dec / UNIT_RAD).astype(np.int64),
+        "v_mmag": to_millimag(stars.v_mag),
+        "flags": stars.flags,
+    }
+    return own, {}
+
+
+def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
+    """The catalogue of the columns."""
+    dec = stars["dec_turn32"]
+    check_range("a declination", dec, -POLE, POLE)
+    icrs = unit_from_ra_dec(stars["ra_turn32"].astype(float) * UNIT_RAD, dec.astype(float) * UNIT_RAD)
+    flags = stars["flags"].astype(np.uint8)
+    return Content(icrs, from_millimag(stars["v_mmag"]), no_distances(header), BankTables(flags=flags))
+
+
+FORMAT = BankFormat(
+    name="aim",
+    number=6,
+    source="Moniteq 1983 §6.1",
+    stars=STARS,
+    pairs=None,
+    most_stars=((1 << 16) - 1 + 12) // 6,
+    largest_pair_rad=np.pi,
+    has_magnitudes=True,
+    write=write,
+    read=read,
+    sections=("LINK",),
+)

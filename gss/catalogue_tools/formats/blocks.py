@@ -1,0 +1,140 @@
+"""A body as a row of blocks: arrays of one type each, in the order of their bytes. C source, table files and the written byte
+tables all come from this one description."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+AnyArray = NDArray[Any]
+Columns = dict[str, AnyArray]
+
+
+@dataclass(frozen=True)
+class Field:
+    """One number of a star or a pair: numpy's name of its type, unit ("" for none) and meaning."""
+
+    name: str
+    type: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """``count`` values of ``dtype`` in a row. A scalar column has a ``name``; records name their own. ``bits``: the dtype is bytes
+    that hold whole numbers of so many bits, lowest first, under the names in ``name``, separated by blanks."""
+
+    table: str
+    dtype: np.dtype[Any]
+    count: int
+    name: str = ""
+    bits: tuple[int, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return self.dtype.itemsize * self.count
+
+
+@dataclass(frozen=True)
+class Rows:
+    """How a format keeps one table: records one after the other, columns one after the other, or bits packed into bytes."""
+
+    table: str
+    fields: tuple[Field, ...]
+    records: bool = False
+    bits: tuple[int, ...] = ()
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row."""
+        if self.bits:
+            return -(-sum(self.bits) // 8)
+        return sum(np.dtype(f.type).itemsize for f in self.fields)
+
+    def blocks(self, count: int) -> tuple[Block, ...]:
+        """The blocks of so many rows."""
+        if self.bits:
+            names = " ".join(f.name for f in self.fields)
+            return (Block(self.table, np.dtype(("u1", (self.row_bytes,))), count, names, self.bits),)
+        if self.records:
+            return (Block(self.table, np.dtype([(f.name, f.type) for f in self.fields]), count),)
+        return tuple(Block(self.table, np.dtype(f.type), count, f.name) for f in self.fields)
+
+
+def to_bytes(blocks: Sequence[Block], columns: Columns) -> bytes:
+    """The bytes of columns by name."""
+    return b"".join(_block_bytes(block, columns) for block in blocks)
+
+
+def _block_bytes(block: Block, columns: Columns) -> bytes:
+    if block.bits:
+        return pack_bits([columns[name] for name in block.name.split()], block.bits).tobytes()
+    if block.dtype.names is None:
+        return np.asarray(columns[block.name]).astype(block.dtype).tobytes()
+    rows = np.empty(block.count, block.dtype)
+    for name in block.dtype.names:
+        rows[name] = columns[name]
+    return rows.tobytes()
+
+
+def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
+    """Columns by name from bytes that are at least long enough."""
+    found: Columns = {}
+    at = 0
+    for block in blocks:
+        found |= block_columns(block, bytes(data[at : at + block.size]))
+        at += block.size
+    return found
+
+
+def block_columns(block: Block, data: bytes) -> Columns:
+    """The columns of one block."""
+    if block.bits:
+        packed = np.frombuffer(data, np.uint8).reshape(block.count, -1)
+        return dict(zip(block.name.split(), unpack_bits(packed, block.bits), strict=True))
+    rows = np.frombuffer(data, block.dtype, block.count)
+    if block.dtype.names is None:
+        return {block.name: rows}
+    return {name: rows[name] for name in block.dtype.names}
+
+
+def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uint8]:
+    """(n, bytes): whole numbers of so many bits in little-endian words, the first in the lowest bits; spare bits are zero."""
+    word = np.zeros(len(values[0]), np.uint64)
+    shift = 0
+    for value, width in zip(values, bits, strict=True):
+        word |= np.asarray(value).astype(np.uint64) << np.uint64(shift)
+        shift += width
+    return np.ascontiguousarray(word.astype("<u8").view(np.uint8).reshape(-1, 8)[:, : -(-shift // 8)])
+
+
+def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray]:
+    """The numbers of (n, bytes), as u16."""
+    whole = np.zeros((len(packed), 8), np.uint8)
+    whole[:, : packed.shape[1]] = packed
+    word = whole.view("<u8")[:, 0]
+    found, shift = [], 0
+    for width in bits:
+        found.append(((word >> np.uint64(shift)) & np.uint64((1 << width) - 1)).astype(np.uint16))
+        shift += width
+    return found
+
+
+def raw(data_or_size: int, name: str = "") -> Block:
+    """Bytes that are no table's."""
+    return Block("raw", np.dtype("u1"), data_or_size, name)
+
+
+def padding(size: int, to: int = 4) -> int:
+    """Zero bytes up to the next multiple."""
+    return -size % to
+
+
+u32 = struct.Struct("<I")

@@ -1,0 +1,83 @@
+"""Liebe's data base in sections: its classes, and the constellations of each kind of uncertainty (Liebe 1992)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Block, Columns, to_columns
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.triplets import MOST_ANGLE, MOST_DISTANCE, Constellations, TripletClasses
+
+CONSTELLATION_KINDS = {"TCER": 0, "TMAY": 1, "TEXC": 2}
+NAMES = ("certain", "maybe", "exchanged")
+CLASSES = ("distance_rad", "angle_rad", "uncertainty_rad", "limit_mag", "brightness_error", "max_rad")
+COLUMNS = (("star", "<u2"), ("first", "<u2"), ("second", "<u2"), ("angle_low", "<u1"), ("angle_high", "<u1"))
+
+
+def class_blocks() -> tuple[Block, ...]:
+    """One record of f64."""
+    return (Block("triplet_classes", np.dtype([(name, "<f8") for name in CLASSES]), 1),)
+
+
+def class_columns(made: Constellations) -> Columns:
+    """What the classes are."""
+    numbers = {name: getattr(made.classes, name) for name in CLASSES[:3]}
+    numbers |= {name: getattr(made, name) for name in CLASSES[3:]}
+    return {name: np.array([value], float) for name, value in numbers.items()}
+
+
+def constellation_blocks(kind: int, count: int) -> tuple[Block, ...]:
+    """Five columns."""
+    return tuple(Block(f"triplets_{NAMES[kind]}", np.dtype(t), count, name) for name, t in COLUMNS)
+
+
+def constellation_columns(made: Constellations, kind: int) -> Columns:
+    """Those of one kind."""
+    which = np.flatnonzero(made.kind == kind)
+    return {name: getattr(made, name)[which] for name, _ in COLUMNS}
+
+
+def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellations:
+    """All kinds together; one that the bank leaves out is empty."""
+    if "TCLS" not in content:
+        raise CorruptData("triplets without their classes", expected="section TCLS", got=", ".join(content))
+    classes = {k: float(v[0]) for k, v in to_columns(class_blocks(), content["TCLS"]).items()}
+    parts: list[Columns] = []
+    kinds = []
+    for tag, kind in CONSTELLATION_KINDS.items():
+        data = content.get(tag, b"")
+        columns = to_columns(constellation_blocks(kind, len(data) // 8), data)
+        parts.append(columns)
+        kinds.append(np.full(len(columns["star"]), kind, np.uint8))
+    joined = {name: np.concatenate([p[name] for p in parts]).astype(np.int32) for name, _ in COLUMNS}
+    _check(joined, stars)
+    try:
+        made = TripletClasses(*(classes[name] for name in CLASSES[:3]))
+    except BadInput as error:
+        raise CorruptData("the triplets' classes make no sense", expected=error.expected, got=error.got) from None
+    return Constellations(
+        np.concatenate(kinds),
+        joined["star"],
+        joined["first"],
+        joined["second"],
+        joined["angle_low"],
+        joined["angle_high"],
+        stars,
+        made,
+        classes["limit_mag"],
+        classes["brightness_error"],
+        classes["max_rad"],
+    )
+
+
+def _check(c: Columns, stars: int) -> None:
+    if not len(c["star"]):
+        return
+    if c["star"].max() >= stars:
+        raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
+    fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MOST_ANGLE)
+    fits &= np.maximum(c["first"], c["second"]) <= MOST_DISTANCE
+    if not fits.all():
+        raise CorruptData("a triplet's classes are impossible", expected="at most 12 bits and 6 bits, angles in order")

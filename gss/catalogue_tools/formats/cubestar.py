@@ -1,0 +1,74 @@
+"""cubestar: Erlank 2013 §5.3.2, four constant arrays of stars and three of pairs, as its firmware has them.
+
+14 bytes per star and 8 per pair: 405 stars are 5.54 KiB and 11 484 pairs 89.7 KiB. Star numbers are signed 16 bits wide, so that a
+list has at most 32 768 rows. No magnitudes: the order of the rows is that of brightness where the builder keeps it so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.header import BankHeader
+from gss.catalogue_tools.formats.layout import BankFormat, Content
+from gss.domain.errors import CorruptData
+from gss.domain.stars import DistanceTable, StarTable
+
+STARS = Rows(
+    "stars",
+    (
+        Field("id", "<i2", "", "number of the row, from 0"),
+        Field("x", "<f4", "", "ICRS unit vector"),
+        Field("y", "<f4", "", "ICRS unit vector"),
+        Field("z", "<f4", "", "ICRS unit vector"),
+    ),
+)
+PAIRS = Rows(
+    "pairs",
+    (
+        Field("first", "<i2", "", "row of the one star"),
+        Field("second", "<i2", "", "row of the other, higher"),
+        Field("distance_rad", "<f4", "rad", "angular distance, ascending"),
+    ),
+)
+
+
+def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
+    """Columns of both tables."""
+    x, y, z = stars.icrs.T
+    own = {"id": np.arange(len(stars)), "x": x, "y": y, "z": z}
+    return own, {"first": distances.first, "second": distances.second, "distance_rad": distances.distance_rad}
+
+
+def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
+    """The catalogue of the columns."""
+    n = header.stars
+    if not np.array_equal(stars["id"], np.arange(n)):
+        raise CorruptData("star numbers are not the row numbers", expected=f"0 to {n - 1} in order", got="another list")
+    icrs = np.column_stack([stars["x"], stars["y"], stars["z"]]).astype(np.float32)
+    return Content(icrs, np.full(n, np.nan, np.float32), distances_of(pairs, header))
+
+
+def distances_of(pairs: Columns, header: BankHeader) -> DistanceTable:
+    """The distance table of columns first, second, distance_rad."""
+    return DistanceTable(
+        pairs["first"].astype(np.int32),
+        pairs["second"].astype(np.int32),
+        pairs["distance_rad"].astype(np.float32),
+        header.min_rad,
+        header.max_rad,
+    )
+
+
+FORMAT = BankFormat(
+    name="cubestar",
+    number=1,
+    source="Erlank 2013 §5.3.2",
+    stars=STARS,
+    pairs=PAIRS,
+    most_stars=1 << 15,
+    largest_pair_rad=np.pi,
+    has_magnitudes=False,
+    write=write,
+    read=read,
+)

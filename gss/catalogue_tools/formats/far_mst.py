@@ -1,0 +1,64 @@
+"""far-mst: the star list and the pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the k-vector.
+
+The document keeps sin²θ because no arccosine is needed on board and because it rises nearly straight over the table; it gives
+no bytes (chosen): 14 per star, 8 per pair, and the k-vector as a section of 2 or 4 bytes per pair. sin² is monotone to 90° only,
+which is the largest distance. Where the bank has a reduced catalogue, the directory is about its stars and the whole list
+serves to confirm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.formats import vector_list
+from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.header import BankHeader
+from gss.catalogue_tools.formats.layout import BankFormat, Content, check_range
+from gss.domain.bank_tables import BankTables
+from gss.domain.stars import DistanceTable, StarTable
+
+PAIRS = Rows(
+    "pairs",
+    (
+        Field("first", "<u2", "", "row of the one star"),
+        Field("second", "<u2", "", "row of the other, higher"),
+        Field("sin2", "<f4", "", "sin² of the angular distance, ascending"),
+    ),
+)
+
+
+def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
+    """Columns of both tables."""
+    sine = np.sin(distances.distance_rad.astype(float))
+    pairs = {"first": distances.first, "second": distances.second, "sin2": (sine * sine).astype(np.float32)}
+    return vector_list.star_columns(stars), pairs
+
+
+def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
+    """The catalogue of the columns. Distances are in double precision, so that they give the same sin² again."""
+    sin2 = pairs["sin2"].astype(np.float32)
+    check_range("a sin²", sin2, 0.0, 1.0)
+    table = DistanceTable(
+        pairs["first"].astype(np.int32),
+        pairs["second"].astype(np.int32),
+        np.arcsin(np.sqrt(sin2.astype(float))),
+        header.min_rad,
+        header.max_rad,
+    )
+    return Content(vector_list.directions(stars), vector_list.magnitudes(stars), table, BankTables(sin2=sin2))
+
+
+FORMAT = BankFormat(
+    name="far-mst",
+    number=4,
+    source="Huffman 2006 §5.5.4",
+    stars=vector_list.STARS,
+    pairs=PAIRS,
+    most_stars=1 << 16,
+    largest_pair_rad=np.pi / 2,
+    has_magnitudes=True,
+    write=write,
+    read=read,
+    ascending=lambda pairs: pairs["sin2"],
+    sections=("KVEC",),
+)

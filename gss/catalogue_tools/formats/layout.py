@@ -1,0 +1,94 @@
+"""What a format is, and the checks that several share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.formats.blocks import Block, Columns, Rows
+from gss.catalogue_tools.formats.header import BankHeader
+from gss.domain.bank_tables import NO_TABLES, BankTables
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.stars import DistanceTable, StarTable
+
+
+@dataclass(frozen=True)
+class Content:
+    """What is between header and sections. ``icrs``: (n, 3) at the device's width. ``tables``: those that the star list or the
+    pairs themselves bring."""
+
+    icrs: NDArray[np.floating]
+    v_mag: NDArray[np.floating]
+    distances: DistanceTable
+    tables: BankTables = NO_TABLES
+
+
+@dataclass(frozen=True)
+class BankFormat:
+    """A format: ``number`` in the header and on the wire, its tables, its limits, and how its columns are made and read.
+
+    ``pairs`` None: no distance table. ``ascending``: of the pairs' columns the values they are sorted by, as a reader has them,
+    over which a k-vector runs. ``sections``: tags of the sections it cannot do without.
+    """
+
+    name: str
+    number: int
+    source: str
+    stars: Rows
+    pairs: Rows | None
+    most_stars: int
+    largest_pair_rad: float
+    has_magnitudes: bool
+    write: Callable[[StarTable, DistanceTable], tuple[Columns, Columns]]
+    read: Callable[[Columns, Columns, BankHeader], Content]
+    ascending: Callable[[Columns], NDArray[np.floating]] = lambda pairs: pairs["distance_rad"]
+    sections: tuple[str, ...] = ()
+
+    def blocks(self, stars: int, pairs: int) -> tuple[Block, ...]:
+        """Star list and pairs, without header and sections."""
+        return self.stars.blocks(stars) + (self.pairs.blocks(pairs) if self.pairs else ())
+
+    @property
+    def pair_bytes(self) -> int:
+        """Bytes of a pair, 0 where there are none."""
+        return self.pairs.row_bytes if self.pairs else 0
+
+
+def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int, high: int) -> NDArray[np.int64]:
+    """Values as multiples of ``unit``; BadInput where one is outside [low, high]."""
+    steps = np.rint(np.asarray(values, float) / unit)
+    bad = ~((steps >= low) & (steps <= high))
+    if bad.any():
+        worst = float(np.asarray(values)[np.argmax(bad)])
+        raise BadInput(
+            f"{name} does not fit its whole number",
+            expected=f"{low * unit:g} to {high * unit:g}",
+            got=f"{worst:g}",
+        )
+    return steps.astype(np.int64)
+
+
+# Magnitudes as whole thousandths; a star without one has the lowest number.
+NO_MAGNITUDE = -(1 << 15)
+
+
+def to_millimag(v_mag: NDArray[np.floating]) -> NDArray[np.int16]:
+    """i16, thousandths of a magnitude."""
+    known = np.isfinite(v_mag)
+    steps = whole_numbers("a magnitude", np.where(known, v_mag, 0.0), 1e-3, NO_MAGNITUDE + 1, -NO_MAGNITUDE - 1)
+    return np.where(known, steps, NO_MAGNITUDE).astype(np.int16)
+
+
+def from_millimag(steps: NDArray[np.int16]) -> NDArray[np.float32]:
+    """Magnitudes, NaN where there is none."""
+    return np.where(steps == NO_MAGNITUDE, np.nan, steps.astype(float) * 1e-3).astype(np.float32)
+
+
+def check_range(name: str, values: NDArray[np.floating], low: float, high: float) -> None:
+    """CorruptData where a stored number is not finite or outside."""
+    if not np.all((values >= low) & (values <= high)):
+        worst = values[np.argmax(~((values >= low) & (values <= high)))]
+        raise CorruptData(f"{name} is impossible", expected=f"{low:g} to {high:g}", got=f"{worst:g}")

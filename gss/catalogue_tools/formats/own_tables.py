@@ -1,0 +1,134 @@
+"""The tables of a format that follow from its stars: k-vector, reduced catalogue, triplets, links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.formats.blocks import Columns
+from gss.catalogue_tools.formats.layout import BankFormat
+from gss.catalogue_tools.formats.section_contents import line_index
+from gss.catalogue_tools.uniform_density import reduce_catalogue, survey_attitudes
+from gss.domain.bank_tables import BankTables, ReducedCatalogue, ReducedFrame
+from gss.domain.camera import Camera
+from gss.domain.neighbours import neighbour_links
+from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.triplets import Constellations, TripletClasses, faintest_mag, find_constellations
+
+# Liebe 1992: 3′, which are 1.39 px of its own camera, 5° and 25 %; companions within three pixels blend (ours).
+DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
+UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / 6.287e-4
+ANGLE_CLASS_RAD = float(np.radians(5.0))
+BRIGHTNESS_ERROR = 0.25
+BLEND_PX = 3.0
+FRAME_PX = 1000
+
+
+@dataclass(frozen=True)
+class OwnTables:
+    """What a bank image is made of beside its stars: the distances that the format stores, and further tables."""
+
+    distances: DistanceTable
+    tables: BankTables
+
+
+def tables_for(
+    format_name: str,
+    stars: StarTable,
+    distances: DistanceTable,
+    camera: Camera,
+    *,
+    limit_mag: float | None = None,
+    uncertainty_rad: float | None = None,
+    reduced: ReducedFrame | None = None,
+    index: bool = False,
+) -> OwnTables:
+    """Distances and tables for :func:`registry.encode`, with a camera's own numbers.
+
+    ``limit_mag``: of oersted's triplets, where a star is seen every second time; None: as faint as the list allows.
+    ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera. ``reduced``: adds a reduced catalogue,
+    to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given. ``index``: adds a
+    k-vector.
+    """
+    tables = BankTables()
+    frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)
+    if frame is not None:
+        kept = reduced_catalogue(stars, frame)
+        tables = replace(tables, reduced=kept)
+        distances = pairs_among(distances, kept)
+    if format_name in ("oersted", "aim"):
+        none = np.empty(0, np.int32)
+        distances = DistanceTable(none, none, np.empty(0), distances.min_rad, distances.max_rad)
+    if format_name == "oersted":
+        own_rad = UNCERTAINTY_PX * camera.pixel_rad if uncertainty_rad is None else uncertainty_rad
+        made = constellations_of(stars, own_rad, camera.diagonal_rad, limit_mag, BLEND_PX * camera.pixel_rad)
+        tables = replace(tables, constellations=made)
+    if index and format_name != "far-mst":
+        # At the width that the device stores, which encode() knows; far-mst has one of its sin² anyway.
+        tables = replace(tables, index=line_index(distances.distance_rad))
+    return OwnTables(distances, tables)
+
+
+def constellations_of(
+    stars: StarTable, uncertainty_rad: float, max_rad: float, limit_mag: float | None = None, blend_rad: float = 0.0
+) -> Constellations:
+    """Liebe's data base of a list. Without ``limit_mag`` as deep as the list allows: it must reach 25 % below the limit."""
+    known = stars.v_mag[np.isfinite(stars.v_mag)]
+    if limit_mag is None:
+        limit_mag = (float(known.max()) if len(known) else 99.0) - faintest_mag(0.0, BRIGHTNESS_ERROR)
+    return find_constellations(
+        stars.icrs,
+        stars.v_mag,
+        TripletClasses.of(uncertainty_rad, ANGLE_CLASS_RAD),
+        limit_mag,
+        max_rad,
+        brightness_error=BRIGHTNESS_ERROR,
+        blend_rad=blend_rad,
+    )
+
+
+def frame_of(camera: Camera) -> ReducedFrame:
+    """The camera's own frame as the one that a reduced catalogue is made for."""
+    width_rad, height_rad = camera.fov_rad
+    return ReducedFrame(width_rad, height_rad)
+
+
+def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue:
+    """The brightest of every upright frame."""
+    shape = FieldShape(frame_camera(frame))
+    kept = reduce_catalogue(stars, shape, survey_attitudes(frame.step_rad), frame.brightest).kept
+    return ReducedCatalogue(kept, frame)
+
+
+def frame_camera(frame: ReducedFrame) -> Camera:
+    """A camera without distortion that sees just that frame."""
+    made = Camera.from_fov(FRAME_PX, FRAME_PX, frame.width_rad)
+    return replace(made, focal_row_px=FRAME_PX / (2 * np.tan(frame.height_rad / 2)))
+
+
+def pairs_among(distances: DistanceTable, reduced: ReducedCatalogue) -> DistanceTable:
+    """The pairs of which both stars are kept."""
+    both = np.flatnonzero(reduced.kept[distances.first] & reduced.kept[distances.second])
+    return replace(
+        distances,
+        first=distances.first[both],
+        second=distances.second[both],
+        distance_rad=distances.distance_rad[both],
+    )
+
+
+def completed(
+    fmt: BankFormat, stars: StarTable, stored: Columns, distances: DistanceTable, tables: BankTables
+) -> BankTables:
+    """``tables`` with those that the format cannot do without. ``stored``: the pairs' columns at the device's width, over which
+    every k-vector is made."""
+    if tables.index is not None or "KVEC" in fmt.sections:
+        tables = replace(tables, index=line_index(fmt.ascending(stored)) if stored else None)
+    if "LINK" in fmt.sections and tables.links is None:
+        tables = replace(tables, links=neighbour_links(stars.icrs))
+    if "TCLS" in fmt.sections and tables.constellations is None:
+        max_rad = min(distances.max_rad, float(np.pi / 4))
+        tables = replace(tables, constellations=constellations_of(stars, DOCUMENT_UNCERTAINTY_RAD, max_rad))
+    return tables

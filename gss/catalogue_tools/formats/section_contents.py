@@ -1,0 +1,109 @@
+"""The contents of the sections that any format may carry: k-vector, reduced catalogue, linked list of neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.formats.blocks import Block, to_bytes, to_columns
+from gss.catalogue_tools.kvector import k_vector
+from gss.domain.bank_tables import BankTables, LineIndex, ReducedCatalogue, ReducedFrame
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.neighbours import NeighbourLinks
+
+WIDE = 1 << 16
+FRAME = [("width_rad", "<f4"), ("height_rad", "<f4"), ("step_rad", "<f4"), ("brightest", "<u4")]
+LINE = [("start", "<f8"), ("step", "<f8")]
+
+# --- k-vector: f64 start, f64 step, then a count for every pair, u16 where all pairs can be counted in it, else u32 ---
+
+
+def line_index(values: NDArray[np.floating]) -> LineIndex | None:
+    """The k-vector of ascending values; None where two different ones are missing."""
+    if len(values) < 2 or not values[-1] > values[0]:
+        return None
+    made = k_vector(np.asarray(values, float))
+    return LineIndex(made.k, made.intercept_rad, made.slope_rad)
+
+
+def k_blocks(size: int, stars: int, pairs: int) -> tuple[Block, ...]:
+    width = "<u2" if pairs < WIDE else "<u4"
+    return Block("k_vector_line", np.dtype(LINE), 1), Block("k_vector", np.dtype(width), pairs, "k")
+
+
+def write_k(tables: BankTables, stars: int, pairs: int) -> bytes | None:
+    if tables.index is None:
+        return None
+    if len(tables.index.k) != pairs:
+        raise BadInput("the k-vector is another table's", expected=f"{pairs} pairs", got=str(len(tables.index.k)))
+    index = tables.index
+    columns = {"k": index.k, "start": np.array([index.start]), "step": np.array([index.step])}
+    return to_bytes(k_blocks(0, stars, pairs), columns)
+
+
+def read_k(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
+    c = to_columns(k_blocks(len(data), stars, pairs), data)
+    return replace(tables, index=LineIndex(c["k"].astype(np.int32), float(c["start"][0]), float(c["step"][0])))
+
+
+# --- reduced catalogue: its frame, then one bit per star, the first in the lowest bit of the first byte ---
+
+
+def reduced_blocks(size: int, stars: int, pairs: int) -> tuple[Block, ...]:
+    return Block("reduced_frame", np.dtype(FRAME), 1), Block("reduced", np.dtype("u1"), -(-stars // 8), "kept_bits")
+
+
+def write_reduced(tables: BankTables, stars: int, pairs: int) -> bytes | None:
+    if tables.reduced is None:
+        return None
+    kept, frame = tables.reduced.kept, tables.reduced.frame
+    if len(kept) != stars:
+        raise BadInput("the reduced catalogue is of another list", expected=f"{stars} stars", got=str(len(kept)))
+    columns = {name: np.array([getattr(frame, name)]) for name, _ in FRAME}
+    return to_bytes(reduced_blocks(0, stars, pairs), columns | {"kept_bits": np.packbits(kept, bitorder="little")})
+
+
+def read_reduced(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
+    c = to_columns(reduced_blocks(len(data), stars, pairs), data)
+    bits = np.unpackbits(c["kept_bits"], bitorder="little").astype(bool)
+    if bits[stars:].any():
+        raise CorruptData("the reduced catalogue names stars beyond the list", expected=f"{stars} stars")
+    width, height, step = (float(c[name][0]) for name in ("width_rad", "height_rad", "step_rad"))
+    frame = ReducedFrame(width, height, int(c["brightest"][0]), step)
+    return replace(tables, reduced=ReducedCatalogue(bits[:stars], frame))
+
+
+# --- linked list: u16 count and u16 pointer per star, then u16 neighbours ---
+
+
+def link_blocks(size: int, stars: int, pairs: int) -> tuple[Block, ...]:
+    columns = tuple(Block("links", np.dtype("<u2"), stars, name) for name in ("count", "pointer"))
+    return (*columns, Block("neighbours", np.dtype("<u2"), max(0, size - 4 * stars) // 2, "neighbour"))
+
+
+def write_links(tables: BankTables, stars: int, pairs: int) -> bytes | None:
+    links = tables.links
+    if links is None:
+        return None
+    if len(links) != stars:
+        raise BadInput("the links are of another list", expected=f"{stars} stars", got=str(len(links)))
+    if len(links.neighbour) >= WIDE or stars > WIDE:
+        raise BadInput("too many links for 16 bits", expected=f"at most {WIDE - 1}", got=str(len(links.neighbour)))
+    columns = {"count": np.diff(links.start), "pointer": links.start[:-1], "neighbour": links.neighbour}
+    return to_bytes(link_blocks(4 * stars + 2 * len(links.neighbour), stars, pairs), columns)
+
+
+def read_links(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
+    c = to_columns(link_blocks(len(data), stars, pairs), data)
+    count, pointer = c["count"].astype(np.intp), c["pointer"].astype(np.intp)
+    near = c["neighbour"].astype(np.intp)
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.intp)
+    if start[-1] != len(near) or not np.array_equal(pointer, start[:-1]):
+        raise CorruptData("the pointers of the linked list do not fit its counts", expected=f"{len(near)} neighbours")
+    owner = np.repeat(np.arange(stars), count)
+    there, back = owner * stars + near, np.sort(near * stars + owner)
+    if len(near) and (near.max() >= stars or np.any(there[1:] <= there[:-1]) or not np.array_equal(there, back)):
+        raise CorruptData("a link has no other end", expected="every neighbour once at both stars, ascending")
+    return replace(tables, links=NeighbourLinks(start, near))

@@ -1,0 +1,237 @@
+"""What follows the pairs in an image of header version 2: sections, each with its tag and length (chosen).
+
+After the star list and the pairs come zero bytes to a multiple of four from the start of the image, then
+
+offset type meaning
+     0  4s   magic "GSSX"
+     4  u32  bytes from here to the end of the image
+     8       sections, one after the other: 4s tag, u32 bytes of content, content, zero bytes to a multiple of four
+
+They are part of the body under the CRC-32 of the header. A reader of version 1 refuses such an image; it cannot misread it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Block, Field, padding, raw, to_bytes, u32
+from gss.catalogue_tools.formats.constellation_sections import (
+    CONSTELLATION_KINDS,
+    class_blocks,
+    class_columns,
+    constellation_blocks,
+    constellation_columns,
+    read_constellations,
+)
+from gss.catalogue_tools.formats.section_contents import (
+    k_blocks,
+    link_blocks,
+    read_k,
+    read_links,
+    read_reduced,
+    reduced_blocks,
+    write_k,
+    write_links,
+    write_reduced,
+)
+from gss.domain.bank_tables import BankTables
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.stars import DistanceTable
+
+MAGIC = b"GSSX"
+HEAD_BYTES = 8
+Sections = dict[str, bytes]
+# --- triplets ---
+
+
+def _write_kind(kind: int) -> Callable[[BankTables, int, int], bytes | None]:
+    def write(tables: BankTables, stars: int, pairs: int) -> bytes | None:
+        made = tables.constellations
+        if made is None:
+            return None
+        if made.stars != stars:
+            raise BadInput("the triplets are of another list", expected=f"{stars} stars", got=str(made.stars))
+        columns = constellation_columns(made, kind)
+        return to_bytes(constellation_blocks(kind, len(columns["star"])), columns)
+
+    return write
+
+
+def _write_classes(tables: BankTables, stars: int, pairs: int) -> bytes | None:
+    return None if tables.constellations is None else to_bytes(class_blocks(), class_columns(tables.constellations))
+
+
+@dataclass(frozen=True)
+class Section:
+    """``write``: (tables, stars, pairs) to content, None where there is none. ``blocks``: (bytes of content, stars, pairs)."""
+
+    tag: str
+    title: str
+    write: Callable[[BankTables, int, int], bytes | None]
+    blocks: Callable[[int, int, int], tuple[Block, ...]]
+    fields: tuple[Field, ...]
+
+
+def _kind_section(tag: str, title: str, kind: int) -> Section:
+    fields = (
+        Field("star", "<u2", "", "row of the star"),
+        Field("first", "<u2", "", "class of the distance to the nearest neighbour"),
+        Field("second", "<u2", "", "class of the distance to the second nearest"),
+        Field("angle_low", "<u1", "", "lowest class of the angle between them"),
+        Field("angle_high", "<u1", "", "highest class"),
+    )
+    return Section(tag, title, _write_kind(kind), lambda size, n, m: constellation_blocks(kind, size // 8), fields)
+
+
+SECTIONS: dict[str, Section] = {
+    s.tag: s
+    for s in (
+        Section(
+            "KVEC",
+            "k-vector of the pairs",
+            write_k,
+            k_blocks,
+            (
+                Field("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
+                Field("step", "<f8", "", "its rise from one entry to the next"),
+                Field("k", "<u2 or <u4", "", "m counts: pairs not above the line; u4 from 65 536 pairs"),
+            ),
+        ),
+        Section(
+            "REDU",
+            "reduced catalogue and its frame (Huffman 2006 §5.5.4)",
+            write_reduced,
+            reduced_blocks,
+            (
+                Field("width_rad", "<f4", "rad", "width of the frame"),
+                Field("height_rad", "<f4", "rad", "height of the frame"),
+                Field("step_rad", "<f4", "rad", "between pointings"),
+                Field("brightest", "<u4", "", "stars taken of each frame"),
+                Field("kept_bits", "<u1", "", "⌈n/8⌉ bytes, a bit per star, lowest first"),
+            ),
+        ),
+        Section(
+            "TCLS",
+            "classes of the triplets (Liebe 1992)",
+            _write_classes,
+            lambda size, n, m: class_blocks(),
+            (
+                Field("distance_rad", "<f8", "rad", "width of a class of distances"),
+                Field("angle_rad", "<f8", "rad", "width of a class of angles"),
+                Field("uncertainty_rad", "<f8", "rad", "largest error of one star's position"),
+                Field("limit_mag", "<f8", "mag", "magnitude at which a star is seen every second time"),
+                Field("brightness_error", "<f8", "", "uncertainty of brightness, share"),
+                Field("max_rad", "<f8", "rad", "largest distance of a neighbour"),
+            ),
+        ),
+        _kind_section("TCER", "triplets of stars that are always seen", 0),
+        _kind_section("TMAY", "triplets with a neighbour that may be missed or blends", 1),
+        _kind_section("TEXC", "triplets that an error of position brings about", 2),
+        Section(
+            "LINK",
+            "linked list of neighbours (Moniteq 1983 §6.1)",
+            write_links,
+            link_blocks,
+            (
+                Field("count", "<u2", "", "n counts of neighbours"),
+                Field("pointer", "<u2", "", "n places of the first neighbour"),
+                Field("neighbour", "<u2", "", "rows of the neighbours, ascending for each star"),
+            ),
+        ),
+    )
+}
+
+
+# --- the row of sections ---
+
+
+def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) -> bytes:
+    """Everything after the pairs; empty where there is no section. ``core_bytes``: header, star list and pairs."""
+    content: Sections = {}
+    for tag, section in SECTIONS.items():
+        made = section.write(tables, stars, pairs)
+        if made is not None:
+            content[tag] = made
+    if not content:
+        return b""
+    row = b"".join(
+        tag.encode() + u32.pack(len(data)) + data + bytes(padding(len(data))) for tag, data in content.items()
+    )
+    return bytes(padding(core_bytes)) + MAGIC + u32.pack(HEAD_BYTES + len(row)) + row
+
+
+def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
+    """Where an image with sections ends, as its bytes say; not checked by more than that they are all there."""
+    at = core_bytes + padding(core_bytes)
+    if len(image) < at + HEAD_BYTES:
+        raise CorruptData(
+            "the bank image is cut short", expected=f"{at + HEAD_BYTES} bytes or more", got=f"{len(image)} bytes"
+        )
+    if bytes(image[at : at + 4]) != MAGIC:
+        raise CorruptData("the sections of the bank image are damaged", expected=f"magic {MAGIC!r}")
+    (size,) = u32.unpack_from(image, at + 4)
+    if len(image) < at + size:
+        raise CorruptData("the bank image is cut short", expected=f"{at + size} bytes", got=f"{len(image)} bytes")
+    return int(at + size)
+
+
+def walk(image: bytes | memoryview, core_bytes: int) -> Iterator[tuple[str, int, int]]:
+    """(tag, offset of the content, its bytes) of each section, once the CRC is known to be right."""
+    at, end = core_bytes + padding(core_bytes) + HEAD_BYTES, sections_end(image, core_bytes)
+    last = -1
+    while at < end:
+        tag = bytes(image[at : at + 4]).decode("latin-1")
+        order = list(SECTIONS).index(tag) if tag in SECTIONS else -1
+        size = int(u32.unpack_from(image, at + 4)[0]) if at + HEAD_BYTES <= end else end
+        # In the order of the registry, each once.
+        if order <= last or at + HEAD_BYTES + size + padding(size) > end:
+            raise CorruptData("unknown or misplaced section", expected=", ".join(SECTIONS), got=repr(tag))
+        last = order
+        yield tag, at + HEAD_BYTES, size
+        at += HEAD_BYTES + size + padding(size)
+
+
+def read_sections(
+    image: bytes | memoryview, core_bytes: int, own: BankTables, distances: DistanceTable, stars: int, pairs: int
+) -> BankTables:
+    """``own`` tables with those of the sections, all checked."""
+    content: Sections = {}
+    for tag, at, size in walk(image, core_bytes):
+        data = bytes(image[at : at + size])
+        if size != sum(b.size for b in SECTIONS[tag].blocks(size, stars, pairs)):
+            raise CorruptData("a section has the wrong length", expected=f"{tag} of whole rows", got=f"{size} bytes")
+        content[tag] = data
+    tables = own
+    if "KVEC" in content:
+        tables = read_k(content["KVEC"], tables, stars, pairs)
+        _check_index(tables, distances)
+    if "REDU" in content:
+        tables = read_reduced(content["REDU"], tables, stars, pairs)
+    if "LINK" in content:
+        tables = read_links(content["LINK"], tables, stars, pairs)
+    if any(tag in content for tag in ("TCLS", *CONSTELLATION_KINDS)):
+        tables = replace(tables, constellations=read_constellations(content, stars))
+    return tables
+
+
+def _check_index(tables: BankTables, distances: DistanceTable) -> None:
+    index, values = tables.index, distances.distance_rad if tables.sin2 is None else tables.sin2
+    assert index is not None  # noqa: S101 - just read
+    line = index.start + index.step * np.arange(len(values))
+    if not np.array_equal(index.k, np.searchsorted(values.astype(float), line, side="right")):
+        raise CorruptData("the k-vector does not fit the pairs", expected="the counts of pairs below its line")
+
+
+def section_blocks(image: bytes | memoryview, core_bytes: int, stars: int, pairs: int) -> list[Block]:
+    """The blocks of everything after the pairs."""
+    gap = padding(core_bytes)
+    blocks = [raw(gap + HEAD_BYTES, "sections_head")]
+    for tag, _, size in walk(image, core_bytes):
+        blocks.append(raw(HEAD_BYTES, f"{tag.lower()}_head"))
+        blocks += SECTIONS[tag].blocks(size, stars, pairs)
+        if padding(size):
+            blocks.append(raw(padding(size), f"{tag.lower()}_end"))
+    return blocks
