@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gss.catalogue_tools.formats.c_source import c_source, read_c_source
 from gss.catalogue_tools.formats.header import HEADER, HEADER_BYTES, HEADER_VERSION, MAGIC, SECTIONS_VERSION, BankHeader
-from gss.catalogue_tools.formats.own_tables import OwnTables, tables_for
+from gss.catalogue_tools.formats.own_tables import OwnTables, frame_of, reduced_catalogue, tables_for
 from gss.catalogue_tools.formats.registry import (
     BY_NAME,
     C_FORMATS,
@@ -50,12 +50,14 @@ __all__ = [
     "encode",
     "encoded_again",
     "format_of",
+    "frame_of",
     "image_bytes",
     "image_end",
     "part_bytes",
     "quantisation_error",
     "read_c_source",
     "read_header",
+    "reduced_catalogue",
     "stars_of",
     "tables_for",
 ]

@@ -10,10 +10,9 @@ from scipy.spatial import cKDTree
 
 from gss.catalogue_tools.doubles import Doubles, merge
 from gss.catalogue_tools.field import Disc, FieldShape
-from gss.domain.angles import Array
+from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.frames import cam_from_icrs
 from gss.domain.stars import StarTable
 
 BLOCK = 2048
@@ -39,12 +38,20 @@ def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
     if not 0 < step_rad <= np.pi / 4:
         raise BadInput("sky step is impossible", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
     rings = int(np.ceil(np.pi / step_rad))
-    turned = []
-    for ring in range(rings):
-        dec = -np.pi / 2 + (ring + 0.5) * np.pi / rings
-        count = max(1, int(np.ceil(2 * np.pi * np.cos(dec) / step_rad)))
-        turned += [cam_from_icrs(2 * np.pi * k / count, dec, roll_rad) for k in range(count)]
-    return np.stack(turned)
+    ring_dec = -np.pi / 2 + (np.arange(rings) + 0.5) * np.pi / rings
+    count = np.maximum(1, np.ceil(2 * np.pi * np.cos(ring_dec) / step_rad).astype(int))
+    dec, per_ring = np.repeat(ring_dec, count), np.repeat(count, count)
+    place = np.arange(len(dec)) - np.repeat(np.cumsum(count) - count, count)
+    return _attitudes(2 * np.pi * place / per_ring, dec, roll_rad)
+
+
+def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
+    """(m, 3, 3): :func:`gss.domain.frames.cam_from_icrs` of many at once."""
+    boresight = unit_from_ra_dec(ra_rad, dec_rad)
+    east = np.column_stack([-np.sin(ra_rad), np.cos(ra_rad), np.zeros(len(ra_rad))])
+    north = np.cross(boresight, east)
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    return np.stack([-c * east - s * north, s * east - c * north, boresight], axis=1)
 
 
 def square_field(side_rad: float) -> FieldShape:

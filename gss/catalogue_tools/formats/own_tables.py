@@ -42,20 +42,20 @@ def tables_for(
     *,
     limit_mag: float | None = None,
     uncertainty_rad: float | None = None,
-    reduced: ReducedFrame | None = None,
+    reduced: ReducedFrame | ReducedCatalogue | None = None,
     index: bool = False,
 ) -> OwnTables:
     """Distances and tables for :func:`registry.encode`, with a camera's own numbers.
 
     ``limit_mag``: of oersted's triplets, where a star is seen every second time; None: as faint as the list allows.
-    ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera. ``reduced``: adds a reduced catalogue,
-    to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given. ``index``: adds a
+    ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera. ``reduced``: adds a reduced catalogue
+    (or that one), to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given. ``index``: adds a
     k-vector.
     """
     tables = BankTables()
     frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)
     if frame is not None:
-        kept = reduced_catalogue(stars, frame)
+        kept = frame if isinstance(frame, ReducedCatalogue) else reduced_catalogue(stars, frame)
         tables = replace(tables, reduced=kept)
         distances = pairs_among(distances, kept)
     if format_name in ("oersted", "aim"):
@@ -89,10 +89,10 @@ def constellations_of(
     )
 
 
-def frame_of(camera: Camera) -> ReducedFrame:
+def frame_of(camera: Camera, step_rad: float = float(np.radians(1.0))) -> ReducedFrame:
     """The camera's own frame as the one that a reduced catalogue is made for."""
     width_rad, height_rad = camera.fov_rad
-    return ReducedFrame(width_rad, height_rad)
+    return ReducedFrame(width_rad, height_rad, step_rad=step_rad)
 
 
 def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gss.catalogue_tools.onboard import HEADER_BYTES, STAR_BYTES, image_bytes, read_header
+from gss.catalogue_tools.onboard import HEADER_BYTES, core_bytes, read_header
 from gss.device.dictionary import Value
 from gss.device.protocol.windows import encode_windows, windows_round
 from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
@@ -43,13 +43,15 @@ class Downloads:
         return self._memory.content(area)
 
     def _section(self, kind: str, image: bytes) -> bytes:
-        """Stars or pairs of a bank image, as its format has them."""
+        """Stars or pairs of a bank image, as its format has them; not every format has pairs."""
         try:
             header = read_header(image)
         except CorruptData as error:
             raise Refusal("bank_corrupt", str(error)) from error
-        end = HEADER_BYTES + header.stars * STAR_BYTES[header.format_name]
-        total = image_bytes(header.format_name, header.stars, header.pairs)
+        end = core_bytes(header.format_name, header.stars, 0)
+        total = core_bytes(header.format_name, header.stars, header.pairs)
+        if kind == "distance_table" and total == end:
+            raise Refusal("not_found", f"the bank has no distance table, its format is {header.format_name}")
         return image[HEADER_BYTES:end] if kind == "star_list" else image[end:total]
 
     @staticmethod

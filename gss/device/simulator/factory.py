@@ -26,7 +26,8 @@ def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
     for kind, values in (("calibration", calibration_values(profile)), ("parameters", parameter_values(profile))):
         table = BankRecord(format_version=TABLE_FORMAT, profile=profile.name)
         memory.burn(area_name(kind, FACTORY), encode_table(kind, profile.name, values), table)
-    # Only Oersted's chain works with triplets; the others leave their factory bank empty.
+    # Only Oersted's chain works with triplets; the others leave their factory bank empty. Its golden bank brings them too: the
+    # table of its own is for who wants to read it alone.
     prepared = chain_of(profile).prepare(decode(golden.image), profile)
     if hasattr(prepared, "triplets"):
         image = encode_triplets(prepared.triplets, header.body_crc32)

@@ -55,10 +55,10 @@ class AimCatalogue:
 
 
 def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
-    """The bank with its net of neighbours."""
+    """The bank with its net of neighbours: its own where it has one."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
-    links = neighbour_links(icrs)
+    links = neighbour_links(icrs) if catalogue.tables.links is None else catalogue.tables.links
     known = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
     limit = min(float(known.max()), detectable_mag(profile)) if len(known) else profile.sensor.faint_limit_mag
     return AimCatalogue(catalogue, icrs, links, LinkLengths.of(links, icrs), cKDTree(icrs), limit)

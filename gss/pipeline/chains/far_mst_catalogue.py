@@ -1,4 +1,7 @@
-"""What FAR-MST's processor makes of a bank when it reads it: the sin²θ directory of the brightest stars of every field."""
+"""What FAR-MST's processor has of a bank when it has read it: the sin²θ directory of the brightest stars of every field.
+
+A bank in the far-mst format brings the directory; of any other the processor makes it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.stars import DistanceTable, OnboardCatalogue
-from gss.pipeline.identify.sin2_directory import Sin2Directory, sin2_directory
+from gss.pipeline.identify.sin2_directory import Sin2Directory, indexed, sin2_directory
 from gss.pipeline.identify.uniform_density import brightest_per_field
 
 # Huffman 2006 §5.5.4.
@@ -32,9 +35,12 @@ class FarMstCatalogue:
 
 
 def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
-    """Directory of the ``brightest`` per field (0: of all stars). The bank's own distances are used, none is made up."""
+    """The bank's directory, or one of the ``brightest`` per field (0: of all stars). The bank's own distances are used, none is
+    made up."""
     icrs = bank.icrs.astype(float)
     icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
+    if bank.tables.sin2 is not None:
+        return _as_stored(bank, icrs, bank.tables.sin2)
     reduced = np.ones(len(bank), bool)
     if brightest:
         fov_h, fov_v = camera.fov_rad
@@ -47,6 +53,19 @@ def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = B
         table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, min(table.max_rad, right_angle)
     )
     return FarMstCatalogue(bank, icrs, reduced, sin2_directory(kept, len(bank)))
+
+
+def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) -> FarMstCatalogue:
+    """The directory that is in the bank, its k-vector with it."""
+    reduced = np.ones(len(bank), bool) if bank.tables.reduced is None else bank.tables.reduced.kept
+    first, second = bank.distances.first.astype(np.intp), bank.distances.second.astype(np.intp)
+    index = bank.tables.index
+    if index is None:
+        return FarMstCatalogue(bank, icrs, reduced, indexed(first, second, sin2.astype(float), len(bank)))
+    directory = Sin2Directory(
+        first, second, sin2.astype(float), index.k.astype(np.intp), index.start, index.step, len(bank)
+    )
+    return FarMstCatalogue(bank, icrs, reduced, directory)
 
 
 def brightness_order(bank: OnboardCatalogue) -> NDArray[np.intp]:

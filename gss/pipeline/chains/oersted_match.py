@@ -52,7 +52,7 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """The bank with the triplets given, or with those that follow from its stars."""
+    """The bank with the triplets given, else with its own, else with those that follow from its stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):
@@ -61,13 +61,15 @@ def prepare(
             expected=f"{len(catalogue)} stars",
             got=str(triplets.stars),
         )
+    if triplets is None and catalogue.tables.constellations is not None:
+        triplets = catalogue.tables.constellations.table()
     if triplets is None:
         classes = TripletClasses.of(uncertainty_rad(profile), ANGLE_CLASS_RAD)
         triplets = build_triplets(
             icrs,
             catalogue.v_mag,
             classes,
-            _limit_mag(catalogue, profile),
+            limit_mag(catalogue.v_mag, profile),
             profile.camera.diagonal_rad,
             brightness_error=BRIGHTNESS_ERROR,
             blend_rad=BLEND_PX * profile.camera.pixel_rad,
@@ -76,10 +78,10 @@ def prepare(
     return OerstedCatalogue(catalogue, icrs, triplets, np.flatnonzero(~(catalogue.v_mag > deep)))
 
 
-def _limit_mag(catalogue: OnboardCatalogue, profile: CameraProfile) -> float:
-    """Magnitude down to which stars are used: the bank must reach deeper by the uncertainty of brightness (the document has 1539
-    stars for the 1107 it uses), and the detector must find them. Without magnitudes the profile's limit."""
-    known = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
+def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
+    """Magnitude down to which stars of a list of (n,) ``v_mag`` are used: it must reach deeper by the uncertainty of brightness
+    (the document has 1539 stars for the 1107 it uses), and the detector must find them. Without magnitudes the profile's limit."""
+    known = v_mag[np.isfinite(v_mag)]
     if not len(known):
         return profile.sensor.faint_limit_mag
     return min(float(known.max()), detectable_mag(profile)) - faintest_mag(0.0, BRIGHTNESS_ERROR)

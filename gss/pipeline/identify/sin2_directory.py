@@ -47,7 +47,7 @@ class Sin2Directory:
     def restricted(self, allowed: NDArray[np.bool_]) -> Sin2Directory:
         """The pairs of which both stars are among the (stars,) ``allowed``."""
         keep = np.flatnonzero(allowed[self.first] & allowed[self.second])
-        return _indexed(self.first[keep], self.second[keep], self.sin2[keep], self.stars)
+        return indexed(self.first[keep], self.second[keep], self.sin2[keep], self.stars)
 
     def _cell(self, value: Array) -> Rows:
         t = np.floor((value - self.line_start) / self.line_step)
@@ -75,10 +75,11 @@ def sin2_directory(table: DistanceTable, stars: int) -> Sin2Directory:
             got=f"{np.degrees(float(table.distance_rad[-1])):.1f}°",
         )
     sine = np.sin(table.distance_rad.astype(float))
-    return _indexed(table.first.astype(np.intp), table.second.astype(np.intp), sine * sine, stars)
+    return indexed(table.first.astype(np.intp), table.second.astype(np.intp), sine * sine, stars)
 
 
-def _indexed(first: Rows, second: Rows, sin2: Array, stars: int) -> Sin2Directory:
+def indexed(first: Rows, second: Rows, sin2: Array, stars: int) -> Sin2Directory:
+    """The directory of ascending values with a k-vector made for them."""
     n = len(sin2)
     span = float(sin2[-1] - sin2[0]) if n else 0.0
     step = span / (n - 1) if n > 1 and span > 0 else 1.0
