@@ -1,0 +1,115 @@
+"""How well an attitude will be known: the stars in view, each with its Cramér–Rao bound, through the Fisher information of
+the small rotation; over the sky, against exposure and against the magnitude limit.
+
+It is what noise allows. Errors of calibration, distortion, catalogue and a biased centroid come on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px
+from gss.catalogue_tools.design.in_view import Pairs, bright_rows
+from gss.catalogue_tools.design.radiometry import limit_brightest_pixel_mag, limit_mag, saturation_mag
+from gss.domain.angles import Array
+from gss.domain.stars import StarTable
+
+LEAST_STARS = 3
+MAG_STEP = 0.05
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Standard deviations over the pointings that have at least :data:`LEAST_STARS` stars; ``share`` of all has them.
+
+    ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about it. ``p95``: 95 of 100 pointings are
+    better. All NaN where no pointing has enough.
+    """
+
+    share: float
+    cross_median_rad: float
+    cross_mean_rad: float
+    cross_p95_rad: float
+    cross_worst_rad: float
+    roll_median_rad: float
+    roll_mean_rad: float
+    roll_p95_rad: float
+    roll_worst_rad: float
+
+
+def sigma_rad(c: DesignCamera, pairs: Pairs, star_sigma_px: Array) -> tuple[Array, Array]:
+    """(m,) standard deviations (across, about) of the attitude of each field; NaN with fewer than three stars.
+
+    ``star_sigma_px``: (n,) per star of the table, +inf for those not used. A star at (x, y) of the tangent plane moves by
+    (−xy, 1 + x², −y)·ρ and (−1 − y², xy, x)·ρ with the small rotation ρ, which makes the information exact for wide fields.
+    """
+    m = len(pairs.count)
+    sigma = star_sigma_px[pairs.star]
+    used = np.isfinite(sigma)
+    field, x, y = pairs.field[used], pairs.plane[used, 0], pairs.plane[used, 1]
+    wx = (c.camera.focal_col_px / sigma[used]) ** 2
+    wy = (c.camera.focal_row_px / sigma[used]) ** 2
+    g = (-x * y, 1 + x * x, -y)
+    h = (-1 - y * y, x * y, x)
+    information = np.empty((m, 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            part = np.bincount(field, wx * g[i] * g[j] + wy * h[i] * h[j], minlength=m)
+            information[:, i, j] = information[:, j, i] = part
+    enough = np.bincount(field, minlength=m) >= LEAST_STARS
+    across, about = np.full(m, np.nan), np.full(m, np.nan)
+    if enough.any():
+        covariance = np.linalg.inv(information[enough])
+        across[enough] = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+        about[enough] = np.sqrt(covariance[:, 2, 2])
+    return across, about
+
+
+def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
+    """(rows,) centroid error of the brightest stars; one that saturates counts as one that just does not."""
+    bright = saturation_mag(c)
+    v = np.maximum(stars.v_mag[:rows], bright if np.isfinite(bright) else -2.0)
+    grid = np.arange(np.floor(v.min()) if rows else 0.0, (v.max() if rows else 0.0) + 2 * MAG_STEP, MAG_STEP)
+    return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(c, grid))))
+
+
+def accuracy(c: DesignCamera, stars: StarTable, pairs: Pairs, limit: float | None = None) -> Accuracy:
+    """Over the pairs' pointings, with the stars to the limit in force, or to ``limit``."""
+    rows = bright_rows(stars, limit_mag(c) if limit is None else limit)
+    return summary(*sigma_rad(c, pairs.brighter_than(rows), star_sigma_px(c, stars, rows)))
+
+
+def summary(across: Array, about: Array) -> Accuracy:
+    """Figures of (m,) standard deviations, NaN where there is no attitude."""
+    known = np.isfinite(across) & np.isfinite(about)
+    if not known.any():
+        return Accuracy(0.0, *([float("nan")] * 8))
+
+    def four(values: Array) -> tuple[float, float, float, float]:
+        v = values[known]
+        return float(np.median(v)), float(v.mean()), float(np.quantile(v, 0.95)), float(v.max())
+
+    return Accuracy(float(known.mean()), *four(across), *four(about))
+
+
+def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
+    """The limit in force with another exposure: the radiometry's, or a given one, which only a shorter exposure lowers."""
+    other = replace(c, exposure_s=exposure_s)
+    if c.mag_limit is None:
+        return limit_mag(other)
+    return c.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(c))
+
+
+def against_exposure(c: DesignCamera, stars: StarTable, pairs: Pairs, exposure_s: Array) -> list[Accuracy]:
+    """Noise equivalent angle: the accuracy with each exposure (s), the camera at rest."""
+    return [
+        accuracy(replace(c, exposure_s=float(t)), stars, pairs, limit_at_mag(c, float(t))) for t in np.ravel(exposure_s)
+    ]
+
+
+def against_limit(c: DesignCamera, stars: StarTable, pairs: Pairs, limits_mag: Array) -> list[Accuracy]:
+    """The accuracy when only stars to each limit are used."""
+    return [accuracy(c, stars, pairs, float(v)) for v in np.ravel(limits_mag)]

@@ -1,0 +1,130 @@
+"""Baffles: how long and wide a tube must be so that Sun or Earth beyond an angle never shine on the lens.
+
+Jacobs 1995 §7.6: one stage. Moniteq 1983 §5.2: two stages, whose outer one the lens does not even see. Section through the axis:
+z from the lens plane outwards, r from the axis, both mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from gss.domain.errors import BadInput
+
+VANE_DEPTH_SHARE = 0.15
+LOWEST_VANE_SHARE = 0.15
+"""Closer to the lens than this share of the length no vane stands: they would crowd there without end, and the wall is black."""
+LONGEST_MM = 20_000.0
+
+
+@dataclass(frozen=True)
+class Baffle:
+    """``edge_mm``: (z, r) of each knife edge, lens side first, the front last. ``wall_mm``: (from z, to z, radius) of each
+    stage's tube. ``exclusion_rad``: a source at this angle from the axis or beyond never shines on the lens."""
+
+    kind: str
+    lens_radius_mm: float
+    half_fov_rad: float
+    exclusion_rad: float
+    length_mm: float
+    front_radius_mm: float
+    edge_mm: tuple[tuple[float, float], ...]
+    wall_mm: tuple[tuple[float, float, float], ...]
+
+    @property
+    def outer_diameter_mm(self) -> float:
+        """Of the widest tube, walls without thickness."""
+        return 2 * max(radius for _, _, radius in self.wall_mm)
+
+
+def field_growth_mm(length_mm: float, half_fov_rad: float) -> float:
+    """x = l·tan α: how much wider the front must be than the lens so as not to cut the field (eq. 7.24)."""
+    return float(length_mm * np.tan(half_fov_rad))
+
+
+def exclusion_rad(lens_radius_mm: float, growth_mm: float, length_mm: float) -> float:
+    """Least angle from the axis at which light misses the lens: atan((2 r + x)/l) (eq. 7.26): 28.1° for 11, 10 and 60 mm."""
+    return float(np.arctan((2 * lens_radius_mm + growth_mm) / length_mm))
+
+
+def length_for_mm(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> float:
+    """Eq. 7.24 and 7.26 solved for the length: (2 r + spare)/(tan α_bo − tan α_FOV). ``spare_mm``: added to x for misalignment."""
+    _check(lens_radius_mm, half_fov_rad, wanted_rad)
+    return float((2 * lens_radius_mm + spare_mm) / (np.tan(wanted_rad) - np.tan(half_fov_rad)))
+
+
+def one_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> Baffle:
+    """The tube of Jacobs 1995 Fig. 7-4 with vanes on its wall."""
+    length = length_for_mm(lens_radius_mm, half_fov_rad, wanted_rad, spare_mm)
+    return one_stage_of_length(lens_radius_mm, half_fov_rad, length, spare_mm)
+
+
+def one_stage_of_length(lens_radius_mm: float, half_fov_rad: float, length_mm: float, spare_mm: float = 0.0) -> Baffle:
+    """As :func:`one_stage` with the length given; the exclusion angle follows."""
+    if not length_mm > 0:
+        raise BadInput("a baffle has a length", expected="more than 0 mm", got=f"{length_mm:g} mm")
+    growth = field_growth_mm(length_mm, half_fov_rad) + spare_mm
+    angle = exclusion_rad(lens_radius_mm, growth, length_mm)
+    front = lens_radius_mm + growth
+    wall = front * (1 + VANE_DEPTH_SHARE)
+    edges = _vanes(lens_radius_mm, growth / length_mm, wall, length_mm, angle)
+    return Baffle("one", lens_radius_mm, half_fov_rad, angle, length_mm, front, edges, ((0.0, length_mm, wall),))
+
+
+def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> Baffle:
+    """The shortest shade whose outer stage the lens does not see and from whose inner stage direct light is kept.
+
+    Inner stage of length l₁ and front radius r₁ = a + l₁ tan φ. From the lens's far edge the line past the inner front rises
+    by (a + r₁)/l₁; the outer edges lie on it or beyond, so that r₂ = r₁ + l₂ (a + r₁)/l₁. Direct light at the angle θ misses
+    the inner front if l₂ tan θ ≥ r₁ + r₂. Hence l₂ = 2 r₁/(tan θ − tan φ − 2a/l₁); l₁ is the one that makes l₁ + l₂ least.
+    """
+    _check(lens_radius_mm, half_fov_rad, wanted_rad)
+    a, phi, theta = lens_radius_mm, float(np.tan(half_fov_rad)), float(np.tan(wanted_rad))
+    least = 2 * a / (theta - phi)
+
+    def outer(inner_mm: float) -> float:
+        return 2 * (a + inner_mm * phi) / (theta - phi - 2 * a / inner_mm)
+
+    found = minimize_scalar(lambda l1: l1 + outer(l1), bounds=(least * 1.0001, least * 100), method="bounded")
+    inner_mm = float(found.x)
+    outer_mm = float(outer(inner_mm))
+    rise = (2 * a + inner_mm * phi) / inner_mm
+    r1 = a + inner_mm * phi
+    length, r2 = inner_mm + outer_mm, r1 + outer_mm * rise
+    if length > LONGEST_MM:
+        raise BadInput(
+            "the shade would be longer than any spacecraft",
+            expected=f"at most {LONGEST_MM / 1e3:g} m",
+            got=f"{length / 1e3:.0f} m",
+            hint="a larger exclusion angle",
+        )
+    wall1, wall2 = r1 * (1 + VANE_DEPTH_SHARE), r2 * (1 + VANE_DEPTH_SHARE)
+    inner_edges = _vanes(a, phi, wall1, inner_mm, wanted_rad)
+    edges = (*inner_edges, (length, r2))
+    return Baffle(
+        "two", a, half_fov_rad, wanted_rad, length, r2, edges, ((0.0, inner_mm, wall1), (inner_mm, length, wall2))
+    )
+
+
+def _vanes(a: float, slope: float, wall: float, length: float, angle_rad: float) -> tuple[tuple[float, float], ...]:
+    """Knife edges on the border of the field, r = a + slope·z, such that the lens sees no part of the wall that is lit
+    directly: the line from the lens's far edge over one tip meets the wall where the next vane stands."""
+    front = a + slope * length
+    deepest_lit = length - (front + wall) / np.tan(angle_rad)
+    z = [length]
+    while z[-1] > max(deepest_lit, LOWEST_VANE_SHARE * length):
+        z.append(2 * a * z[-1] / (wall + a - z[-1] * slope))
+    return tuple((float(x), float(a + slope * x)) for x in reversed(z))
+
+
+def _check(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> None:
+    if not lens_radius_mm > 0:
+        raise BadInput("a lens has a radius", expected="more than 0 mm", got=f"{lens_radius_mm:g} mm")
+    if not half_fov_rad < wanted_rad < np.pi / 2:
+        raise BadInput(
+            "no baffle keeps a source out that close to the field",
+            expected=f"an angle from {np.degrees(half_fov_rad):.1f}° (the corner of the field) to 90°",
+            got=f"{np.degrees(wanted_rad):.1f}°",
+        )

@@ -1,0 +1,210 @@
+"""Stars in view: random pointings counted, as Jacobs 1995 §5.1 does with ``Stats``; the curves of a run share pointings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.envelope import Envelope, WholeSky
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.quality import Counts, stars_per_field
+from gss.domain.angles import Array, ra_dec_from_unit
+from gss.domain.errors import BadInput
+from gss.domain.experiment import Progress
+from gss.domain.stars import StarTable
+
+Each = Callable[..., Iterable[Counts]]
+PORTION = 262_144
+"""Pointings drawn at once: many together are counted faster, fewer hold less memory."""
+NTH = 5
+COMPLETE_V_MAG = 7.3
+"""To here Hipparcos is whole; counts beyond are too low."""
+
+
+@dataclass(frozen=True)
+class InView:
+    """``histogram``: pointings with 0, 1, 2 … stars. ``worst_*``: the first pointing with the fewest, its boresight."""
+
+    pointings: int
+    histogram: Counts
+    worst_stars: int
+    worst_ra_rad: float
+    worst_dec_rad: float
+
+    @property
+    def mean(self) -> float:
+        """Stars per pointing."""
+        return float(self.histogram @ np.arange(len(self.histogram)) / self.pointings)
+
+    def p_fewer_than(self, stars: int) -> float:
+        """Share of the pointings with fewer stars."""
+        return float(self.histogram[:stars].sum() / self.pointings)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Every star in every field of some pointings, by field and in it brightest first.
+
+    ``field``, ``star``: (k,) rows of the attitudes and of the stars, which are brightest first. ``plane``: (k, 2) tangent
+    plane coordinates X/Z, Y/Z. ``count``: (m,) stars per field.
+    """
+
+    field: NDArray[np.intp]
+    star: NDArray[np.intp]
+    plane: Array
+    count: Counts
+
+    def brighter_than(self, rows: int) -> Pairs:
+        """Those among the first ``rows`` stars."""
+        keep = self.star < rows
+        count = np.bincount(self.field[keep], minlength=len(self.count))
+        return Pairs(self.field[keep], self.star[keep], self.plane[keep], count)
+
+
+def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
+    """(m, 3, 3) cam_from_icrs: anywhere with any roll, or along an envelope."""
+    if pointings < 1:
+        raise BadInput("no pointing to count stars in", expected="at least 1", got=str(pointings))
+    where = WholeSky(c.shape) if envelope is None else envelope
+    return where.attitudes(np.random.default_rng(seed), pointings)
+
+
+def bright_rows(stars: StarTable, limit_mag: float) -> int:
+    """How many of the table's stars, brightest first, are not fainter than the limit."""
+    return int(np.searchsorted(stars.v_mag, limit_mag, side="right"))
+
+
+def affordable(c: DesignCamera, rows: int, pointings: int, most_pairs: float) -> int:
+    """As many of the pointings as keep the expected number of stars counted below ``most_pairs``, at least 50."""
+    per_field = rows * c.shape.area_sr / (4 * np.pi)
+    return max(min(pointings, 50), min(pointings, int(most_pairs / max(per_field, 1e-9))))
+
+
+def count_stars(
+    unit: Array,
+    attitudes: Callable[[int, int], Array],
+    pointings: int,
+    shape: FieldShape,
+    each: Each,
+    progress: Progress,
+) -> InView:
+    """Histogram of (n, 3) ICRS stars over ``pointings``. ``attitudes(k, m)``: the m of portion k. Progress is told, and a cancel
+    heard, whenever a patch of sky is done."""
+    histogram = np.zeros(1, np.int64)
+    worst, place = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
+    for k, start in enumerate(range(0, pointings, PORTION)):
+        some = attitudes(k, min(PORTION, pointings - start))
+        told = _telling(each, _within(progress, start / pointings, len(some) / pointings))
+        counts = stars_per_field(unit, some, shape, told)
+        here = np.bincount(counts, minlength=len(histogram))
+        here[: len(histogram)] += histogram
+        histogram = here
+        if counts.min() < worst:
+            worst, place = int(counts.min()), some[int(counts.argmin()), 2]
+    progress(1.0)
+    ra, dec = ra_dec_from_unit(place)
+    return InView(pointings, histogram, int(worst), float(ra), float(dec))
+
+
+def counted_pairs(pairs: Pairs, attitudes: Array) -> InView:
+    """The histogram of the pointings that the pairs come from."""
+    worst = int(np.argmin(pairs.count))
+    ra, dec = ra_dec_from_unit(attitudes[worst, 2])
+    return InView(len(attitudes), np.bincount(pairs.count), int(pairs.count[worst]), float(ra), float(dec))
+
+
+def _within(progress: Progress, start: float, size: float) -> Progress:
+    return lambda share: progress(start + size * share)
+
+
+def _telling(each: Each, progress: Progress) -> Each:
+    """The same, with a word after each piece of work."""
+
+    def told(work: Callable[..., Counts], groups: Sequence[object]) -> Iterator[Counts]:
+        for k, result in enumerate(each(work, groups)):
+            progress(k / len(groups))
+            yield result
+
+    return told
+
+
+def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> Pairs:
+    """Stars of (n, 3) ICRS, brightest first, in the fields of (m, 3, 3) cam_from_icrs."""
+    m = len(attitudes)
+    reach = 2 * np.sin(shape.half_diagonal_rad / 2) * (1 + 1e-9)
+    if len(unit):
+        near = cKDTree(attitudes[:, 2]).sparse_distance_matrix(cKDTree(unit), reach, output_type="ndarray")
+        field, star = near["i"], near["j"]
+        cam = np.einsum("nij,nj->ni", attitudes[field], unit[star])
+        seen = shape.inside(cam)
+        field, star, cam = field[seen], star[seen], cam[seen]
+    else:
+        field = star = np.zeros(0, np.intp)
+        cam = np.zeros((0, 3))
+    order = np.argsort(field * np.int64(max(1, len(unit))) + star, kind="stable")
+    field, star, cam = field[order], star[order], cam[order]
+    return Pairs(field, star, cam[:, :2] / cam[:, 2:], np.bincount(field, minlength=m))
+
+
+def nth_brightest_mag(pairs: Pairs, v_mag: Array, nth: int = NTH) -> Array:
+    """(m, nth) magnitude of the 1st … nth brightest star of each field; +inf where there is none."""
+    start = np.concatenate([[0], np.cumsum(pairs.count)[:-1]])
+    result = np.full((len(pairs.count), nth), np.inf)
+    for k in range(nth):
+        has = pairs.count > k
+        result[has, k] = v_mag[pairs.star[start[has] + k]]
+    return result
+
+
+def p_fewer_by_limit(nth_mag: Array, stars: int, limit_mag: Array) -> Array:
+    """Share of fields with fewer than ``stars`` stars, for each limiting magnitude."""
+    known = np.sort(nth_mag[:, stars - 1])
+    return np.asarray(1 - np.searchsorted(known, limit_mag, side="right") / len(known), float)
+
+
+def mean_by_limit(stars: StarTable, area_sr: float, limit_mag: Array) -> Array:
+    """Mean stars in a field that points anywhere: exact, the catalogue's number times the field's share of the sphere."""
+    return np.asarray(np.searchsorted(stars.v_mag, limit_mag, side="right") * (area_sr / (4 * np.pi)), float)
+
+
+def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
+    """(m, nth) angles from (m, 3) boresights to their nearest stars: the radius of the circle that holds 1 … nth of them."""
+    if len(unit) < nth:
+        return np.full((len(boresight), nth), np.inf)
+    chord, _ = cKDTree(unit).query(boresight, k=nth)
+    return np.asarray(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+
+
+def p_fewer_in_circle(nth_rad: Array, stars: int, diameter_rad: Array) -> Array:
+    """Share of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig. 3.8)."""
+    known = np.sort(nth_rad[:, stars - 1])
+    return np.asarray(1 - np.searchsorted(known, np.asarray(diameter_rad) / 2, side="right") / len(known), float)
+
+
+def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: Array, stars: tuple[int, ...]) -> Array:
+    """(len(stars), len(focal_mm)) share of this detector's rectangles with fewer stars, behind each focal length.
+
+    One search with the shortest focal length; the shortest that still holds the nth star of a field follows from its
+    tangent plane coordinates.
+    """
+    widest = c.edited(focal_mm=float(np.min(focal_mm)))
+    pairs = pairs_in_view(unit, attitudes, widest.shape)
+    half_x, half_y = c.half_size_mm
+    longest_mm = np.minimum(
+        half_x / np.maximum(np.abs(pairs.plane[:, 0]), 1e-12), half_y / np.maximum(np.abs(pairs.plane[:, 1]), 1e-12)
+    )
+    order = np.lexsort((-longest_mm, pairs.field))
+    longest_mm = longest_mm[order]
+    start = np.concatenate([[0], np.cumsum(pairs.count)[:-1]])
+    result = np.empty((len(stars), len(focal_mm)))
+    for row, n in enumerate(stars):
+        has = pairs.count >= n
+        held = np.sort(longest_mm[start[has] + n - 1])
+        holding = len(held) - np.searchsorted(held, focal_mm, side="left")
+        result[row] = 1 - holding / len(attitudes)
+    return result

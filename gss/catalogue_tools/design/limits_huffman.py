@@ -1,0 +1,74 @@
+"""Limiting magnitude as Huffman 2006 §3 reckons it: peak of a Gaussian star over the noise of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.design.camera import DesignCamera
+
+FFSR_A_W = 0.12
+"""Fill factor times spectral response of the IBIS5-A-1300 (Huffman 2006 Table 7.1)."""
+MAG_0 = 28.0
+
+
+@dataclass(frozen=True)
+class Imager:
+    """What eq. 3.4 and 3.18 need. ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4, which
+    the rest of the equation makes superfluous (errata E1); the document's tables were made with it."""
+
+    area_m2: float
+    exposure_s: float
+    psf_sigma_px: float
+    dark_e: float
+    read_noise_e: float
+    ffsr_a_w: float = FFSR_A_W
+    extra_gain: float = 1.0
+
+    @property
+    def noise_e(self) -> float:
+        """Dark and readout noise, those the document keeps (§3.2.6)."""
+        return float(np.sqrt(self.dark_e + self.read_noise_e**2))
+
+
+def imager_of(c: DesignCamera) -> Imager:
+    """A camera as this method sees it: its optics, exposure and noise, with the document's detector response."""
+    dark_e = c.dark_current_e_s * c.exposure_s
+    return Imager(c.aperture_cm2 * 1e-4 * c.transmission, c.exposure_s, c.psf_sigma_px, dark_e, c.read_noise_e)
+
+
+def star_e(i: Imager, v_mag: float) -> float:
+    """Electrons of a whole star (eq. 3.4)."""
+    return float(i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain * 10 ** ((MAG_0 - v_mag) / 2.5))
+
+
+def magnitude(i: Imager, electrons: float) -> float:
+    """Eq. 3.4 the other way round."""
+    return float(MAG_0 - 2.5 * np.log10(electrons / (i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain)))
+
+
+def snr(i: Imager, v_mag: float) -> float:
+    """Peak pixel over noise (eq. 3.18)."""
+    return star_e(i, v_mag) / (2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
+
+
+def limit_mag(c: DesignCamera) -> float:
+    """Faintest V whose peak pixel reaches the camera's threshold by eq. 3.18."""
+    i = imager_of(c)
+    return magnitude(i, c.threshold_snr * 2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
+
+
+def largest_useful_gain(full_well_e: float, bits: int) -> float:
+    """Electrons per count beyond which resolution is only lost (eq. 3.9, 3.10): 117 for the IBIS5."""
+    return full_well_e / (1 << bits)
+
+
+def quantisation_e(gain_e_per_dn: float) -> float:
+    """Noise of rounding (eq. 3.13)."""
+    return float(gain_e_per_dn / np.sqrt(12))
+
+
+def centroid_px(star_snr: float) -> float:
+    """Centroid error, 1σ, of weighted sums (eq. 4.2, whose left side is misnamed psfWidth)."""
+    return float(0.11 + 0.5 * star_snr**-1.3)

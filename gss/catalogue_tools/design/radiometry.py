@@ -1,0 +1,166 @@
+"""How faint and how bright a star may be: signal and noise of a Gaussian star on pixels, with our own zero point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.domain.angles import Array
+
+PHASES = 9
+BLUR_LOSS_MAG = 0.5
+LONGEST_STREAK_PX = 1e4
+PSF_GRID_PX = np.round(np.geomspace(0.25, 4.0, 25), 4)
+
+
+def column_shares(offset_px: Array | float, sigma_px: float, window_px: int) -> Array:
+    """(…, N) share of a star's light in each of N columns when it is ``offset_px`` from the middle of the window."""
+    edge = np.arange(window_px + 1) - window_px / 2
+    return np.asarray(np.diff(ndtr((edge - np.asarray(offset_px, float)[..., None]) / sigma_px), axis=-1))
+
+
+def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool = False) -> float:
+    """Share of a star's light in its brightest pixel: on average over where in the pixel it falls, or centred (the largest).
+
+    ``streak_px``: length along the columns that the star moved evenly during the exposure; the streak is centred.
+    """
+    u = np.zeros(1) if centred else (np.arange(PHASES) + 0.5) / PHASES - 0.5
+    still = ndtr((0.5 - u) / sigma_px) - ndtr((-0.5 - u) / sigma_px)
+    if streak_px <= 0:
+        return float(np.mean(still) ** 2)
+    half = streak_px / 2
+
+    def reached(x: Array) -> Array:
+        """∫ Φ(x/σ) dx."""
+        z = x / sigma_px
+        return np.asarray(x * ndtr(z) + sigma_px * np.exp(-z * z / 2) / np.sqrt(2 * np.pi))
+
+    upper = reached(0.5 - u + half) - reached(0.5 - u - half)
+    lower = reached(-0.5 - u + half) - reached(-0.5 - u - half)
+    return float(np.mean((upper - lower) / streak_px) * np.mean(still))
+
+
+@lru_cache(maxsize=256)
+def energy_window(sigma_px: float) -> tuple[int, float]:
+    """Side N in pixels of the window in which a centred star is best seen over even noise, and the share of light in it."""
+    sizes = np.arange(1, 2 * int(np.ceil(3 * sigma_px)) + 3)
+    shares = np.array([float(column_shares(0.0, sigma_px, int(n)).sum()) ** 2 for n in sizes])
+    best = int(np.argmax(shares / sizes))
+    return int(sizes[best]), float(shares[best])
+
+
+def snr_brightest_pixel(c: DesignCamera, v_mag: Array | float) -> Array:
+    """Signal over noise of a star's brightest pixel: S/√(S + D + R² + Δ²/12 + B) (Huffman 2006 eq. 3.17)."""
+    s = c.sensor.star_e(v_mag, c.exposure_s) * brightest_pixel_share(c.psf_sigma_px)
+    return np.asarray(s / np.sqrt(s + c.noise_e**2))
+
+
+def snr_window(c: DesignCamera, v_mag: Array | float) -> Array:
+    """Signal over noise of all the light in the window of :func:`energy_window`."""
+    side, share = energy_window(c.psf_sigma_px)
+    s = c.sensor.star_e(v_mag, c.exposure_s) * share
+    return np.asarray(s / np.sqrt(s + side**2 * c.noise_e**2))
+
+
+def signal_for_snr_e(snr: float, noise_e: float) -> float:
+    """Electrons S with S/√(S + noise²) = snr."""
+    return float(snr * (snr + np.sqrt(snr**2 + 4 * noise_e**2)) / 2)
+
+
+def limit_brightest_pixel_mag(c: DesignCamera) -> float:
+    """Faintest V whose brightest pixel reaches the threshold, on average over where in the pixel the star falls."""
+    needed_e = signal_for_snr_e(c.threshold_snr, c.noise_e) / brightest_pixel_share(c.psf_sigma_px)
+    return float(c.sensor.magnitude(needed_e, c.exposure_s))
+
+
+def limit_window_mag(c: DesignCamera) -> float:
+    """Faintest V whose summed window reaches the threshold."""
+    side, share = energy_window(c.psf_sigma_px)
+    needed_e = signal_for_snr_e(c.threshold_snr, side * c.noise_e) / share
+    return float(c.sensor.magnitude(needed_e, c.exposure_s))
+
+
+def limit_mag(c: DesignCamera) -> float:
+    """The limit in force: the given one, else that of the brightest pixel, by which all five systems threshold."""
+    return limit_brightest_pixel_mag(c) if c.mag_limit is None else c.mag_limit
+
+
+def saturation_mag(c: DesignCamera) -> float:
+    """Brightest V that leaves every pixel below full well and converter wherever it falls; +inf: darkness alone fills them."""
+    room_e = c.brightest_pixel_e
+    if room_e <= 0:
+        return float("inf")
+    return float(c.sensor.magnitude(room_e / brightest_pixel_share(c.psf_sigma_px, centred=True), c.exposure_s))
+
+
+def longest_exposure_s(c: DesignCamera) -> float:
+    """Until dark current and background alone fill a pixel."""
+    rate = c.dark_current_e_s + c.background_e_s
+    room_e = min(c.full_well_e, (c.sensor.saturation_dn - c.bias_dn) * c.gain_e_per_dn)
+    return room_e / rate if rate > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class Blur:
+    """``streak_px``: streak that costs half a magnitude. ``rate_rad_s``: turn about a transverse axis that draws it.
+    ``smear_limit_rate_rad_s``: at which a star moves 0.88 px, the document's tolerable smear (Moniteq 1983 §4.2)."""
+
+    streak_px: float
+    rate_rad_s: float
+    smear_limit_rate_rad_s: float
+
+
+TOLERABLE_SMEAR_PX = 0.88
+
+
+def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
+    """Magnitudes that the limit of the brightest pixel falls with the length of the streak."""
+    still = brightest_pixel_share(sigma_px, centred=True)
+    moving = np.array([brightest_pixel_share(sigma_px, float(s), centred=True) for s in np.ravel(streak_px)])
+    return -2.5 * np.log10(moving / still)
+
+
+def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
+    """How fast the camera may turn. The noise under a faint star is the sky's, so that the limit follows the peak's share."""
+
+    def excess(log_streak: float) -> float:
+        return float(blur_loss_mag(c.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
+
+    streak = float(np.exp(brentq(excess, np.log(1e-3), np.log(LONGEST_STREAK_PX))))
+    per_px = c.camera.pixel_rad / c.exposure_s
+    return Blur(streak, streak * per_px, TOLERABLE_SMEAR_PX * per_px)
+
+
+@dataclass(frozen=True)
+class PsfAdvice:
+    """``sigma_px`` tried, with the limit by the ``brightest`` pixel and by the ``window``; ``centroid_px``: error of
+    the star that is now the faintest, and ``best_px`` where it is least; ``kind``: sharp, good or wide."""
+
+    sigma_px: Array
+    limit_brightest_mag: Array
+    limit_window_mag: Array
+    centroid_px: Array
+    best_px: float
+    kind: str
+
+
+SHARPEST_PX, WIDEST_OVER_BEST = 0.4, 2.5
+"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel; above 2.5 times the best
+the light is spread for nothing, or for a detector that is uneven inside its pixels."""
+
+
+def psf_kind(sigma_px: float, best_px: float) -> str:
+    """In a word."""
+    if sigma_px < SHARPEST_PX:
+        return "sharp"
+    return "wide" if sigma_px > WIDEST_OVER_BEST * max(best_px, SHARPEST_PX) else "good"
+
+
+def with_psf(c: DesignCamera, sigma_px: float) -> DesignCamera:
+    """The same camera, focused otherwise."""
+    return replace(c, psf_sigma_px=sigma_px)

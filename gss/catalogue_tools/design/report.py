@@ -1,0 +1,331 @@
+"""Everything about one camera in one go: a quick look while its numbers change, and the full count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gss.catalogue_tools.design import limits_erlank, limits_huffman, limits_jacobs, limits_moniteq
+from gss.catalogue_tools.design.accuracy import Accuracy, accuracy, against_exposure, against_limit, limit_at_mag
+from gss.catalogue_tools.design.baffle import Baffle, one_stage, two_stage
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px, psf_advice
+from gss.catalogue_tools.design.in_view import (
+    COMPLETE_V_MAG,
+    Each,
+    InView,
+    Pairs,
+    affordable,
+    bright_rows,
+    count_stars,
+    counted_pairs,
+    look,
+    mean_by_limit,
+    nth_brightest_mag,
+    nth_nearest_rad,
+    p_fewer_by_focal,
+    p_fewer_by_limit,
+    p_fewer_in_circle,
+    pairs_in_view,
+)
+from gss.catalogue_tools.design.radiometry import (
+    Blur,
+    PsfAdvice,
+    limit_brightest_pixel_mag,
+    limit_mag,
+    limit_window_mag,
+    longest_exposure_s,
+    motion_blur,
+    saturation_mag,
+    snr_brightest_pixel,
+    snr_window,
+)
+from gss.catalogue_tools.design.trade import TradeRow, lens_trade, trade_row
+from gss.catalogue_tools.envelope import Envelope
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.experiment import Progress
+from gss.domain.stars import StarTable
+
+NEED = (3, 5)
+EXPOSURE_FACTORS = np.geomspace(0.1, 10.0, 9)
+FOCAL_FACTORS = np.geomspace(0.5, 2.0, 13)
+LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
+EXCLUSION_RAD = float(np.radians(40.0))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """``pointings`` of the histogram; 0: those of the curves. ``looks`` of curves and accuracy, ``pairs``: most stars that one
+    curve may go through; ``trade_looks``: of each lens tried; 0: none tried."""
+
+    pointings: int
+    looks: int
+    pairs: float
+    trade_looks: int
+
+
+QUICK = Effort(0, 2_000, 1e5, 0)
+FULL = Effort(1_000_000, 50_000, 3e6, 4_000)
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """``envelope`` None: the whole sky. ``exclusion_rad``: angle of Sun or Earth from the axis that the baffle is made for;
+    ``spare_mm``: widening of its front for misalignment."""
+
+    camera: DesignCamera
+    envelope: Envelope | None = None
+    exclusion_rad: float = EXCLUSION_RAD
+    spare_mm: float = 0.0
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Faintest magnitude by each method. ``document_*``: the documents' formulas with this camera's optics."""
+
+    in_force_mag: float
+    brightest_pixel_mag: float
+    window_mag: float
+    saturation_mag: float
+    jacobs_mag: float
+    huffman_mag: float
+    erlank_mag: float
+    moniteq_mag: float
+
+
+@dataclass(frozen=True)
+class Curves:
+    """By magnitude limit, by circle, by focal length: shares with fewer than 3 and 5 stars; by magnitude: SNR and centroid;
+    by exposure and by limit: accuracy."""
+
+    limit_mag: Array
+    mean_stars: Array
+    p_fewer_by_limit: Array
+    circle_rad: Array
+    p_fewer_in_circle: Array
+    focal_mm: Array
+    p_fewer_by_focal: Array
+    v_mag: Array
+    snr_brightest: Array
+    snr_window: Array
+    centroid_px: Array
+    exposure_s: Array
+    exposure_limit_mag: Array
+    by_exposure: tuple[Accuracy, ...]
+    used_limit_mag: Array
+    by_limit: tuple[Accuracy, ...]
+
+
+@dataclass(frozen=True)
+class DesignReport:
+    """``looks``: pointings behind the curves. ``two_stage`` None where such a shade would be too long. ``baffle_problem``: why
+    there is no baffle, empty where there is one."""
+
+    request: DesignRequest
+    effort: Effort
+    limits: Limits
+    in_view: InView
+    looks: int
+    curves: Curves
+    accuracy: Accuracy
+    blur: Blur
+    psf: PsfAdvice
+    longest_exposure_s: float
+    one_stage: Baffle | None
+    two_stage: Baffle | None
+    baffle_problem: str
+    trade: tuple[TradeRow, ...]
+    notes: tuple[str, ...]
+
+
+def limits_of(c: DesignCamera) -> Limits:
+    """All limiting magnitudes."""
+    return Limits(
+        limit_mag(c),
+        limit_brightest_pixel_mag(c),
+        limit_window_mag(c),
+        saturation_mag(c),
+        limits_jacobs.limit_mag(c),
+        limits_huffman.limit_mag(c),
+        limits_erlank.limit_mag(c),
+        limits_moniteq.limit_mag(c),
+    )
+
+
+def design(
+    request: DesignRequest, stars: StarTable, effort: Effort, *, each: Each = map, progress: Progress = lambda _: None
+) -> DesignReport:
+    """The whole report. ``stars``: brightest first. ``each``: how blocks of pointings are worked off."""
+    c = request.camera
+    limits = limits_of(c)
+    _check(limits, stars)
+    rows = bright_rows(stars, limits.in_force_mag)
+    grid_rows = bright_rows(stars, limits.in_force_mag + GRID_BEYOND_MAG)
+    looks = affordable(c, grid_rows, effort.looks, effort.pairs)
+    attitudes = look(c, looks, request.seed, request.envelope)
+    pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, c.shape)
+    seen = pairs.brighter_than(rows)
+    counted = counted_pairs(seen, attitudes)
+    if effort.pointings:
+        counted = _count(request, stars.icrs[:rows], effort, each, _part(progress, 0.0, 0.6))
+    curves = _curves(request, stars, limits, attitudes, pairs, seen, effort, _part(progress, 0.6, 0.85))
+    one, two, problem = _baffles(request)
+    trade: tuple[TradeRow, ...] = ()
+    if effort.trade_looks:
+        some = attitudes[: effort.trade_looks]
+        trade = lens_trade(c, stars, some, effort.pairs / 4, _part(progress, 0.85, 1.0))
+    known = accuracy(c, stars, seen)
+    blur, psf = motion_blur(c), psf_advice(c)
+    notes = _notes(request, limits, counted)
+    longest = longest_exposure_s(c)
+    return DesignReport(
+        request, effort, limits, counted, looks, curves, known, blur, psf, longest, one, two, problem, trade, notes
+    )
+
+
+def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
+    """A camera's line in the table of cameras, over the whole sky."""
+    return trade_row(c, stars, look(c, looks, seed), pairs)
+
+
+def _count(request: DesignRequest, unit: Array, effort: Effort, each: Each, progress: Progress) -> InView:
+    c = request.camera
+    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * 20)
+
+    def portion(k: int, m: int) -> Array:
+        # Seeds that no other portion and no curve has, whatever the size of the portions.
+        where = request.seed * 1_000_003 + 1 + k
+        return look(c, m, where, request.envelope)
+
+    return count_stars(unit, portion, pointings, c.shape, each, progress)
+
+
+def _curves(
+    request: DesignRequest,
+    stars: StarTable,
+    limits: Limits,
+    attitudes: Array,
+    pairs: Pairs,
+    seen: Pairs,
+    effort: Effort,
+    progress: Progress,
+) -> Curves:
+    c = request.camera
+    grid = _limit_grid(limits.in_force_mag)
+    nth = nth_brightest_mag(pairs, stars.v_mag)
+    unit = stars.icrs[: bright_rows(stars, limits.in_force_mag)]
+    half = c.half_diagonal_rad
+    circle = np.linspace(0.1, 1.0, 37) * min(4 * half, np.radians(120.0))
+    focal = _focals(c)
+    widest = c.edited(focal_mm=float(focal[0]))
+    some = attitudes[: affordable(widest, len(unit), len(attitudes), effort.pairs)]
+    progress(0.2)
+    v = np.arange(np.floor(min(limits.saturation_mag, limits.in_force_mag, 6.0)) - 1, limits.in_force_mag + 2, 0.25)
+    exposures = c.exposure_s * EXPOSURE_FACTORS
+    used = np.linspace(max(-1.0, limits.in_force_mag - 3.0), limits.in_force_mag, 9)
+    by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
+    progress(0.4)
+    by_exposure = _by_exposure(c, stars, attitudes, exposures, effort)
+    progress(0.8)
+    nearest = nth_nearest_rad(unit, attitudes[:, 2])
+    return Curves(
+        grid,
+        mean_by_limit(stars, c.shape.area_sr, grid),
+        np.stack([p_fewer_by_limit(nth, n, grid) for n in NEED]),
+        circle,
+        np.stack([p_fewer_in_circle(nearest, n, circle) for n in NEED]),
+        focal,
+        by_focal,
+        v,
+        snr_brightest_pixel(c, v),
+        snr_window(c, v),
+        centroid_sigma_px(c, v),
+        exposures,
+        np.array([limit_at_mag(c, float(t)) for t in exposures]),
+        by_exposure,
+        used,
+        tuple(against_limit(c, stars, seen, used)),
+    )
+
+
+def _by_exposure(
+    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, effort: Effort
+) -> tuple[Accuracy, ...]:
+    """A longer exposure shows far more stars: as many of the pointings as can be afforded at the longest."""
+    rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
+    some = attitudes[: affordable(c, rows, len(attitudes), effort.pairs / 2)]
+    pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
+    return tuple(against_exposure(c, stars, pairs, exposure_s))
+
+
+def _limit_grid(limit: float) -> Array:
+    low = np.floor((limit - LIMIT_SPAN_MAG) / LIMIT_STEP_MAG) * LIMIT_STEP_MAG
+    grid = np.arange(low, limit + GRID_BEYOND_MAG, LIMIT_STEP_MAG)
+    return np.unique(np.round(np.append(grid, limit), 6))
+
+
+def _focals(c: DesignCamera) -> Array:
+    """Around the camera's own, as far as a flat detector can see that wide."""
+    shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
+    focal = c.focal_mm * FOCAL_FACTORS
+    kept = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
+    return np.unique(np.append(kept, c.focal_mm))
+
+
+def _baffles(request: DesignRequest) -> tuple[Baffle | None, Baffle | None, str]:
+    c = request.camera
+    radius = c.pupil_mm / 2
+    try:
+        one = one_stage(radius, c.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
+    except BadInput as error:
+        return None, None, str(error)
+    try:
+        return one, two_stage(radius, c.half_diagonal_rad, request.exclusion_rad), ""
+    except BadInput as error:
+        return one, None, str(error)
+
+
+def _check(limits: Limits, stars: StarTable) -> None:
+    brightest = float(stars.v_mag[0])
+    if limits.in_force_mag < brightest:
+        raise BadInput(
+            "this camera sees no star at all",
+            expected=f"a limit fainter than V {brightest:.2f}, the brightest star",
+            got=f"V {limits.in_force_mag:.2f}",
+            hint="a longer exposure, a faster lens, or less noise",
+        )
+
+
+def _notes(request: DesignRequest, limits: Limits, counted: InView) -> tuple[str, ...]:
+    c, notes = request.camera, []
+    if limits.in_force_mag > COMPLETE_V_MAG:
+        notes.append(
+            f"The limit V {limits.in_force_mag:.2f} is beyond V {COMPLETE_V_MAG}, where Hipparcos stops being whole: star "
+            "counts are lower bounds, accuracies are upper bounds."
+        )
+    if limits.saturation_mag > limits.in_force_mag:
+        notes.append("Every star that is found saturates: the exposure is too long or the converter too small.")
+    if c.mag_limit is not None and c.mag_limit > limits.brightest_pixel_mag + 0.005:
+        notes.append(
+            f"The magnitude limit V {c.mag_limit:.2f} is fainter than the radiometry allows "
+            f"(V {limits.brightest_pixel_mag:.2f} at SNR {c.threshold_snr:g})."
+        )
+    if counted.p_fewer_than(3) > 0.01:
+        notes.append("More than one field in a hundred has fewer than three stars, which no matching survives.")
+    return tuple(notes)
+
+
+def _part(progress: Progress, low: float, high: float) -> Progress:
+    return lambda share: progress(low + (high - low) * share)
+
+
+def crossing(x: Array, y: Array, level: float) -> float:
+    """First x at which a falling y reaches the level, straight between points; NaN where it never does."""
+    for (x0, y0), (x1, y1) in pairwise(zip(x, y, strict=True)):
+        if y0 > level >= y1:
+            return float(x0 + (x1 - x0) * (y0 - level) / (y0 - y1))
+    return float("nan")

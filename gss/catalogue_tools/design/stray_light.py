@@ -1,0 +1,58 @@
+"""What of Sun, Earth and Moon reaches a pixel, straight and through the baffle (Moniteq 1983 §5.2, Tables 5.2 and 5.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+E_PER_J = 1.155e18
+"""0.185 A/W, the TI chip, in electrons per joule."""
+SUN_W_CM2, ALBEDO_W_CM2, STAR_V6_W_CM2 = 0.135, 40e-3, 1.3e-15
+SUN_RADIUS_RAD = float(np.radians(0.25))
+# Table 5.3: degrees from the axis, effective lens area in cm² behind the 20° shade of the 85 mm f/1.4 lens.
+PRINTED_AREA_CM2 = ((20.0, 2.58e-15), (21.0, 9.87e-16), (27.0, 6.69e-16), (37.0, 4.56e-16), (58.0, 2.54e-16))
+
+
+@dataclass(frozen=True)
+class Source:
+    """``irradiance_w_cm2`` on the lens, ``radiance_w_cm2_sr`` of its face."""
+
+    name: str
+    irradiance_w_cm2: float
+    radiance_w_cm2_sr: float
+
+
+PRINTED_SUN = Source("Sun, as printed", SUN_W_CM2, 5.6e2)
+"""The radiance takes the Sun's diameter for its radius (errata)."""
+SUN = Source("Sun", SUN_W_CM2, float(SUN_W_CM2 / (np.pi * SUN_RADIUS_RAD**2)))
+EARTH = Source("Earth", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
+MOON = Source("Moon", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
+
+
+def pixel_etendue_cm2_sr(pitch_col_um: float, pitch_row_um: float, f_number: float) -> float:
+    """Pixel area times the solid angle of the lens's cone: 1.46e-6 for 20 µm and f/1.4."""
+    cone_sr = 2 * np.pi * (1 - np.cos(np.arctan(1 / (2 * f_number))))
+    return float(pitch_col_um * pitch_row_um * 1e-8 * cone_sr)
+
+
+def imaged_e_s(source: Source, etendue_cm2_sr: float) -> float:
+    """Electrons per second in a pixel that shows the source's face (Table 5.2)."""
+    return source.radiance_w_cm2_sr * etendue_cm2_sr * E_PER_J
+
+
+def stray_e_s(source: Source, effective_area_cm2: float) -> float:
+    """Electrons per second and pixel through the baffle (Table 5.3)."""
+    return source.irradiance_w_cm2 * effective_area_cm2 * E_PER_J
+
+
+def collection_efficiency(array_sr: float) -> float:
+    """Share of light, scattered evenly to all sides, that the array collects: its solid angle over π (§5.2)."""
+    return array_sr / float(np.pi)
+
+
+def effective_area_cm2(angle_rad: float, shade_rad: float = float(np.radians(20.0))) -> float:
+    """Table 5.3 between its rows (straight in the logarithm), for a shade of another angle shifted with it; NaN inside."""
+    degrees, area = np.array(PRINTED_AREA_CM2).T
+    at = np.degrees(angle_rad - shade_rad) + degrees[0]
+    return float(np.exp(np.interp(at, degrees, np.log(area)))) if at >= degrees[0] - 1e-9 else float("nan")

@@ -1,0 +1,74 @@
+"""Cameras side by side: the documents' own beside the edited one, and one camera behind a grid of lenses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.catalogue_tools.design.accuracy import accuracy
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.in_view import affordable, bright_rows, pairs_in_view
+from gss.catalogue_tools.design.radiometry import limit_mag, motion_blur, saturation_mag
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.experiment import Progress
+from gss.domain.stars import StarTable
+
+LENS_FOCALS = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
+"""Focal lengths of the trade, as multiples of the camera's own."""
+LENS_F_NUMBERS = np.array([0.7, 1.0, 1.4])
+"""f-numbers of the trade, as multiples; steps of the standard scale (Erlank 2013 Table 3.4)."""
+
+
+@dataclass(frozen=True)
+class TradeRow:
+    """One camera. ``stars``: mean in view; ``p_fewer_3``: share of fields with fewer than three; accuracies: median over
+    the fields with at least three, one axis, 1σ; ``limit_mag``: in force; ``blur_rate_rad_s``: half a magnitude lost."""
+
+    camera: DesignCamera
+    limit_mag: float
+    saturation_mag: float
+    stars: float
+    p_fewer_3: float
+    pointings: int
+    cross_rad: float
+    roll_rad: float
+    blur_rate_rad_s: float
+
+
+def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float) -> TradeRow:
+    """One camera judged at (m, 3, 3) attitudes, fewer where it sees very many stars."""
+    limit = limit_mag(c)
+    rows = bright_rows(stars, limit)
+    count = affordable(c, rows, len(attitudes), most_pairs)
+    pairs = pairs_in_view(stars.icrs[:rows], attitudes[:count], c.shape)
+    known = accuracy(c, stars, pairs)
+    return TradeRow(
+        c,
+        limit,
+        saturation_mag(c),
+        float(pairs.count.mean()),
+        float((pairs.count < 3).mean()),
+        count,
+        known.cross_median_rad,
+        known.roll_median_rad,
+        motion_blur(c).rate_rad_s,
+    )
+
+
+def lens_trade(
+    c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float, progress: Progress
+) -> tuple[TradeRow, ...]:
+    """The camera behind shorter and longer, faster and slower lenses; star images keep their size in pixels. Lenses that no
+    camera can have are left out."""
+    rows = []
+    for k, focal in enumerate(LENS_FOCALS):
+        progress(k / len(LENS_FOCALS))
+        for number in LENS_F_NUMBERS:
+            try:
+                other = replace(c, focal_mm=float(c.focal_mm * focal), f_number=float(c.f_number * number))
+            except BadInput:
+                continue
+            rows.append(trade_row(other, stars, attitudes, most_pairs))
+    return tuple(rows)
