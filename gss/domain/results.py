@@ -123,12 +123,37 @@ class Attitude:
 
 
 @dataclass(frozen=True)
+class Turning:
+    """Angular velocity of the camera against ICRS during one exposure, from the trails of its stars. ``vector_rad_s``: (3,) in
+    camera axes, ``covariance_rad2_s2``: (3, 3) of it. A trail does not tell where it began: unless ``sign_known``, the
+    opposite vector fits as well. ``stars``: how many trails were measured."""
+
+    vector_rad_s: Array
+    covariance_rad2_s2: Array
+    stars: int
+    sign_known: bool = False
+
+    @property
+    def speed_rad_s(self) -> float:
+        """Length of the vector."""
+        return float(np.linalg.norm(self.vector_rad_s))
+
+    @property
+    def sigma_rad_s(self) -> tuple[float, float, float]:
+        """Standard deviation per axis."""
+        x, y, z = np.sqrt(np.diag(self.covariance_rad2_s2))
+        return float(x), float(y), float(z)
+
+
+@dataclass(frozen=True)
 class SolveResult:
     """One chain on one frame, with everything needed to look inside.
 
     ``camera`` is the geometry in force at the end (refined on foreign images). ``reason`` says why there is no solution.
     ``false_match_probability`` bounds the chance that the identification is accidental; NaN where the chain has no such
     figure. ``timing_s`` by stage, empty without a clock. ``notes``: plain sentences for the reader.
+    ``velocity_c``: of the observer, ICRS, in units of c, where its aberration was taken out. ``turning``: from trails, where there
+    are any. ``versions``: what ran, by name.
     """
 
     chain: str
@@ -142,6 +167,9 @@ class SolveResult:
     false_match_probability: float
     timing_s: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    velocity_c: tuple[float, float, float] | None = None
+    turning: Turning | None = None
+    versions: dict[str, str] = field(default_factory=dict)
 
     @property
     def residual_rms_px(self) -> float:
