@@ -15,11 +15,14 @@ from gss.operations.bank_history import BankHistoryService
 from gss.operations.bank_plans import activations, uploads
 from gss.operations.banks import BankService
 from gss.operations.build_catalogue import CatalogueService
+from gss.operations.calibrations import CalibrationService
+from gss.operations.camera_book import CameraBook
 from gss.operations.campaigns import CampaignService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
 from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
 from gss.operations.contacts import ContactService
+from gss.operations.design import DesignService
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.downloads import Downloads
 from gss.operations.events import EventBus
@@ -27,6 +30,7 @@ from gss.operations.expiry import ExpiryWatch
 from gss.operations.frames import FrameService
 from gss.operations.jobs import JobService
 from gss.operations.link import LinkService
+from gss.operations.night_frames import StoredShots
 from gss.operations.raw_capture import Retention
 from gss.operations.reception import Reception
 from gss.operations.replay import ReplayService
@@ -80,6 +84,8 @@ class Services:
     reprocessing: ReprocessService
     contacts: ContactService
     capture_replay: CaptureReplay
+    design: DesignService
+    calibrations: CalibrationService
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -109,6 +115,7 @@ class Services:
         self.replay.stop()
         self.frames.stop()
         self.jobs.stop()
+        self.reprocessing.stop()
         self.database.close()
 
 
@@ -139,7 +146,8 @@ def build(settings: Settings) -> Services:
     )
     transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
-    solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()))
+    book = CameraBook(database, utc_now)
+    solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()), profiles=book.profile)
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
     bank_history = BankHistoryService(link, database, utc_now)
@@ -167,6 +175,8 @@ def build(settings: Settings) -> Services:
     ]
     status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
     status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
+    shots = StoredShots(database, frames)
+    calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     return Services(
         settings,
@@ -198,4 +208,6 @@ def build(settings: Settings) -> Services:
         reprocessing=reprocessing,
         contacts=contacts,
         capture_replay=capture_replay,
+        design=DesignService(jobs, stars),
+        calibrations=calibrations,
     )

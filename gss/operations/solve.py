@@ -37,14 +37,15 @@ DEEPER_MAG = 1.0  # how much fainter the second catalogue goes where a frame sho
 
 @dataclass(frozen=True)
 class SolveRequest:
-    """What to run. Exactly one way to know the camera: ``profile`` (a name), ``camera`` (geometry), ``fov_rad``
-    (horizontal, known to about 5 %), or ``blind``.
+    """What to run. Exactly one way to know the camera: ``profile`` (a name), ``known`` (a whole camera, for example a
+    calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
 
     ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's.
     """
 
     chain: str = reference.NAME
     profile: str | None = None
+    known: CameraProfile | None = None
     camera: Camera | None = None
     fov_rad: float | None = None
     blind: bool = False
@@ -106,11 +107,11 @@ class SolverCache:
             distances = distance_table(stars, 0.0, known.camera.diagonal_rad)
             return OnboardCatalogue(stars.hip, stars.icrs, stars.v_mag, distances)
 
-        return self._once(("bank", known.name, epoch_jyear), make)
+        return self._once(("bank", known.camera, known.sensor.faint_limit_mag, epoch_jyear), make)
 
     def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
         """What a system's processor makes of such a bank."""
-        key = ("prepared", chain.name, known.name, epoch_jyear)
+        key = ("prepared", chain.name, known.camera, known.sensor, epoch_jyear)
         return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))
 
 
@@ -122,15 +123,16 @@ class Solver:
         cache: SolverCache | None = None,
         stopwatch_s: Monotonic | None = None,
         epoch_jyear: float = DEFAULT_EPOCH_JYEAR,
+        profiles: Callable[[str], CameraProfile] = profile,
     ) -> None:
         self.cache = cache if cache is not None else SolverCache()
-        self._stopwatch_s, self._epoch_jyear = stopwatch_s, epoch_jyear
+        self._stopwatch_s, self._epoch_jyear, self._profiles = stopwatch_s, epoch_jyear, profiles
 
     def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
         """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
-        known, camera = _camera_of(request)
+        known, camera = _camera_of(request, self._profiles)
         epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
         if request.chain != reference.NAME:
             return self._system(pixels, known, request, epoch)
@@ -150,7 +152,7 @@ class Solver:
                 deeper=lambda: self.cache.known(camera, fainter, epoch),
                 clock=self._stopwatch_s,
             )
-        return replace(result, notes=(*result.notes, f"star positions of {epoch:.2f}"))
+        return _noted(result, known, epoch)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = (
@@ -180,15 +182,18 @@ class Solver:
         parameters = chain.parameters(known, None, Commanded(hint_radius_rad=radius_rad), mode)
         work = Work(known.camera, prepared, parameters, mode, hint)
         result = solve(chain, pixels, work, self._stopwatch_s)
-        return replace(result, notes=(*result.notes, f"star positions of {epoch_jyear:.2f}"))
+        return _noted(result, known, epoch_jyear)
 
 
-def _camera_of(request: SolveRequest) -> tuple[CameraProfile | None, Camera | None]:
+def _camera_of(
+    request: SolveRequest, profiles: Callable[[str], CameraProfile]
+) -> tuple[CameraProfile | None, Camera | None]:
     """The profile and the geometry asked for; both None for a foreign camera."""
     ways = [
         name
         for name, given in (
             ("profile", request.profile is not None),
+            ("whole camera", request.known is not None),
             ("camera", request.camera is not None),
             ("field of view", request.fov_rad is not None),
             ("blind", request.blind),
@@ -205,10 +210,17 @@ def _camera_of(request: SolveRequest) -> tuple[CameraProfile | None, Camera | No
         raise BadInput(
             "field of view is out of range", expected="0.5° to 120°", got=f"{np.degrees(request.fov_rad):g}°"
         )
-    if request.profile is not None:
-        known = profile(request.profile)
+    known = request.known if request.profile is None else profiles(request.profile)
+    if known is not None:
         return known, known.camera
     return None, request.camera
+
+
+def _noted(result: SolveResult, known: CameraProfile | None, epoch_jyear: float) -> SolveResult:
+    """The result with what it was made with: epoch of the stars, and the calibration where the camera is a calibrated one."""
+    version = known.sources.get("calibration", "") if known else ""
+    made_with = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
+    return replace(result, notes=(*result.notes, *made_with))
 
 
 def _limit_for(camera: Camera) -> float:

@@ -3,6 +3,7 @@
 from gss.api.present import (
     alarms,
     authority,
+    calibrations,
     catalogues,
     commands,
     contacts,
@@ -18,6 +19,7 @@ from gss.api.present import (
 __all__ = [
     "alarms",
     "authority",
+    "calibrations",
     "catalogues",
     "commands",
     "contacts",

@@ -1,0 +1,60 @@
+"""Calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from gss.api.schemas.calibrations import CalibrationDetailOut, CalibrationDiffOut, CalibrationOut, ChangeOut
+from gss.api.schemas.reports import ReportViewOut
+from gss.domain.angles import ARCSEC_RAD
+from gss.operations.calibration_sheet import calibration_sheet
+from gss.operations.calibrations import Comparison
+from gss.operations.device_tables import TableReport
+from gss.store.models import Calibration
+
+NAMES = "id profile kind name created author tool note table_id"
+
+
+def calibration(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationOut:
+    """One version in a list."""
+    return CalibrationOut(**_facts(row, in_use, reports))
+
+
+def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationDetailOut:
+    """One version with everything that was found."""
+    return CalibrationDetailOut(
+        **_facts(row, in_use, reports),
+        request=row.request,
+        values=row.values,
+        result=row.result,
+        report=ReportViewOut.model_validate(calibration_sheet(row).as_dict()),
+    )
+
+
+def difference(found: Comparison) -> CalibrationDiffOut:
+    """Two versions side by side."""
+    return CalibrationDiffOut(
+        older=found.older.id,
+        newer=found.newer.id,
+        rms_px=float(found.geometry.rms_px),
+        max_px=float(found.geometry.max_px),
+        rotation_arcsec=[float(a) / ARCSEC_RAD for a in found.geometry.rotation_rad],
+        changed=[ChangeOut(name=n, older=pair[0], newer=pair[1]) for n, pair in found.changed.items()],
+    )
+
+
+def _facts(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> dict[str, Any]:
+    geometry = row.result.get("geometry", {})
+    held = [r for r in reports if row.table_id is not None and r.table_id == row.table_id]
+    return {name: getattr(row, name) for name in NAMES.split()} | {
+        "frames": len(row.request.get("frame_ids") or row.request.get("dark_ids") or []),
+        "in_use": in_use,
+        "sendable": bool(row.values),
+        "places": [f"{r.bank}, {'active' if r.active else r.state}" for r in held],
+        "warnings": len(row.result.get("warnings", [])),
+        "model": geometry.get("model"),
+        "rms_px": geometry.get("residuals", {}).get("rms_px"),
+        "rms_before_px": geometry.get("before", {}).get("rms_px"),
+        "focal_px": row.values.get("focal_col_px") or geometry.get("camera", {}).get("focal_col_px"),
+    }

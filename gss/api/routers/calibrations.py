@@ -1,0 +1,106 @@
+"""Calibrations of cameras from their own frames."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Response
+
+from gss.api import present
+from gss.api.deps import App, RowId, User
+from gss.api.schemas.calibrations import (
+    CalibrationDetailOut,
+    CalibrationDiffOut,
+    CalibrationIn,
+    CalibrationOut,
+    DocumentedIn,
+    StarCalibrationIn,
+)
+from gss.api.schemas.jobs import JobOut
+from gss.api.schemas.tables import TableDetailOut
+from gss.operations.calibration_export import KINDS, export_calibration
+from gss.operations.calibrations import DetectorCalibration, StarCalibration
+from gss.store.models import Calibration
+from gss.wiring import Services
+
+router = APIRouter(prefix="/calibrations", tags=["calibrations"])
+Identity = Annotated[int, Query(ge=1, le=2**31 - 1)]
+
+
+@router.get("")
+def list_calibrations(
+    app: App,
+    profile: Annotated[str, Query(max_length=40)] = "",
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+) -> list[CalibrationOut]:
+    """Newest first; of one camera where it is named."""
+    reports = app.tables.on_board()
+    return [
+        present.calibrations.calibration(row, _in_use(app, row), reports)
+        for row in app.calibrations.newest(limit, profile)
+    ]
+
+
+@router.post("", status_code=202)
+def calibrate(app: App, user: User, body: CalibrationIn) -> JobOut:
+    """Calibrate as a job; its result names the calibration."""
+    if isinstance(body, StarCalibrationIn):
+        wanted: StarCalibration | DetectorCalibration = StarCalibration(
+            tuple(body.frame_ids),
+            body.profile,
+            tuple(body.models),
+            body.photometry,
+            body.psf,
+            None if body.fov_deg is None else math.radians(body.fov_deg),
+        )
+    else:
+        pairs = tuple((pair[0], pair[1]) for pair in body.flat_pairs)
+        wanted = DetectorCalibration(body.profile, tuple(body.dark_ids), pairs)
+    return present.records.job(app.calibrations.start(wanted, body.name, body.note, user=user))
+
+
+@router.get("/diff")
+def compare(app: App, older: Identity, newer: Identity) -> CalibrationDiffOut:
+    """What changed from one version to another."""
+    return present.calibrations.difference(app.calibrations.compare(older, newer))
+
+
+@router.post("/documented")
+def use_documented(app: App, user: User, body: DocumentedIn) -> None:
+    """Rerun frames of this camera with its documented values again."""
+    app.calibrations.use_documented(body.profile, user=user)
+
+
+@router.get("/{calibration_id}")
+def read_calibration(app: App, calibration_id: RowId) -> CalibrationDetailOut:
+    """A version with maps and figures."""
+    return _detail(app, app.calibrations.get(calibration_id))
+
+
+@router.post("/{calibration_id}/use")
+def use(app: App, user: User, calibration_id: RowId) -> CalibrationDetailOut:
+    """Rerun frames with this camera from now on."""
+    return _detail(app, app.calibrations.use(calibration_id, user=user))
+
+
+@router.post("/{calibration_id}/table", status_code=201)
+def make_table(app: App, user: User, calibration_id: RowId) -> TableDetailOut:
+    """The calibration as a table for the sensor; it is sent from /tables."""
+    return present.tables.table_detail(app.calibrations.table(calibration_id, user=user), app.tables.on_board())
+
+
+@router.get("/{calibration_id}/export", response_class=Response)
+def export(app: App, calibration_id: RowId, kind: Literal["json", "ecsv", "html", "pdf"] = "json") -> Response:
+    """A version for other programs, or its report to read and print."""
+    data = export_calibration(app.calibrations.get(calibration_id), kind)
+    headers = {"Content-Disposition": f"attachment; filename=calibration-{calibration_id}.{kind}"}
+    return Response(data, media_type=KINDS[kind], headers=headers)
+
+
+def _in_use(app: Services, row: Calibration) -> bool:
+    return app.calibrations.book.in_use(row.profile) == row.id if row.values else False
+
+
+def _detail(app: Services, row: Calibration) -> CalibrationDetailOut:
+    return present.calibrations.detail(row, _in_use(app, row), app.tables.on_board())

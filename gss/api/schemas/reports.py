@@ -1,0 +1,110 @@
+"""Reports: what was measured, as facts, drawings and tables; units stand beside the numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import Out
+
+
+class FactOut(Out):
+    """One figure."""
+
+    label: str
+    value: str
+    unit: str
+    note: str
+
+
+class SeriesOut(Out):
+    """Numbers of a plot."""
+
+    label: str
+    x: list[float]
+    y: list[float | None]
+    style: Literal["line", "dots", "bars"]
+
+
+class LevelOut(Out):
+    """A marked value."""
+
+    value: float
+    label: str
+    vertical: bool
+
+
+class PlotOut(Out):
+    """Axes with series. ``time``: x are Unix seconds."""
+
+    kind: Literal["plot"]
+    title: str
+    x_label: str
+    y_label: str
+    series: list[SeriesOut]
+    levels: list[LevelOut]
+    log_y: bool
+    time: bool
+
+
+class ArrowsOut(Out):
+    """Little vectors over the detector, drawn ``scale`` times too long."""
+
+    kind: Literal["arrows"]
+    title: str
+    columns: int
+    rows: int
+    col: list[float]
+    row: list[float]
+    d_col: list[float | None]
+    d_row: list[float | None]
+    scale: float
+    note: str
+
+
+class CellsOut(Out):
+    """A map over the detector."""
+
+    kind: Literal["cells"]
+    title: str
+    columns: int
+    rows: int
+    values: list[list[float | None]]
+    unit: str
+
+
+class TableViewOut(Out):
+    """Columns and rows of text."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+
+
+class NoteOut(Out):
+    """What the reader should know and do."""
+
+    text: str
+    hint: str
+    severe: bool
+    code: str
+
+
+class SectionOut(Out):
+    """A heading with what belongs to it."""
+
+    title: str
+    text: str
+    facts: list[FactOut]
+    drawings: list[Annotated[PlotOut | ArrowsOut | CellsOut, Field(discriminator="kind")]]
+    tables: list[TableViewOut]
+
+
+class ReportViewOut(Out):
+    """The whole."""
+
+    title: str
+    subtitle: str
+    sections: list[SectionOut]
+    notes: list[NoteOut]

@@ -1,0 +1,83 @@
+"""What a calibration's page shows: the records of the science as plain values, with long lists thinned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gss.pipeline.calibration.dark import DarkCalibration, Response
+from gss.pipeline.calibration.focus import FocusAdvice
+from gss.pipeline.calibration.photometric import PhotometricCalibration
+from gss.pipeline.calibration.photon_transfer import PhotonTransfer
+from gss.pipeline.calibration.psf_field import PsfField
+from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.result import CameraCalibration, StarResiduals
+
+MOST_POINTS = 4000
+MOST_PIXELS = 5000
+
+
+def geometry(found: CameraCalibration) -> dict[str, Any]:
+    """Camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
+    thinned = replace(found, stars=_thinned(found.stars), warnings=())
+    return dict(as_record(thinned))
+
+
+def _thinned(stars: StarResiduals) -> StarResiduals:
+    if len(stars.hip) <= MOST_POINTS:
+        return stars
+    pick = np.linspace(0, len(stars.hip) - 1, MOST_POINTS).astype(int)
+    return replace(
+        stars,
+        frame=stars.frame[pick],
+        hip=stars.hip[pick],
+        v_mag=stars.v_mag[pick],
+        pixels=stars.pixels[pick],
+        residual_px=stars.residual_px[pick],
+        before_px=stars.before_px[pick],
+        used=stars.used[pick],
+    )
+
+
+def photometry(found: PhotometricCalibration) -> dict[str, Any]:
+    """Constants, histogram, and up to 4000 stars."""
+    pick = np.linspace(0, len(found.v_mag) - 1, min(len(found.v_mag), MOST_POINTS)).astype(int)
+    per_star = {name: getattr(found, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
+    return dict(as_record(replace(found, warnings=(), **per_star)))
+
+
+def psf(found: PsfField, advice: FocusAdvice) -> dict[str, Any]:
+    """Spot widths over the field and what they mean for the focus."""
+    return {"field": as_record(replace(found, warnings=())), "focus": as_record(advice)}
+
+
+def dark(found: DarkCalibration) -> dict[str, Any]:
+    """Figures and the hot pixels, hottest first; the maps themselves are kept as blobs."""
+    order = np.argsort(found.hot_excess_dn)[::-1][:MOST_PIXELS]
+    maps = {"median_dn", "noise_map_dn", "warnings"}
+    small = replace(
+        found, hot=found.hot[order], hot_excess_dn=found.hot_excess_dn[order], noisy=found.noisy[:MOST_PIXELS]
+    )
+    values = {name: as_record(getattr(small, name)) for name in vars(small) if name not in maps}
+    return {**values, "hot_count": len(found.hot), "noisy_count": len(found.noisy)}
+
+
+def response(found: Response) -> dict[str, Any]:
+    """Pixels that see no light, and how much the others differ."""
+    return {
+        "dead": as_record(found.dead[:MOST_PIXELS]),
+        "dead_count": len(found.dead),
+        "response_sigma": as_record(found.response_sigma),
+    }
+
+
+def photon_transfer(found: PhotonTransfer) -> dict[str, Any]:
+    """Gain, read noise and the points of the curve."""
+    return dict(as_record(replace(found, warnings=())))
+
+
+def warnings(*found: Any) -> list[dict[str, Any]]:
+    """What the reader should know, of every part that was made."""
+    return [as_record(advice) for part in found if part is not None for advice in part.warnings]

@@ -1,0 +1,145 @@
+"""Frames as studies need them, from the store or from files: solved with their stars, or stacked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.orbits import jyear_of
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import SolveResult
+from gss.operations.frames import FrameService, Pixels
+from gss.operations.solve import Solver, SolveRequest
+from gss.pipeline.calibration.sightings import FrameStars, frame_stars
+from gss.store import frames as store
+from gss.store.engine import Database
+
+Tell = Callable[[float, str], None]
+"""Gets the share done and words; may raise to cancel."""
+EPOCH_STEP_YR = 0.25
+"""Star tables are made per epoch; a quarter of a year moves the fastest star by 2.6″."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One frame of a night. ``pixels`` reads it when it is wanted; ``frame_id``: its number in the store, if it is there."""
+
+    name: str
+    taken: datetime
+    exposure_s: float | None
+    bits: int
+    pixels: Callable[[], Pixels]
+    frame_id: int | None = None
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The shots that were solved, with their results and stars, and an account of all of them.
+
+    ``start``: the camera that the solutions are in terms of: the known one, or that of the first blind solution.
+    """
+
+    shots: list[Shot]
+    results: list[SolveResult]
+    stars: list[FrameStars]
+    start: Camera
+    account: list[dict[str, Any]]
+
+
+class StoredShots:
+    """Shots from the store."""
+
+    def __init__(self, database: Database, frames: FrameService) -> None:
+        self._database, self._frames = database, frames
+
+    def of(self, ids: Sequence[int]) -> list[Shot]:
+        """The frames of those ids, oldest first; BadInput where one has missing rows."""
+        with self._database.unit_of_work() as session:
+            rows = [store.get(session, i) for i in ids]
+        partial = [row.id for row in rows if not row.complete]
+        if partial:
+            raise BadInput(
+                "only whole frames can be used",
+                got=f"frame {partial[0]} has missing rows",
+                hint="ask the sensor for the missing rows first",
+            )
+        return [
+            Shot(f"frame {r.id}", r.taken, r.exposure_s, r.bits, lambda r=r: self._frames.pixels(r), r.id)  # type: ignore[misc]
+            for r in sorted(rows, key=lambda row: (row.taken, row.id))
+        ]
+
+
+def solve_shots(
+    solver: Solver,
+    shots: Sequence[Shot],
+    known: CameraProfile | None,
+    fov_rad: float | None,
+    tell: Tell,
+    chain: str = "reference",
+) -> Solved:
+    """Solve shots of a known camera, of one whose field's width is known, or blind. BadInput where none is solved."""
+    taken: list[tuple[Shot, SolveResult, FrameStars]] = []
+    account: list[dict[str, Any]] = []
+    for k, shot in enumerate(shots):
+        tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
+        try:
+            result = solver.solve(shot.pixels(), _request(shot, known, fov_rad, chain))
+        except BadInput as error:
+            account.append({"name": shot.name, "used": False, "reason": str(error)})
+            continue
+        stars = _stars(solver, shot, result, known)
+        account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
+        if stars is not None:
+            taken.append((shot, result, stars))
+    if not taken:
+        first = account[0]["reason"] if account else "no frame"
+        raise BadInput(
+            "no frame could be solved", expected="frames of stars", got=first, hint="is it the right camera?"
+        )
+    start = known.camera if known else taken[0][1].camera
+    return Solved([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
+
+
+def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
+    """(m, rows, columns) pixels; BadInput where one is of another size."""
+    images = []
+    for shot in shots:
+        image = shot.pixels()
+        if image.shape != (known.camera.rows, known.camera.columns):
+            raise BadInput(
+                f"{shot.name} is of another camera",
+                expected=f"{known.camera.columns} x {known.camera.rows} px",
+                got=f"{image.shape[1]} x {image.shape[0]} px",
+            )
+        images.append(image)
+    return np.stack(images)
+
+
+def _request(shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str) -> SolveRequest:
+    request = SolveRequest(chain=chain, epoch_jyear=_epoch(shot))
+    if known is not None:
+        return replace(request, known=known)
+    return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
+
+
+def _stars(solver: Solver, shot: Shot, result: SolveResult, known: CameraProfile | None) -> FrameStars | None:
+    return frame_stars(
+        shot.name,
+        result,
+        solver.cache.stars(_epoch(shot)),
+        exposure_s=math.nan if shot.exposure_s is None else shot.exposure_s,
+        time_s=shot.taken.timestamp(),
+        saturation_dn=float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1),
+    )
+
+
+def _epoch(shot: Shot) -> float:
+    return round(jyear_of(shot.taken) / EPOCH_STEP_YR) * EPOCH_STEP_YR

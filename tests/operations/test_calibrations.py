@@ -1,0 +1,218 @@
+"""Calibrations as use cases: made from stored frames, kept as versions, compared, used for reruns, made into a sensor's table."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.table import Table
+
+from gss.catalogue_tools.hipparcos import propagate
+from gss.domain.camera import Brown, Camera
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.calibration_export import export_calibration
+from gss.operations.calibration_sheet import calibration_sheet
+from gss.operations.calibrations import DetectorCalibration, StarCalibration
+from gss.operations.camera_book import CameraBook
+from gss.operations.report.parts import report_from
+from gss.operations.solve import SolveRequest
+from gss.pipeline.render import render
+from gss.settings import Settings
+from gss.store.models import Job
+from gss.wiring import Services, build
+
+NIGHT = datetime(2026, 12, 1, 20, tzinfo=UTC)
+FRAMES = 8
+DOCUMENTED = profile("cubestar")
+TRUE = replace(
+    DOCUMENTED.camera,
+    focal_col_px=DOCUMENTED.camera.focal_col_px * 1.002,
+    focal_row_px=DOCUMENTED.camera.focal_row_px * 1.002,
+    centre_col_px=DOCUMENTED.camera.centre_col_px + 3.0,
+    centre_row_px=DOCUMENTED.camera.centre_row_px - 2.0,
+    distortion=Brown(-0.31, 0.11, 0.002, -0.003),
+)
+"""What this one unit really is, against what its document says."""
+
+
+@dataclass
+class Night:
+    """A server's objects with frames of one night in the store."""
+
+    services: Services
+    frames: tuple[int, ...]
+    darks: tuple[int, ...]
+    flats: tuple[tuple[int, int], ...]
+    attitudes: list[np.ndarray]
+
+    def done(self, job: Job) -> Job:
+        """The job when it has ended."""
+        end = time.monotonic() + 60
+        while time.monotonic() < end:
+            now = self.services.jobs.get(job.id)
+            if now.state not in ("queued", "running"):
+                return now
+            time.sleep(0.05)
+        raise AssertionError("the job did not end")
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
+    """Ten frames of stars through the real camera, five darks, three pairs of flats."""
+    services = build(Settings(data=Path(tmp_path_factory.mktemp("night"))))
+    services.jobs.start()
+    rng = np.random.default_rng(5)
+    stars = propagate(services.stars, 2027.0)
+    sensor = replace(DOCUMENTED.sensor, zero_point_e_s=DOCUMENTED.sensor.zero_point_e_s * 0.8)
+    attitudes, ids = [], []
+
+    def keep(pixels: np.ndarray, k: int) -> int:
+        frame = services.frames._add(
+            pixels,
+            source="import",
+            taken=NIGHT + timedelta(seconds=60 * k),
+            bits=8,
+            exposure_s=0.25,
+            profile="cubestar",
+        )
+        return frame.id
+
+    for k in range(FRAMES):
+        attitude = cam_from_icrs(float(rng.uniform(0, 6.28)), float(rng.uniform(-1, 1)), float(rng.uniform(0, 6.28)))
+        attitudes.append(attitude)
+        ids.append(keep(render(stars, TRUE, sensor, attitude, 0.25, rng).pixels, k))
+    level = lambda mean: rng.poisson(mean * 5.0, (512, 1024)) / 5.0 + rng.normal(8.0, 1.2, (512, 1024))  # noqa: E731
+    as_frame = lambda image: np.clip(np.round(image), 0, 255).astype(np.uint8)  # noqa: E731
+    hot = np.zeros((512, 1024))
+    hot[100, 200] = 90.0
+    darks = tuple(keep(as_frame(level(2.0) + hot), 20 + k) for k in range(5))
+    flats = tuple((keep(as_frame(level(m)), 30), keep(as_frame(level(m)), 31)) for m in (20.0, 60.0, 120.0))
+    yield Night(services, tuple(ids), darks, flats, attitudes)
+    services.jobs.stop()
+    services.frames.stop()
+    services.database.close()
+
+
+@pytest.fixture(scope="module")
+def calibrated(night: Night) -> int:
+    """Id of a calibration of all star frames."""
+    wanted = StarCalibration(night.frames, "cubestar")
+    job = night.done(night.services.calibrations.start(wanted, "roof", "first light", user="engineer-1"))
+    assert job.state == "done", job.text
+    return int(job.result["calibration_id"])
+
+
+def test_a_camera_is_found_from_its_own_frames(night: Night, calibrated: int) -> None:
+    """Focal length, centre and light of the unit itself come out of frames that were solved with the document's camera."""
+    row = night.services.calibrations.get(calibrated)
+    assert row.kind == "stars"
+    assert row.author == "engineer-1"
+    assert abs(row.values["focal_col_px"] / TRUE.focal_col_px - 1) < 4e-4
+    geometry = row.result["geometry"]
+    assert geometry["residuals"]["rms_px"] < 0.5 * geometry["before"]["rms_px"]
+    assert abs(2.5 * np.log10(row.values["zero_point_e_s"] / (0.8 * DOCUMENTED.sensor.zero_point_e_s))) < 0.1
+
+
+def test_the_calibrated_camera_is_used_for_reruns_and_said(night: Night, calibrated: int) -> None:
+    """From the moment it is chosen, results are made with it, better, and say so; the documented one comes back on demand."""
+    services = night.services
+    before = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    services.calibrations.use(calibrated, user="engineer-1")
+    after = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    assert after.rms_px < 0.6 * before.rms_px
+    assert f"camera: calibration {calibrated}" in after.notes
+    assert CameraBook(services.database, lambda: NIGHT).in_use("cubestar") == calibrated
+    services.calibrations.use_documented("cubestar", user="engineer-1")
+    again = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    assert again.rms_px == pytest.approx(before.rms_px)
+    with pytest.raises(NotFound):
+        services.calibrations.use_documented("cubestar", user="engineer-1")
+
+
+def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) -> None:
+    """A second version from fewer frames differs by less than a pixel, and the changed values are listed."""
+    services = night.services
+    wanted = StarCalibration(night.frames[:6], "cubestar", photometry=False, psf=False)
+    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    found = services.calibrations.compare(calibrated, int(job.result["calibration_id"]))
+    assert 0 < found.geometry.rms_px < 1.0
+    assert "focal_col_px" in found.changed
+    assert "columns" not in found.changed
+
+
+def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> None:
+    """The sensor's table holds the calibration's values; asked twice, it is the same table."""
+    services = night.services
+    table = services.calibrations.table(calibrated, user="engineer-1")
+    assert table.kind == "calibration"
+    assert table.content["focal_col_px"] == pytest.approx(services.calibrations.get(calibrated).values["focal_col_px"])
+    assert services.calibrations.table(calibrated, user="engineer-1").id == table.id
+
+
+def test_dark_frames_and_flats_give_the_detector(night: Night) -> None:
+    """Five electrons per number, the hot pixel where it is."""
+    services = night.services
+    wanted = DetectorCalibration("cubestar", night.darks, night.flats)
+    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    assert job.state == "done", job.text
+    row = services.calibrations.get(int(job.result["calibration_id"]))
+    assert row.values["gain_e_per_dn"] == pytest.approx(5.0, rel=0.03)
+    assert row.result["dark"]["hot"][0] == [200, 100]
+    assert calibration_sheet(row).sections
+
+
+def test_exports_are_read_by_others(night: Night, calibrated: int) -> None:
+    """JSON holds everything, ECSV is a table for astropy, HTML and PDF are the report."""
+    row = night.services.calibrations.get(calibrated)
+    content = json.loads(export_calibration(row, "json"))
+    assert content["result"]["geometry"]["parameters"]
+    text = export_calibration(row, "ecsv").decode()
+    table = Table.read(text, format="ascii.ecsv")
+    assert set(table.colnames) == {"name", "value", "sigma", "unit"}
+    assert "focal_px" in set(table["name"])
+    assert b"<svg" in export_calibration(row, "html")
+    assert export_calibration(row, "pdf").startswith(b"%PDF")
+    assert report_from(calibration_sheet(row).as_dict()) == calibration_sheet(row)
+
+
+def test_a_camera_that_nobody_described_is_calibrated_blind(night: Night) -> None:
+    """Without a profile frames are solved blind; the camera comes out and can be exported, but not sent."""
+    services = night.services
+    wanted = StarCalibration(night.frames[:5], "", photometry=False, psf=False, fov_rad=float(TRUE.fov_rad[0]))
+    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    assert job.state == "done", job.text
+    row = services.calibrations.get(int(job.result["calibration_id"]))
+    found: Camera = services.calibrations.camera(row.id)
+    assert abs(found.focal_col_px / TRUE.focal_col_px - 1) < 2e-3
+    with pytest.raises(BadInput, match="no profile"):
+        services.calibrations.table(row.id, user="engineer-1")
+    with pytest.raises(BadInput, match="no profile"):
+        services.calibrations.use(row.id, user="engineer-1")
+
+
+def test_what_cannot_be_used_is_refused_before_it_is_queued(night: Night) -> None:
+    """Unknown frames, cameras and models, and too few darks are told at once; a frame without stars is told by the job."""
+    service = night.services.calibrations
+    for wrong in (
+        lambda: StarCalibration((), "cubestar"),
+        lambda: StarCalibration(night.frames, "cubestar", ("fisheye",)),
+        lambda: DetectorCalibration("cubestar", night.darks[:2]),
+        lambda: StarCalibration((1, 1), "cubestar"),
+    ):
+        with pytest.raises(BadInput):
+            wrong()
+    with pytest.raises(NotFound):
+        service.start(StarCalibration((9999,), "cubestar"), "", "", user="x")
+    with pytest.raises(NotFound):
+        service.start(StarCalibration(night.frames, "hubble"), "", "", user="x")
+    job = night.done(service.start(StarCalibration(night.darks, "cubestar"), "", "", user="x"))
+    assert job.state == "failed"
+    assert "no frame could be solved" in job.text
