@@ -51,7 +51,7 @@ from gss.domain.stars import StarTable
 
 NEED = (3, 5)
 EXPOSURE_FACTORS = np.geomspace(0.1, 10.0, 9)
-FOCAL_FACTORS = np.geomspace(0.5, 2.0, 13)
+FOCAL_FACTORS = np.geomspace(0.6, 2.0, 13)
 LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
 EXCLUSION_RAD = float(np.radians(40.0))
 
@@ -67,7 +67,7 @@ class Effort:
     trade_looks: int
 
 
-QUICK = Effort(0, 2_000, 1e5, 0)
+QUICK = Effort(0, 2_000, 6e4, 0)
 FULL = Effort(1_000_000, 50_000, 3e6, 4_000)
 
 

@@ -60,9 +60,10 @@ def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: f
 def lens_trade(
     c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float, progress: Progress
 ) -> tuple[TradeRow, ...]:
-    """The camera behind shorter and longer, faster and slower lenses; star images keep their size in pixels. Lenses that no
-    camera can have are left out."""
+    """The camera behind shorter and longer, faster and slower lenses, each with the limit that its radiometry allows; star
+    images keep their size in pixels. Lenses that no camera can have are left out."""
     rows = []
+    c = replace(c, mag_limit=None)
     for k, focal in enumerate(LENS_FOCALS):
         progress(k / len(LENS_FOCALS))
         for number in LENS_F_NUMBERS:

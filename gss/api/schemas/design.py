@@ -1,0 +1,192 @@
+"""The design desk: an edited camera in, figures, curves and tables out. Units are in the names."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out
+
+Number = Annotated[float | None, Field(allow_inf_nan=False)]
+Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class DesignIn(In):
+    """A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
+    radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees."""
+
+    profile: str = Field(default="cubestar", max_length=40)
+    columns: int | None = None
+    rows: int | None = None
+    pitch_col_um: Number = None
+    pitch_row_um: Number = None
+    focal_mm: Number = None
+    f_number: Number = None
+    transmission: Number = None
+    efficiency: Number = None
+    bandwidth_nm: Number = None
+    exposure_s: Number = None
+    psf_sigma_px: Number = None
+    bits: int | None = None
+    gain_e_per_dn: Number = None
+    bias_dn: Number = None
+    full_well_e: Number = None
+    read_noise_e: Number = None
+    dark_current_e_s: Number = None
+    background_e_s: Number = None
+    response_sigma: Number = None
+    threshold_snr: Number = None
+    mag_limit: Number = None
+    exclusion_deg: Number = None
+    spare_mm: float = Field(default=0.0, ge=0, le=1000)
+    sky: Literal["whole", "orbit"] = "whole"
+    inclination_deg: float = Field(default=97.6, ge=0, le=180)
+    raan_deg: Range = Field(default=[0.0, 360.0])
+    pointing: str = Field(default="zenith", max_length=20)
+    roll_deg: Range = Field(default=[-5.0, 5.0])
+    pitch_deg: Range = Field(default=[-5.0, 5.0])
+    yaw_deg: Range = Field(default=[-5.0, 5.0])
+    seed: int = Field(default=1, ge=0, le=2**31 - 1)
+
+
+class DesignFigureOut(Out):
+    """One number. ``paper``: what the camera's own document prints, with its place."""
+
+    group: str
+    key: str
+    label: str
+    value: float | None
+    unit: str
+    source: str
+    paper: float | None
+    paper_source: str
+
+
+class FieldCountOut(Out):
+    """Pointings with 0, 1, 2 … stars; the boresight of the first with the fewest."""
+
+    pointings: int
+    counts: list[int]
+    mean: float
+    p_fewer_than_3: float
+    p_fewer_than_5: float
+    worst_stars: int
+    worst_ra_deg: float
+    worst_dec_deg: float
+
+
+class LineOut(Out):
+    """A line of a curve; null is a gap."""
+
+    label: str
+    x: list[float]
+    y: list[float | None]
+
+
+class UprightOut(Out):
+    """A place on the x axis."""
+
+    label: str
+    x: float
+
+
+class MarkOut(Out):
+    """A point that a document prints."""
+
+    x: float
+    y: float
+    label: str
+    source: str
+
+
+class CurveOut(Out):
+    """Lines over one axis, labels with their units."""
+
+    key: str
+    title: str
+    x_label: str
+    y_label: str
+    log_x: bool
+    log_y: bool
+    lines: list[LineOut]
+    uprights: list[UprightOut]
+    marks: list[MarkOut]
+
+
+class BaffleOut(Out):
+    """Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r)."""
+
+    kind: Literal["one", "two"]
+    lens_radius_mm: float
+    half_fov_deg: float
+    exclusion_deg: float
+    length_mm: float
+    front_radius_mm: float
+    edges_mm: list[list[float]]
+    walls_mm: list[list[float]]
+
+
+class TradeRowOut(Out):
+    """A camera's line in a table; accuracies are medians, 1σ, one axis."""
+
+    name: str
+    focal_mm: float
+    f_number: float
+    pupil_mm: float
+    fov_deg: list[float]
+    pixel_arcsec: float
+    limit_mag: float
+    saturation_mag: float | None
+    stars: float
+    p_fewer_3: float
+    pointings: int
+    cross_arcsec: float | None
+    roll_arcsec: float | None
+    blur_rate_deg_s: float
+
+
+class DesignOut(Out):
+    """A design report. ``looks``: pointings behind curves and accuracy; ``full`` false: the quick look, without lens trade."""
+
+    profile: str
+    camera: dict[str, Any]
+    base: dict[str, Any]
+    changed: list[str]
+    sky: str
+    figures: list[DesignFigureOut]
+    histogram: FieldCountOut
+    curves: list[CurveOut]
+    baffles: list[BaffleOut]
+    baffle_problem: str
+    trade: list[TradeRowOut]
+    cameras: list[TradeRowOut]
+    notes: list[str]
+    looks: int
+    full: bool
+    elapsed_ms: float
+
+
+class FieldLimitOut(Out):
+    """What a field of a camera takes."""
+
+    min: float
+    max: float
+    unit: str
+
+
+class DesignCameraOut(Out):
+    """A documents' camera as the design desk has it; the units are in the names of its fields."""
+
+    name: str
+    title: str
+    values: dict[str, float]
+    sources: dict[str, str]
+
+
+class DesignCamerasOut(Out):
+    """Cameras to start from, and the limits of what can be edited."""
+
+    cameras: list[DesignCameraOut]
+    rows: list[TradeRowOut]
+    limits: dict[str, FieldLimitOut]

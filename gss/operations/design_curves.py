@@ -1,0 +1,185 @@
+"""The curves of a design report as plain lines with labels, units and the documents' points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.design.papers import PaperValue
+from gss.catalogue_tools.design.report import NEED, DesignReport
+from gss.domain.angles import ARCSEC_RAD, Array
+
+SHARE = "share of fields, %"
+
+
+def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
+    """All of them, in the order of a page."""
+    c, k = r.request.camera, r.curves
+    limit = _upright("limit", r.limits.in_force_mag)
+    by_limit = [_line(f"fewer than {n}", k.limit_mag, 100 * p) for n, p in zip(NEED, k.p_fewer_by_limit, strict=True)]
+    circles = np.degrees(k.circle_rad)
+    by_circle = [_line(f"fewer than {n}", circles, 100 * p) for n, p in zip(NEED, k.p_fewer_in_circle, strict=True)]
+    by_focal = [_line(f"fewer than {n}", k.focal_mm, 100 * p) for n, p in zip(NEED, k.p_fewer_by_focal, strict=True)]
+    cross, roll = ([getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in k.by_exposure] for axis in ("cross", "roll"))
+    cross_v, roll_v = (
+        [getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in k.by_limit] for axis in ("cross", "roll")
+    )
+    across, down = c.fov_rad
+    circle = math.degrees(2 * c.shape.equal_circle_rad)
+    exposure = _upright("exposure", c.exposure_s)
+    return [
+        _curve(
+            "p_by_limit", "Too few stars, by limit", "limiting magnitude V", SHARE, by_limit, [limit], _points(papers)
+        ),
+        _curve(
+            "mean_by_limit",
+            "Stars in the field",
+            "limiting magnitude V",
+            "stars, mean",
+            [_line("mean", k.limit_mag, k.mean_stars)],
+            [limit],
+            log_y=True,
+        ),
+        _curve(
+            "p_by_circle",
+            "Too few stars, by circular field",
+            "diameter of the field, °",
+            SHARE,
+            by_circle,
+            [_upright("equal area", circle)],
+        ),
+        _curve(
+            "p_by_focal",
+            f"Too few stars, by focal length, at V {r.limits.in_force_mag:.1f}",
+            "focal length, mm",
+            SHARE,
+            by_focal,
+            [_upright(f"{math.degrees(across):.1f}° × {math.degrees(down):.1f}°", c.focal_mm)],
+        ),
+        _curve(
+            "snr",
+            "Signal to noise",
+            "magnitude V",
+            "SNR",
+            [
+                _line("brightest pixel", k.v_mag, k.snr_brightest),
+                _line("best window", k.v_mag, k.snr_window),
+                _line("threshold", k.v_mag[[0, -1]], np.full(2, c.threshold_snr)),
+            ],
+            [_upright("saturates", r.limits.saturation_mag), limit],
+            log_y=True,
+        ),
+        _curve(
+            "centroid",
+            "Centroid error of one star, bound",
+            "magnitude V",
+            "px, 1σ",
+            [_line("one axis", k.v_mag, k.centroid_px)],
+            [limit],
+            log_y=True,
+        ),
+        _curve(
+            "nea",
+            "Noise equivalent angle at rest",
+            "exposure, s",
+            "″, 1σ, median",
+            [_line("across", k.exposure_s, cross), _line("roll", k.exposure_s, roll)],
+            [exposure],
+            log_x=True,
+            log_y=True,
+        ),
+        _curve(
+            "accuracy_by_limit",
+            "Accuracy with stars to a limit",
+            "limiting magnitude V",
+            "″, 1σ, median",
+            [_line("across", k.used_limit_mag, cross_v), _line("roll", k.used_limit_mag, roll_v)],
+            log_y=True,
+        ),
+        _curve(
+            "limit_by_exposure",
+            "Limiting magnitude by exposure",
+            "exposure, s",
+            "V",
+            [_line("limit", k.exposure_s, k.exposure_limit_mag)],
+            [exposure],
+            log_x=True,
+        ),
+        _curve(
+            "psf_limit",
+            "Limit by size of the star image",
+            "σ, px",
+            "V",
+            [
+                _line("brightest pixel", r.psf.sigma_px, r.psf.limit_brightest_mag),
+                _line("best window", r.psf.sigma_px, r.psf.limit_window_mag),
+            ],
+            [_upright("now", c.psf_sigma_px)],
+            log_x=True,
+        ),
+        _curve(
+            "psf_centroid",
+            "Centroid of the faintest star by its size",
+            "σ, px",
+            "px, 1σ",
+            [_line("noise and pixel bias", r.psf.sigma_px, r.psf.centroid_px)],
+            [_upright("now", c.psf_sigma_px), _upright("best", r.psf.best_px)],
+            log_x=True,
+            log_y=True,
+        ),
+    ]
+
+
+def _points(papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
+    """The documents' shares by limit."""
+    wanted = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
+    return [
+        {"x": p.x, "y": 100 * p.value, "label": wanted[p.figure], "source": p.source}
+        for p in papers
+        if p.figure in wanted
+    ]
+
+
+def _curve(
+    key: str,
+    title: str,
+    x_label: str,
+    y_label: str,
+    lines: list[dict[str, Any]],
+    uprights: Iterable[dict[str, Any] | None] = (),
+    marks: Iterable[dict[str, Any]] = (),
+    log_x: bool = False,
+    log_y: bool = False,
+) -> dict[str, Any]:
+    return {
+        "key": key,
+        "title": title,
+        "x_label": x_label,
+        "y_label": y_label,
+        "log_x": log_x,
+        "log_y": log_y,
+        "lines": lines,
+        "uprights": [u for u in uprights if u is not None],
+        "marks": list(marks),
+    }
+
+
+def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) -> dict[str, Any]:
+    """Points of a line; those that are no number are left as gaps."""
+    return {
+        "label": label,
+        "x": [short(v) for v in x],
+        "y": [short(v) if math.isfinite(v) else None for v in y],
+    }
+
+
+def _upright(label: str, x: float) -> dict[str, Any] | None:
+    return {"label": label, "x": float(x)} if math.isfinite(x) else None
+
+
+def short(value: float) -> float:
+    """Six digits are more than any of this is known to."""
+    return float(f"{float(value):.6g}")
