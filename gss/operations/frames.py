@@ -19,7 +19,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frame_files import ImportedFrame, read_frame
 from gss.operations.onboard_results import OnboardRecord, onboard_result
-from gss.operations.solution_rows import solution_row
+from gss.operations.solution_rows import solution_row, with_overlays
 from gss.operations.solve import Solver, SolveRequest
 from gss.pipeline.chains.systems import on_board
 from gss.store import frames as store
@@ -153,14 +153,19 @@ class FrameService:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
         on_board = next((s for s in solutions if s.origin == "on board"), None)
-        ground = [s for s in solutions if s.origin == "ground" and s.replay is None]
+        ground = [s for s in solutions if s.origin == "ground" and s.replay is None and s.camera]
         best = next((s for s in ground if s.outcome == Outcome.SOLVED), ground[0] if ground else None)
+        for row in solutions:
+            row.detail = with_overlays(row, self._stars, frame.profile)
         return FrameDetail(frame, solutions, on_board, best)
 
     def solution(self, solution_id: int) -> Solution:
         """The solution of that id."""
         with self._database.unit_of_work() as session:
-            return store.get_solution(session, solution_id)
+            row = store.get_solution(session, solution_id)
+            frame = store.get(session, row.frame_id)
+        row.detail = with_overlays(row, self._stars, frame.profile)
+        return row
 
     # --- solving ------------------------------------------------------------------------------------------------
 

@@ -2,38 +2,36 @@
 
 Workers get pixels and give back plain values; the database is written here only, one transaction per batch, so that a job
 that ends anywhere leaves whole solutions and nothing else. The same frames, chain and version give the same values on any
-number of workers.
+number of workers. What the overlays draw beside stars and regions follows from attitude and camera, and is made when asked for.
 """
 
 from __future__ import annotations
 
-import math
-import multiprocessing
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
 from gss import __version__
 from gss.domain.errors import BadInput, GssError
-from gss.domain.stars import StarTable
+from gss.domain.profiles import CameraProfile
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.jobs import JobService, Progress
-from gss.operations.solution_rows import solution_values
-from gss.operations.solve import CHAINS, Solver, SolverCache, SolveRequest
+from gss.operations.reprocess_worker import Order, Task, run_batch
+from gss.operations.solve import CHAINS
+from gss.operations.warm_pool import WarmPool
 from gss.store import frames as store
-from gss.store.blobs import BlobStore
 from gss.store.engine import Database
-from gss.store.models import Frame, Job, Solution
+from gss.store.models import Frame, Job
 
 BATCH = 8
 WORKERS = 2
-AHEAD = 2
+AHEAD = 3
 """Batches per worker that wait in line."""
+TELL_S = 0.25
+"""Between two reports of progress."""
 MOST_FRAMES = 100_000
 
 
@@ -49,27 +47,26 @@ class Reprocessing:
     again: bool = False
 
 
-@dataclass(frozen=True)
-class Task:
-    """What a worker needs of one frame."""
-
-    frame_id: int
-    sha256: str
-    dtype: str
-    rows: int
-    columns: int
-    profile: str | None
-    truth: list[Any] | None
-
-
 class ReprocessService:
     """Starts reprocessing jobs."""
 
     def __init__(
-        self, database: Database, blobs_url: str, jobs: JobService, now: Now, epoch_jyear: float, workers: int = WORKERS
+        self,
+        database: Database,
+        blobs_url: str,
+        jobs: JobService,
+        now: Now,
+        epoch_jyear: float,
+        workers: int = WORKERS,
+        profiles: Callable[[], Mapping[str, CameraProfile]] = dict,
     ) -> None:
         self._database, self._blobs_url, self._jobs, self._now = database, blobs_url, jobs, now
-        self._epoch_jyear, self._workers = epoch_jyear, workers
+        self._epoch_jyear, self._profiles = epoch_jyear, profiles
+        self._pool = WarmPool(workers)
+
+    def stop(self) -> None:
+        """End the worker processes."""
+        self._pool.stop()
 
     def start(self, wanted: Reprocessing, *, user: str, **filters: Any) -> Job:
         """Queue the job. BadInput where there is nothing to do or the chain is unknown."""
@@ -106,34 +103,33 @@ class ReprocessService:
     def work(self, wanted: Reprocessing, tasks: Sequence[Task], progress: Progress) -> dict[str, Any]:
         """Do it; the job's result is a count of outcomes and verdicts."""
         counts: dict[str, int] = {}
-        started_s, done = stopwatch_s(), 0
-        context = multiprocessing.get_context("spawn")
-        initial = (self._blobs_url, self._epoch_jyear, wanted.chain)
-        pool = ProcessPoolExecutor(self._workers, context, _prepare, initial)
+        started_s, done, told_s = stopwatch_s(), 0, 0.0
+        order = Order(self._blobs_url, self._epoch_jyear, wanted.chain, dict(self._profiles()))
         try:
-            for rows in _in_batches(pool, tasks, self._workers * AHEAD):
-                self._keep(rows)
-                for row in rows:
-                    for key in (row["outcome"], row.get("verdict")):
-                        if key:
-                            counts[key] = counts.get(key, 0) + 1
-                done += len(rows)
-                rate = done / max(1e-3, stopwatch_s() - started_s)
-                progress(done, len(tasks), f"{done} of {len(tasks)} frames, {rate:.0f} frames/s")
+            with self._pool.borrowed() as pool:
+                for rows in _in_batches(pool, order, tasks, self._pool.workers * AHEAD):
+                    self._keep(rows)
+                    for row in rows:
+                        for key in (row["outcome"], row.get("verdict")):
+                            if key:
+                                counts[key] = counts.get(key, 0) + 1
+                    done += len(rows)
+                    elapsed_s = stopwatch_s() - started_s
+                    if done == len(tasks) or elapsed_s - told_s > TELL_S or done == len(rows):
+                        told_s = elapsed_s
+                        rate = done / max(1e-3, elapsed_s)
+                        progress(done, len(tasks), f"{done} of {len(tasks)} frames, {rate:.0f} frames/s")
         except BrokenProcessPool as error:
             raise GssError(
                 "a worker process died", got=str(error), hint="what was done is kept; start it again for the rest"
             ) from error
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
         elapsed_s = stopwatch_s() - started_s
         return {"frames": done, "counts": counts, "elapsed_s": round(elapsed_s, 3)}
 
     def _keep(self, rows: Sequence[dict[str, Any]]) -> None:
-        created = self._now()
+        common = {"origin": "ground", "created": self._now()}
         with self._database.unit_of_work() as session:
-            for row in rows:
-                store.add_solution(session, Solution(origin="ground", created=created, **row))
+            store.add_solutions(session, [common | row for row in rows])
 
 
 def _task(frame: Frame, profile_name: str | None) -> Task:
@@ -142,57 +138,17 @@ def _task(frame: Frame, profile_name: str | None) -> Task:
     )
 
 
-def _in_batches(pool: ProcessPoolExecutor, tasks: Sequence[Task], ahead: int) -> Iterator[list[dict[str, Any]]]:
-    """Results as they come; only so many batches wait in the pool, so that a cancelled job ends at once."""
+def _in_batches(
+    pool: ProcessPoolExecutor, order: Order, tasks: Sequence[Task], ahead: int
+) -> Iterator[list[dict[str, Any]]]:
+    """Results as they come, what is ready at once together; only so many batches wait in the pool, so that a cancelled job ends
+    at once."""
     waiting = iter(tasks)
     running: set[Future[list[dict[str, Any]]]] = set()
     while True:
         while len(running) < ahead and (batch := list(islice(waiting, BATCH))):
-            running.add(pool.submit(run_batch, batch))
+            running.add(pool.submit(run_batch, order, batch))
         if not running:
             return
         finished, running = wait(running, return_when=FIRST_COMPLETED)
-        for future in finished:
-            yield future.result()
-
-
-# --- in the worker --------------------------------------------------------------------------------------------------
-
-
-@dataclass
-class _Worker:
-    """What one worker process keeps from batch to batch."""
-
-    blobs: BlobStore
-    solver: Solver
-    stars: StarTable
-    chain: str
-
-
-_worker: _Worker | None = None
-
-
-def _prepare(blobs_url: str, epoch_jyear: float, chain: str) -> None:
-    global _worker
-    cache = SolverCache()
-    _worker = _Worker(BlobStore(blobs_url), Solver(cache, stopwatch_s, epoch_jyear), cache.stars(epoch_jyear), chain)
-
-
-def run_batch(tasks: Sequence[Task]) -> list[dict[str, Any]]:
-    """One row of values per task; a frame that cannot be run gives "none" with the reason."""
-    assert _worker is not None  # noqa: S101 - the pool has called _prepare
-    return [_run(_worker, task) for task in tasks]
-
-
-def _run(worker: _Worker, task: Task) -> dict[str, Any]:
-    try:
-        data = np.frombuffer(worker.blobs.get(task.sha256), np.dtype(task.dtype))
-        pixels = data.reshape(task.rows, task.columns)
-        request = SolveRequest(chain=worker.chain, profile=task.profile, blind=task.profile is None)
-        result = worker.solver.solve(pixels, request)
-        result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
-    except GssError as error:
-        return {"frame_id": task.frame_id, "chain": worker.chain, "version": __version__, "outcome": "none"} | {
-            "reason": str(error)
-        }
-    return {"frame_id": task.frame_id} | solution_values(result, worker.stars, task.profile, task.truth)
+        yield [row for future in finished for row in future.result()]

@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gss import __version__
+from gss.domain.camera import Camera
 from gss.domain.frames import pointing_difference_rad
 from gss.domain.profiles import PROFILES, CameraProfile
-from gss.domain.results import SolveResult
+from gss.domain.results import Attitude, Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations import overlay
-from gss.operations.camera_record import record_of
+from gss.operations.camera_record import camera_from, record_of
 from gss.operations.scoring import judge
-from gss.store.models import Frame, Solution
+
+if TYPE_CHECKING:
+    from gss.store.models import Frame, Solution
 
 
 def solution_values(
-    result: SolveResult, stars: StarTable, profile_name: str | None, truth: list[Any] | None
+    result: SolveResult,
+    stars: StarTable,
+    profile_name: str | None,
+    truth: list[Any] | None,
+    *,
+    drawn: bool = True,
 ) -> dict[str, Any]:
-    """The columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is judged."""
+    """The columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is judged.
+    ``drawn``: with predicted places, grid and outline, which :func:`with_overlays` makes later otherwise."""
     known = PROFILES.get(profile_name or "")
     values: dict[str, Any] = {
         "chain": result.chain,
@@ -41,13 +50,15 @@ def solution_values(
         "detail": overlay.describe(
             result.camera,
             stars,
-            _faint_limit(known, result),
+            _limit_of(known, result.camera),
             result.regions,
             result.centroids,
             result.matches,
-            result.attitude,
+            result.attitude if drawn else None,
         ),
     }
+    if not drawn:
+        values["detail"] = {name: values["detail"][name] for name in ("regions", "stars")}
     if result.attitude is not None:
         values["quaternion"] = [float(v) for v in result.attitude.quaternion]
         values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
@@ -66,8 +77,26 @@ def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTa
 
 def solution_row(frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime) -> Solution:
     """A new row for a frame."""
+    from gss.store.models import Solution
+
     values = solution_values(result, stars, frame.profile, frame.truth)
     return Solution(frame_id=frame.id, origin=origin, created=created, **values)
+
+
+def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> dict[str, Any]:
+    """The overlays of a stored solution, the missing ones made from its attitude and camera."""
+    if "grid" in row.detail:
+        return row.detail
+    if not row.camera:  # a frame that could not be run
+        return dict.fromkeys(("regions", "stars", "predicted", "grid", "field"), ()) | {"north": None} | row.detail
+    camera = camera_from(row.camera)
+    attitude = None if row.quaternion is None else Attitude(np.array(row.quaternion, float), np.zeros((3, 3)))
+    spots = row.detail["stars"]
+    col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
+    none = np.zeros(len(spots))
+    seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
+    limit = _limit_of(PROFILES.get(profile_name or ""), camera)
+    return overlay.describe(camera, stars, limit, (), seen, None, attitude) | row.detail
 
 
 def finite(value: float) -> float | None:
@@ -75,8 +104,8 @@ def finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _faint_limit(known: CameraProfile | None, result: SolveResult) -> float:
+def _limit_of(known: CameraProfile | None, camera: Camera) -> float:
     """Down to which magnitude predicted stars are shown: the camera's own limit, else what was matched."""
     if known is not None:
         return known.sensor.faint_limit_mag
-    return 6.5 if result.camera.fov_rad[0] < 0.35 else 5.0
+    return 6.5 if camera.fov_rad[0] < 0.35 else 5.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session, defer
 
 from gss.domain.errors import NotFound
@@ -71,6 +71,11 @@ def add_solution(session: Session, solution: Solution) -> Solution:
     session.add(solution)
     session.flush()
     return solution
+
+
+def add_solutions(session: Session, rows: list[dict[str, Any]]) -> None:
+    """Store many solutions, given as their columns."""
+    session.execute(insert(Solution), rows)
 
 
 def get_solution(session: Session, solution_id: int) -> Solution:

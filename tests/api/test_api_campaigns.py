@@ -149,8 +149,8 @@ def test_results_leave_as_csv_and_parquet(client: TestClient, services: Services
     assert pq.read_table(out).num_rows >= len(rows)
 
 
-def test_frames_of_a_damaged_store_are_results_too(services: Services, tmp_path: Path) -> None:
-    """A frame whose pixels are gone gives "none" with the reason, and the others are solved."""
+def test_frames_of_a_damaged_store_are_results_too(client: TestClient, services: Services) -> None:
+    """A frame whose pixels are gone gives "none" with the reason, the others are solved, and its page still opens."""
     row = services.frames.get(1)
     tasks = services.reprocessing.tasks(Reprocessing("cubestar", (1, 2), again=True))
     broken = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
@@ -159,3 +159,4 @@ def test_frames_of_a_damaged_store_are_results_too(services: Services, tmp_path:
     newest = services.frames.detail(1).solutions[0]
     assert newest.outcome == "none"
     assert "missing" in newest.reason
+    assert client.get("/api/frames/1").status_code == 200

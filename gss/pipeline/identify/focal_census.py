@@ -40,19 +40,26 @@ def focal_objection(
     ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of those that have a name; ``icrs_of_matched``: (k, 3) their stars;
     ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: how near its place a star counts as met.
     """
-    cam_from_icrs = svd(camera.unproject(pixels[matched]), icrs_of_matched)
+    known_unit = camera.unproject(pixels)
+    cam_from_icrs = svd(known_unit[matched], icrs_of_matched)
     near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
     starts = [(matched, icrs_of_matched)]
     if len(matched) > 2:
         inner = _without_furthest(pixels[matched])
         starts.append((matched[inner], icrs_of_matched[inner]))
 
-    def census(scale: float) -> tuple[int, int]:
-        scaled = camera.with_focal_scaled(scale)
-        return max(_met(pixels, rows, icrs, near, scaled, radius_px) for rows, icrs in starts)
+    def census(scale: float, enough: bool = False) -> tuple[int, int]:
+        scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
+        unit = known_unit if scale == 1.0 else scaled.unproject(pixels)
+        most = (0, 0)
+        for rows, icrs in starts:
+            most = max(most, _met(pixels, unit, rows, icrs, near, scaled, radius_px))
+            if enough and _plenty(*most, len(pixels)):
+                break
+        return most
 
-    here, in_view = census(1.0)
-    if here >= PLENTY * min(len(pixels), in_view):
+    here, in_view = census(1.0, enough=True)
+    if _plenty(here, in_view, len(pixels)):
         return ""
     here = max(here, *(census(scale)[0] for scale in AS_KNOWN))
     counts = [census(scale)[0] for scale in OTHERS]
@@ -73,32 +80,53 @@ def _without_furthest(pixels: Array) -> Rows:
     return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
 
 
-def _met(pixels: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float) -> tuple[int, int]:
-    """How many stars lie on centroids, and how many are in view, at the attitude that most of them agree on."""
-    unit = camera.unproject(pixels)
+def _plenty(met: int, in_view: int, centroids: int) -> bool:
+    return met >= PLENTY * min(centroids, in_view)
+
+
+def _met(
+    pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
+) -> tuple[int, int]:
+    """How many stars lie on centroids, and how many are in view, at the attitude that most of them agree on.
+
+    ``unit``: (n, 3) of the pixels with that camera. A round that names the same stars as the one before has settled.
+    """
     stars, spots, weight = icrs, rows, np.ones(len(rows))
-    met, in_view = 0, 0
+    met, in_view, settled = 0, 0, False
+    named: Rows = np.empty(0, np.intp)
     for round_ in range(ROUNDS + 1):
-        cam_from_icrs = svd(unit[spots], stars, weight)
-        predicted = camera.project(near @ cam_from_icrs.T)
+        last = settled or round_ == ROUNDS
+        predicted = camera.project(near @ _turned(unit[spots], stars, weight).T)
         seen = np.flatnonzero(camera.contains(predicted))
+        places = predicted[seen]
         radius = np.full(len(seen), radius_px)
-        if round_ < ROUNDS:
-            radius *= _lever(predicted[seen], pixels[spots], weight, WIDEST_PX / radius_px)
-        star, spots = _nearest(predicted[seen], pixels, radius)
-        met, in_view = len(spots), len(seen)
-        if met < 2:
+        if not last:
+            radius *= _lever(places, pixels[spots], weight, WIDEST_PX / radius_px)
+        star, found = _nearest(places, pixels, radius)
+        met, in_view = len(found), len(seen)
+        if met < 2 or last:
             break
         stars, weight = near[seen[star]], (radius_px / radius[star]) ** 2
+        settled = np.array_equal(found, spots) and np.array_equal(seen[star], named)
+        spots, named = found, seen[star]
     return met, in_view
+
+
+def _turned(unit: Array, icrs: Array, weight: Array) -> Array:
+    """(3, 3) cam_from_icrs that brings the stars nearest to the measured directions: ``attitude.svd`` without its checks."""
+    u, _, vt = np.linalg.svd((weight[:, None] * unit).T @ icrs)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0:
+        u[:, 2] *= -1
+    return np.asarray(u @ vt)
 
 
 def _lever(places: Array, fitted: Array, weight: Array, most: float) -> Array:
     """(n,) by how much larger than one star's error the error of prediction is that far from the stars of the fit."""
-    middle = np.average(fitted, axis=0, weights=weight)
-    extent2 = float(np.sum(weight * ((fitted - middle) ** 2).sum(1)))
+    total = float(weight.sum())
+    middle = weight @ fitted / total
+    extent2 = float(weight @ ((fitted - middle) ** 2).sum(1))
     far2 = ((places - middle) ** 2).sum(1)
-    return np.asarray(np.clip(np.sqrt(1 + 1 / np.sum(weight) + far2 / max(extent2, 1.0)), 1.0, most))
+    return np.asarray(np.minimum(np.sqrt(1 + 1 / total + far2 / max(extent2, 1.0)), most))
 
 
 def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, Rows]:

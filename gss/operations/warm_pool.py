@@ -1,0 +1,80 @@
+"""Worker processes that wait for the next job for a while instead of being started anew for each."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+
+IDLE_S = 300.0
+
+
+class WarmPool:
+    """At most ``workers`` processes, ended ``idle_s`` after the last job, or by :meth:`stop`."""
+
+    def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
+        self._workers, self._idle_s = workers, idle_s
+        self._lock = threading.Lock()
+        self._pool: ProcessPoolExecutor | None = None
+        self._timer: threading.Timer | None = None
+        self._users = 0
+
+    @property
+    def workers(self) -> int:
+        """How many processes there may be."""
+        return self._workers
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether processes wait."""
+        return self._pool is not None
+
+    @contextmanager
+    def borrowed(self) -> Iterator[ProcessPoolExecutor]:
+        """The processes for one job. Where it raises they are ended: one may have died, or be busy with what nobody wants."""
+        with self._lock:
+            self._quiet()
+            if self._pool is None:
+                self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
+            pool, self._users = self._pool, self._users + 1
+        try:
+            yield pool
+        except BaseException:
+            self._drop(pool)
+            raise
+        finally:
+            with self._lock:
+                self._users -= 1
+                if self._users == 0 and self._pool is not None:
+                    self._timer = threading.Timer(self._idle_s, self._end_idle)
+                    self._timer.daemon = True
+                    self._timer.start()
+
+    def stop(self) -> None:
+        """End the processes; a later job starts new ones."""
+        with self._lock:
+            self._quiet()
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _drop(self, pool: ProcessPoolExecutor) -> None:
+        with self._lock:
+            if self._pool is pool:
+                self._pool = None
+        pool.shutdown(wait=True, cancel_futures=True)
+
+    def _end_idle(self) -> None:
+        with self._lock:
+            if self._users:
+                return
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _quiet(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
