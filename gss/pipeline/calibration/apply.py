@@ -1,0 +1,117 @@
+"""A calibration put to use: the profile it makes, and how far two cameras differ where it matters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.sensor import Sensor
+from gss.pipeline.attitude import svd
+from gss.pipeline.calibration.photometric import PhotometricCalibration
+from gss.pipeline.calibration.photon_transfer import PhotonTransfer
+from gss.pipeline.calibration.result import CameraCalibration
+
+GRID = 15
+
+
+@dataclass(frozen=True)
+class DetectorFigures:
+    """What detector calibrations found; None leaves the profile's own."""
+
+    gain_e_per_dn: float | None = None
+    read_noise_e: float | None = None
+    bias_dn: float | None = None
+    full_well_e: float | None = None
+    dark_current_e_s: float | None = None
+    psf_sigma_px: float | None = None
+
+
+def detector_figures(
+    transfer: PhotonTransfer | None = None, dark_current_e_s: float | None = None, psf_sigma_px: float | None = None
+) -> DetectorFigures:
+    """From the results of the detector's calibrations. Figures that are not numbers are left out."""
+
+    def known(value: float | None) -> float | None:
+        return value if value is not None and np.isfinite(value) and value > 0 else None
+
+    dark, psf = known(dark_current_e_s), known(psf_sigma_px)
+    if transfer is None:
+        return DetectorFigures(None, None, None, None, dark, psf)
+    return DetectorFigures(
+        known(transfer.gain_e_per_dn),
+        known(transfer.read_noise_e),
+        known(transfer.bias_dn),
+        known(transfer.full_well_e),
+        dark,
+        psf,
+    )
+
+
+def calibrated_profile(
+    profile: CameraProfile,
+    geometry: CameraCalibration | Camera | None = None,
+    photometry: PhotometricCalibration | None = None,
+    detector: DetectorFigures | None = None,
+) -> CameraProfile:
+    """The profile with what was calibrated in place of its own; BadInput where the detector has another size."""
+    camera = geometry.camera if isinstance(geometry, CameraCalibration) else geometry or profile.camera
+    if (camera.columns, camera.rows) != (profile.camera.columns, profile.camera.rows):
+        raise BadInput(
+            "this calibration is of another detector",
+            expected=f"{profile.camera.columns} x {profile.camera.rows} px",
+            got=f"{camera.columns} x {camera.rows} px",
+        )
+    sensor = _measured(profile.sensor, detector or DetectorFigures())
+    if photometry is not None:
+        zero_e_s = photometry.zero_point_dn_s * sensor.gain_e_per_dn
+        sensor = replace(sensor, zero_point_e_s=float(zero_e_s))
+    focal_px = float(np.sqrt(camera.focal_col_px * camera.focal_row_px))
+    pitch_mm = float(np.sqrt(profile.pitch_col_mm * profile.pitch_row_mm))
+    sources = dict(profile.sources)
+    if geometry is not None:
+        sources["geometry"] = "self-calibrated from its own frames"
+    return replace(profile, camera=camera, sensor=sensor, focal_mm=focal_px * pitch_mm, sources=sources)
+
+
+def _measured(sensor: Sensor, found: DetectorFigures) -> Sensor:
+    known: dict[str, Any] = {n: float(v) for n, v in vars(found).items() if v is not None}
+    return replace(sensor, **known)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """``rms_px`` (per axis), ``max_px`` (length) over the detector, after the best small rotation, which is ``rotation_rad``:
+    what an attitude would be off by between the two calibrations."""
+
+    rms_px: float
+    max_px: float
+    rotation_rad: Array
+
+
+def camera_difference(first: Camera, second: Camera) -> Difference:
+    """How differently two cameras of one detector map the sky. Centre, tilt and focal length trade against each other and
+    against attitude; this does not."""
+    if (first.columns, first.rows) != (second.columns, second.rows):
+        raise BadInput(
+            "cameras of different size cannot be compared",
+            expected=f"{first.columns} x {first.rows} px",
+            got=f"{second.columns} x {second.rows} px",
+        )
+    col, row = np.meshgrid(np.linspace(0, first.columns - 1, GRID), np.linspace(0, first.rows - 1, GRID))
+    pixels = np.column_stack([col.ravel(), row.ravel()])
+    seen = first.unproject(pixels)
+    good = np.isfinite(seen).all(axis=1) & np.isfinite(second.unproject(pixels)).all(axis=1)
+    turn = svd(second.unproject(pixels[good]), seen[good])
+    off = second.project(seen[good] @ turn.T) - pixels[good]
+    off = off[np.isfinite(off).all(axis=1)]
+    skew = (turn - turn.T) / 2
+    rotation = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+    return Difference(
+        float(np.sqrt(np.mean(off**2))), float(np.max(np.hypot(off[:, 0], off[:, 1]), initial=0.0)), rotation
+    )

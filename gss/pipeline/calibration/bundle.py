@@ -1,0 +1,323 @@
+"""Attitudes of all frames and one camera fitted together: bundle adjustment with the attitudes eliminated.
+
+Each star touches its own frame's three angles and the few camera parameters, so the normal equations are an arrow: 3 x 3
+blocks of frames, a border, a small corner. The Schur complement of the blocks is the information about the camera alone
+(Triggs et al. 2000 §6.1), and its inverse is the camera's covariance with every attitude's error in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.rotation import rotation_from_vector
+from gss.pipeline.attitude import svd
+from gss.pipeline.calibration.lens_models import Vector, difference_steps
+from gss.pipeline.calibration.sightings import FrameStars
+
+ROUNDS = 40
+DONE = 1e-12
+HUBER = 2.5  # lengths of scaled residuals from here on count linearly
+REJECT = 5.0  # and from here on not at all
+RAYLEIGH_MEDIAN = 1.1774
+TURN_STEP_RAD = 1e-6
+DAMPED, EASED = 10.0, 0.2
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter beforehand, for example from the bench. ``sigma`` in the parameter's unit (relative for
+    the focal length and the aspect)."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Stack:
+    """All stars of all frames, frame after frame. ``frame``: (n,) index; ``first``: (f,) where each frame begins."""
+
+    pixels: Array
+    sigma_px: Array
+    icrs: Array
+    frame: NDArray[np.intp]
+    first: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.first)
+
+    def of_frames(self, keep: NDArray[np.bool_]) -> Stack:
+        """The frames of an (f,) mask."""
+        stars = keep[self.frame]
+        counts = np.bincount(self.frame, minlength=self.frames)[keep]
+        frame = np.repeat(np.arange(len(counts)), counts)
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
+        return Stack(self.pixels[stars], self.sigma_px[stars], self.icrs[stars], frame, first)
+
+
+def stack(frames: Sequence[FrameStars]) -> Stack:
+    """Frames, none of them empty, one after the other."""
+    counts = np.array([len(f) for f in frames])
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
+    return Stack(
+        np.concatenate([f.pixels for f in frames]),
+        np.concatenate([f.sigma_px for f in frames]),
+        np.concatenate([f.icrs for f in frames]),
+        np.repeat(np.arange(len(frames)), counts),
+        first,
+    )
+
+
+def attitudes_of(stars: Stack, camera: Camera) -> Array:
+    """(f, 3, 3) cam_from_icrs of each frame by itself, for a camera taken as right."""
+    cam = camera.unproject(stars.pixels)
+    ends = np.append(stars.first[1:], len(stars))
+    made = []
+    for low, high in zip(stars.first, ends, strict=True):
+        good = np.isfinite(cam[low:high]).all(axis=1)
+        made.append(svd(cam[low:high][good], stars.icrs[low:high][good]))
+    return np.stack(made)
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A fit. ``residual_px``: (n, 2) measured − predicted. ``used``: (n,) not rejected. ``scale``: how many times larger the
+    errors are than the stars' own say. ``covariance``: of the free parameters (as ``Vector.value`` counts them), errors of all
+    attitudes included. ``attitude_covariance_rad2``: (f, 3, 3), the camera's error included."""
+
+    vector: Vector
+    cam_from_icrs: Array
+    residual_px: Array
+    used: NDArray[np.bool_]
+    scale: float
+    covariance: Array
+    attitude_covariance_rad2: Array
+    freedom: int
+
+    @property
+    def camera(self) -> Camera:
+        """The camera found."""
+        return self.vector.camera()
+
+
+@dataclass(frozen=True)
+class _Normal:
+    blocks: Array
+    border: Array
+    corner: Array
+    turn: Array
+    move: Array
+
+
+def adjust(
+    stars: Stack,
+    vector: Vector,
+    cam_from_icrs: Array,
+    priors: Mapping[str, Prior] | None = None,
+    *,
+    rounds: int = ROUNDS,
+    used: NDArray[np.bool_] | None = None,
+) -> Adjusted:
+    """Levenberg–Marquardt over all (f, 3, 3) attitudes and the free parameters, Huber's loss and rejection beyond 5 σ of the
+    scatter found. ``used``: stars to keep to instead of rejecting."""
+    known = priors or {}
+    turns, damping, rejecting = cam_from_icrs, 1e-3, used is None
+    keep = np.ones(len(stars), bool) if used is None else used
+    residual = _residual(stars, vector.camera(), turns)
+    for step in range(rounds):
+        length = _length(residual, stars)
+        scale = _scale(length[keep], stars, len(vector.free), keep)
+        if rejecting and step >= 3:
+            keep = _kept(stars, length, scale)
+        weight = _weights(length, scale, stars, keep)
+        normal = _normal(stars, vector, turns, residual, weight, known)
+        before = _cost(length, scale, keep, vector, known)
+        for _ in range(8):
+            turn, move = _solve(normal, damping)
+            moved, turned = vector.moved(move), _turned(turns, turn)
+            trial = _residual(stars, moved.camera(), turned)
+            after = _cost(_length(trial, stars), scale, keep, moved, known)
+            if after <= before * (1 + 1e-12):
+                break
+            damping *= DAMPED
+        else:
+            break
+        vector, turns, residual = moved, turned, trial
+        damping = max(damping * EASED, 1e-12)
+        if step >= 5 and before - after < DONE * before + 1e-9:
+            break
+    return _finished(stars, vector, turns, residual, keep, known, rejecting)
+
+
+def _finished(
+    stars: Stack,
+    vector: Vector,
+    turns: Array,
+    residual: Array,
+    keep: NDArray[np.bool_],
+    priors: Mapping[str, Prior],
+    rejecting: bool,
+) -> Adjusted:
+    length = _length(residual, stars)
+    scale = _scale(length[keep], stars, len(vector.free), keep)
+    if rejecting:
+        keep = _kept(stars, length, scale)
+    freedom = 2 * int(keep.sum()) - 3 * stars.frames - len(vector.free)
+    chi2 = float(np.sum(np.minimum(length[keep], HUBER * scale) ** 2)) / max(1, freedom)
+    # Where few stars say how large the errors are, their own word counts too.
+    spread = float(np.sqrt((chi2 * max(0, freedom) + 20.0) / (max(0, freedom) + 20.0)))
+    normal = _normal(stars, vector, turns, residual, np.where(keep, 1 / (stars.sigma_px * spread) ** 2, 0.0), priors)
+    covariance, attitudes = _covariances(normal)
+    return Adjusted(vector, turns, residual, keep, spread, covariance, attitudes, freedom)
+
+
+def _residual(stars: Stack, camera: Camera, turns: Array) -> Array:
+    cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
+    residual = stars.pixels - camera.project(cam)
+    return np.where(np.isfinite(residual), residual, 1e6)
+
+
+def _length(residual: Array, stars: Stack) -> Array:
+    return np.asarray(np.hypot(residual[:, 0], residual[:, 1]) / stars.sigma_px)
+
+
+def _scale(length: Array, stars: Stack, parameters: int, keep: NDArray[np.bool_]) -> float:
+    """How many times the stars' own errors the typical residual is, with the freedom that the fit took given back."""
+    if not len(length):
+        return 1.0
+    freedom = max(2 * int(keep.sum()) - 3 * stars.frames - parameters, 1)
+    return max(float(np.median(length)) / RAYLEIGH_MEDIAN * float(np.sqrt(2 * keep.sum() / freedom)), 1e-3)
+
+
+def _kept(stars: Stack, length: Array, scale: float) -> NDArray[np.bool_]:
+    """Stars within the limit; a frame that would keep fewer than two keeps its best two, so that its block can be solved."""
+    keep = length < REJECT * scale
+    short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
+    for f in short:
+        own = np.flatnonzero(stars.frame == f)
+        keep[own[np.argsort(length[own])[:2]]] = True
+    return np.asarray(keep)
+
+
+def _weights(length: Array, scale: float, stars: Stack, keep: NDArray[np.bool_]) -> Array:
+    huber = np.minimum(1.0, HUBER * scale / np.maximum(length, 1e-12))
+    return np.where(keep, huber / (stars.sigma_px * scale) ** 2, 0.0)
+
+
+def _cost(length: Array, scale: float, keep: NDArray[np.bool_], vector: Vector, priors: Mapping[str, Prior]) -> float:
+    """Huber's loss in squared standard deviations, and the priors'."""
+    return huber_cost(length[keep] / scale) + float(np.sum([(d / s) ** 2 for d, s in _off(vector, priors) if s]))
+
+
+def huber_cost(scaled: Array) -> float:
+    """Sum of squares below the limit, linear above."""
+    return float(np.sum(np.where(scaled < HUBER, scaled**2, HUBER * (2 * scaled - HUBER))))
+
+
+def _off(vector: Vector, priors: Mapping[str, Prior]) -> list[tuple[float, float]]:
+    """Per free parameter: distance from what was known (0 without), and its σ (0 without)."""
+    off = []
+    for name in vector.free:
+        p = priors.get(name)
+        if p is None:
+            off.append((0.0, 0.0))
+        elif name in ("focal_px", "aspect"):
+            off.append((float(np.log(vector.values[name] / p.value)), p.sigma / p.value))
+        else:
+            off.append((vector.values[name] - p.value, p.sigma))
+    return off
+
+
+def _normal(
+    stars: Stack, vector: Vector, turns: Array, residual: Array, weight: Array, priors: Mapping[str, Prior]
+) -> _Normal:
+    by_turn, by_camera = derivatives(stars, vector, turns)
+    weighted = by_turn * weight[:, None, None]
+    blocks = np.add.reduceat(np.einsum("nki,nkj->nij", weighted, by_turn), stars.first)
+    border = np.add.reduceat(np.einsum("nki,nkp->nip", weighted, by_camera), stars.first)
+    turn = np.add.reduceat(np.einsum("nki,nk->ni", weighted, residual), stars.first)
+    corner = np.einsum("nkp,n,nkq->pq", by_camera, weight, by_camera)
+    move = np.einsum("nkp,n,nk->p", by_camera, weight, residual)
+    for k, (off, sigma) in enumerate(_off(vector, priors)):
+        if sigma:
+            corner[k, k] += sigma**-2
+            move[k] -= off * sigma**-2
+    return _Normal(blocks, border, corner, turn, move)
+
+
+def derivatives(stars: Stack, vector: Vector, turns: Array) -> tuple[Array, Array]:
+    """(n, 2, 3) and (n, 2, p) derivatives of the predicted places; zero where a place is outside the lens's domain."""
+    camera = vector.camera()
+    cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
+
+    def slope(up: Array, down: Array, step: float) -> Array:
+        difference = (up - down) / (2 * step)
+        return np.where(np.isfinite(difference), difference, 0.0)
+
+    by_turn = [
+        slope(
+            camera.project(cam @ rotation_from_vector(axis * TURN_STEP_RAD).T),
+            camera.project(cam @ rotation_from_vector(-axis * TURN_STEP_RAD).T),
+            TURN_STEP_RAD,
+        )
+        for axis in np.eye(3)
+    ]
+    steps = difference_steps(vector)
+    by_camera = [
+        slope(vector.moved(e * h).camera().project(cam), vector.moved(-e * h).camera().project(cam), float(h))
+        for e, h in zip(np.eye(len(steps)), steps, strict=True)
+    ]
+    shaped = np.stack(by_camera, axis=-1) if by_camera else np.zeros((len(stars), 2, 0))
+    return np.stack(by_turn, axis=-1), shaped
+
+
+def _solve(normal: _Normal, damping: float) -> tuple[Array, Array]:
+    blocks = normal.blocks * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
+    inverse = np.linalg.inv(blocks)
+    corner = normal.corner * (1 + damping * np.eye(len(normal.corner)))
+    eliminated = np.einsum("fip,fij,fjq->pq", normal.border, inverse, normal.border)
+    right = normal.move - np.einsum("fip,fij,fj->p", normal.border, inverse, normal.turn)
+    move = _scaled_solve(corner - eliminated, right)
+    turn = np.einsum("fij,fj->fi", inverse, normal.turn - normal.border @ move)
+    return turn, move
+
+
+def _scaled_solve(matrix: Array, right: Array) -> Array:
+    if not len(right):
+        return right
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    shaped = matrix / np.outer(size, size) + 1e-12 * np.eye(len(size))
+    return np.asarray(np.linalg.solve(shaped, right / size) / size)
+
+
+def _covariances(normal: _Normal) -> tuple[Array, Array]:
+    """Of the camera, and of each attitude with the camera's error in it."""
+    inverse = np.linalg.inv(normal.blocks + 1e-9 * np.eye(3))
+    schur = normal.corner - np.einsum("fip,fij,fjq->pq", normal.border, inverse, normal.border)
+    camera = _scaled_inverse(schur)
+    lever = np.einsum("fij,fjp->fip", inverse, normal.border)
+    return camera, inverse + np.einsum("fip,pq,fjq->fij", lever, camera, lever)
+
+
+def _scaled_inverse(matrix: Array) -> Array:
+    """Inverse with directions that the data leave open at a very large variance instead of a wrong one."""
+    if not len(matrix):
+        return matrix
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    shaped = (vectors / np.maximum(values, 1e-11)) @ vectors.T
+    return np.asarray(shaped / np.outer(size, size))
+
+
+def _turned(turns: Array, by: Array) -> Array:
+    return np.stack([rotation_from_vector(b) @ t for b, t in zip(np.clip(by, -0.3, 0.3), turns, strict=True)])

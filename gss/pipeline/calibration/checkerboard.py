@@ -1,0 +1,154 @@
+"""Camera from pictures of a checkerboard, by Zhang's method through OpenCV where it is installed (Erlank 2013 §5.4)."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Brown, Camera
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+
+NAMES = ("focal_col_px", "focal_row_px", "centre_col_px", "centre_row_px", "k1", "k2", "p1", "p2", "k3")
+FEWEST_IMAGES = 3
+FEW_IMAGES = 8
+COVERED = 0.7
+GRID = 8
+UPRIGHT_RAD = 0.25
+
+
+@dataclass(frozen=True)
+class CheckerboardCalibration:
+    """``values`` and ``sigma`` of ``names`` (σ 0: held). ``found``: per picture, whether the board was seen; ``rms_px`` of each
+    (NaN where not) and ``residual_rms_px`` of all, per axis. ``covered``: share of the field that corners fell into."""
+
+    camera: Camera
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    sigma: tuple[float, ...]
+    residual_rms_px: float
+    rms_px: tuple[float, ...]
+    found: tuple[bool, ...]
+    corners_px: Array
+    residual_px: Array
+    covered: float
+    warnings: tuple[Advice, ...]
+
+
+def opencv() -> Any:
+    """The library; BadInput that says how to get it where it is absent."""
+    try:
+        return importlib.import_module("cv2")
+    except ImportError:
+        raise BadInput(
+            "pictures of a checkerboard need OpenCV, which is not installed",
+            expected="the optional part checkerboard",
+            got="no module cv2",
+            hint='pip install "gss-startracker[checkerboard]"; or calibrate from star frames, which needs nothing more',
+        ) from None
+
+
+def calibrate_checkerboard(
+    images: Sequence[NDArray[Any]], inner_corners: tuple[int, int], square_mm: float, *, fit_k3: bool = False
+) -> CheckerboardCalibration:
+    """From (rows, columns) pictures of a board with ``inner_corners`` (across, down) where four squares meet, of ``square_mm``."""
+    cv = opencv()
+    if min(inner_corners) < 3 or not square_mm > 0:
+        raise BadInput("this is no checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners))
+    sizes = {np.shape(i) for i in images}
+    if len(images) < FEWEST_IMAGES or len(sizes) != 1 or len(next(iter(sizes))) != 2:
+        raise BadInput(
+            "these pictures cannot be calibrated together",
+            expected=f"{FEWEST_IMAGES} or more grey pictures of one size",
+            got=f"{len(images)} of sizes {', '.join(map(str, sizes)) or '-'}",
+        )
+    corners = [_corners(cv, _as_bytes(i), inner_corners) for i in images]
+    seen = [c for c in corners if c is not None]
+    if len(seen) < FEWEST_IMAGES:
+        raise BadInput(
+            "the board was found in too few pictures",
+            expected=f"{FEWEST_IMAGES} with all {inner_corners[0]} x {inner_corners[1]} inner corners",
+            got=f"{len(seen)} of {len(images)}",
+            hint="count inner corners, not squares; the whole board with a white rim, sharp, evenly lit",
+        )
+    rows, columns = next(iter(sizes))
+    board = np.zeros((inner_corners[0] * inner_corners[1], 3), np.float32)
+    board[:, :2] = np.mgrid[: inner_corners[0], : inner_corners[1]].T.reshape(-1, 2) * square_mm
+    flags = 0 if fit_k3 else cv.CALIB_FIX_K3
+    _, matrix, lens, turns, shifts, sigma, _, _ = cv.calibrateCameraExtended(
+        [board] * len(seen), [s.astype(np.float32) for s in seen], (columns, rows), None, None, flags=flags
+    )
+    k1, k2, p1, p2, k3 = (float(v) for v in np.ravel(lens)[:5])
+    camera = Camera(
+        columns,
+        rows,
+        float(matrix[0, 0]),
+        float(matrix[1, 1]),
+        float(matrix[0, 2]),
+        float(matrix[1, 2]),
+        Brown(k1, k2, p1, p2, k3),
+    )
+    predicted = [
+        cv.projectPoints(board, t, s, matrix, lens)[0].reshape(-1, 2) for t, s in zip(turns, shifts, strict=True)
+    ]
+    off = [s.reshape(-1, 2) - p for s, p in zip(seen, predicted, strict=True)]
+    return _made(camera, np.ravel(sigma)[:9], corners, off, [float(np.linalg.norm(np.ravel(t)[:2])) for t in turns])
+
+
+def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    if image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    low, high = float(np.min(image)), float(np.max(image))
+    return np.asarray((image - low) * (255.0 / max(high - low, 1e-9)), np.uint8)
+
+
+def _corners(cv: Any, image: NDArray[np.uint8], inner: tuple[int, int]) -> Array | None:
+    found, corners = cv.findChessboardCornersSB(image, inner, flags=cv.CALIB_CB_ACCURACY | cv.CALIB_CB_NORMALIZE_IMAGE)
+    return np.asarray(corners, float).reshape(-1, 1, 2) if found else None
+
+
+def _made(
+    camera: Camera, sigma: Array, corners: Sequence[Array | None], off: list[Array], leaning_rad: list[float]
+) -> CheckerboardCalibration:
+    residual = np.concatenate(off)
+    rest = iter(off)
+    rms = tuple(float("nan") if c is None else float(np.sqrt(np.mean(next(rest) ** 2))) for c in corners)
+    places = np.concatenate([c.reshape(-1, 2) for c in corners if c is not None])
+    cell = np.clip((places + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
+    covered = len(set(map(tuple, cell.tolist()))) / GRID**2
+    lens = camera.distortion
+    assert isinstance(lens, Brown)  # noqa: S101 - made above
+    values = (
+        *(camera.focal_col_px, camera.focal_row_px, camera.centre_col_px, camera.centre_row_px),
+        *(lens.k1, lens.k2, lens.p1, lens.p2, lens.k3),
+    )
+    said: list[Advice] = []
+    if len(off) < FEW_IMAGES:
+        said.append(Advice("few-frames", f"the board was found in {len(off)} pictures", "take 10 to 20"))
+    if covered < COVERED:
+        text = f"corners of the board in {covered:.0%} of the field only"
+        said.append(Advice("one-part", text, "move the board until it has been in every corner of the picture"))
+    if max(leaning_rad) < UPRIGHT_RAD:
+        text = "the board faced the camera in all pictures: the focal length is uncertain"
+        said.append(Advice("focal", text, "lean the board by 30° in some, or take the focal length from stars"))
+    rms_all = float(np.sqrt(np.mean(residual**2)))
+    found = tuple(c is not None for c in corners)
+    return CheckerboardCalibration(
+        camera,
+        NAMES,
+        values,
+        tuple(float(s) for s in sigma),
+        rms_all,
+        rms,
+        found,
+        places,
+        residual,
+        covered,
+        tuple(said),
+    )

@@ -1,0 +1,176 @@
+"""Dark frames: the median frame, what of it is a fixed pattern, which pixels are hot, noisy or dead (Huffman 2006 §4.1,
+Moniteq 1983 §4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import robust_sigma
+
+HOT_SIGMAS = 7.0
+NOISY_TIMES = 3.0
+DEAD_RESPONSE = 0.5
+FEW_FRAMES = 5
+LIT_SHARE = 0.02
+RAY_SIGMAS = 6.0
+
+Frames = Sequence[NDArray[Any]] | NDArray[Any]
+
+
+@dataclass(frozen=True)
+class DarkCalibration:
+    """(rows, columns) maps ``median_dn`` and ``noise_map_dn`` (standard deviation over the frames). ``noise_dn``: of the typical
+    pixel. ``pattern_sigma_dn``: fixed spread of pixels, its noise taken off; ``column_sigma_dn`` and ``row_sigma_dn``: of whole
+    columns and rows. ``hot`` (k, 2) col, row with ``hot_excess_dn`` (k,) above their neighbours, hottest first; ``noisy`` (m, 2)
+    three times noisier than the typical. ``level_dn``: median of each frame."""
+
+    exposure_s: float
+    frames: int
+    median_dn: NDArray[np.float32]
+    noise_map_dn: NDArray[np.float32]
+    typical_dn: float
+    noise_dn: float
+    pattern_sigma_dn: float
+    column_sigma_dn: float
+    row_sigma_dn: float
+    hot: NDArray[np.intp]
+    hot_excess_dn: Array
+    noisy: NDArray[np.intp]
+    level_dn: Array
+    warnings: tuple[Advice, ...]
+
+    def dark_e_s(self, bias_dn: float, gain_e_per_dn: float) -> float:
+        """Electrons per second of the typical pixel above a bias."""
+        return (self.typical_dn - bias_dn) * gain_e_per_dn / self.exposure_s
+
+
+def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
+    """From three or more frames of equal exposure with the lens covered."""
+    cube = _cube(frames, 3)
+    median = np.median(cube, axis=0)
+    noise = cube.std(axis=0, ddof=1)
+    typical_noise = float(np.sqrt(np.mean(_middle(noise**2))))
+    # Whole numbers hide what is below one step from a median: the pattern is told by means, without cosmic rays.
+    strays = cube.max(axis=0) - median > RAY_SIGMAS * max(typical_noise, 0.3)
+    steady = np.where(strays, median, cube.mean(axis=0)).astype(float)
+    middle = float(np.median(steady))
+    flat = steady - middle
+    columns, rows = (np.asarray(trim_mean(flat, 0.05, axis=k), float) for k in (0, 1))
+    alone = flat - columns[None, :] - rows[:, None] + float(np.mean(_middle(flat)))
+    spread = robust_sigma(alone.ravel())
+    hot = np.argwhere(alone > HOT_SIGMAS * max(spread, 0.3))
+    excess = alone[hot[:, 0], hot[:, 1]]
+    order = np.argsort(-excess)
+    noisy = np.argwhere(noise > NOISY_TIMES * max(typical_noise, 0.3))
+    left = typical_noise**2 / len(cube)
+    level = np.asarray(np.median(cube.reshape(len(cube), -1), axis=1), np.float64)
+    return DarkCalibration(
+        exposure_s,
+        len(cube),
+        median.astype(np.float32),
+        noise.astype(np.float32),
+        middle,
+        typical_noise,
+        float(np.sqrt(max(spread**2 - left, 0.0))),
+        _spread_beyond(columns, spread, len(rows)),
+        _spread_beyond(rows, spread, len(columns)),
+        hot[order][:, ::-1],
+        excess[order],
+        noisy[:, ::-1],
+        level,
+        tuple(_said(cube, level, alone, typical_noise)),
+    )
+
+
+def _spread_beyond(line: Array, spread: float, other: int) -> float:
+    """Spread of columns or rows that is not the pixels' own, averaged."""
+    variance = float(np.var(line)) - spread**2 / other
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _middle(values: Array) -> Array:
+    """Without the outer hundredth on both sides."""
+    low, high = np.percentile(values, [1, 99])
+    return np.asarray(values[(values >= low) & (values <= high)], float)
+
+
+def _cube(frames: Frames, fewest: int) -> NDArray[np.float32]:
+    shapes = {np.shape(f) for f in frames}
+    if len(frames) < fewest or len(shapes) != 1 or len(next(iter(shapes))) != 2:
+        raise BadInput(
+            "these frames do not make a stack",
+            expected=f"{fewest} or more of one size",
+            got=f"{len(frames)} of sizes {', '.join(map(str, shapes)) or '-'}",
+        )
+    return np.stack([np.asarray(f, np.float32) for f in frames])
+
+
+def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -> list[Advice]:
+    said: list[Advice] = []
+    if len(cube) < FEW_FRAMES:
+        said.append(Advice("few-frames", f"{len(cube)} dark frames", "take ten or more: the median is then quieter"))
+    drift = float(np.ptp(level))
+    if drift > max(2.0, noise):
+        text = f"the level changed by {drift:.1f} DN between the frames"
+        said.append(Advice("drift", text, "let the camera come to its temperature, and cover the lens"))
+    low = float(np.percentile(cube, 2))
+    if float(np.mean(cube <= 0)) > LIT_SHARE and low <= 0:
+        said.append(Advice("bias", "many pixels read zero: the noise is cut off", "raise the bias of the read-out"))
+    # Large smooth structure in the dark is light.
+    rows, columns = alone.shape
+    if min(rows, columns) >= 32:
+        blocks = alone[: rows // 8 * 8, : columns // 8 * 8].reshape(8, rows // 8, 8, columns // 8)
+        middle = np.median(blocks, axis=(1, 3))
+        if float(np.ptp(middle)) > max(3.0, 2 * noise):
+            text = f"the level differs by {np.ptp(middle):.1f} DN over the detector"
+            said.append(Advice("light", text, "light or heat comes in: cover the lens and the room's light"))
+    return said
+
+
+@dataclass(frozen=True)
+class Response:
+    """``response``: (rows, columns) relative to the local mean, 1 = typical; ``response_sigma``: its fixed spread; ``dead`` (k, 2)
+    col, row that answer less than half."""
+
+    response: NDArray[np.float32]
+    response_sigma: float
+    dead: NDArray[np.intp]
+    warnings: tuple[Advice, ...]
+
+
+def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
+    """From three or more frames of even light, and the median dark frame of their exposure. Slow changes (vignetting, an uneven
+    lamp) are taken out by a polynomial of second order."""
+    cube = _cube(flats, 3)
+    light = np.median(cube, axis=0) - np.asarray(dark_dn, np.float32)
+    rows, columns = light.shape
+    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
+    terms = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=-1)
+    step = max(1, min(rows, columns) // 64)
+    small, at = light[::step, ::step].ravel(), terms[::step, ::step].reshape(-1, 6)
+    good = np.abs(small - np.median(small)) < 5 * max(float(np.std(small)), 1e-9)
+    smooth = terms @ np.linalg.lstsq(at[good], small[good], rcond=None)[0]
+    if float(np.median(light)) <= 5 * float(np.median(cube.std(axis=0))) / np.sqrt(len(cube)):
+        raise BadInput(
+            "these flats hold no light",
+            expected="an even level well above the dark",
+            got=f"{np.median(light):.1f} DN above",
+        )
+    response = light / smooth
+    noise = float(np.median(cube.std(axis=0, ddof=1) / smooth)) * float(np.sqrt(np.pi / 2 / len(cube)))
+    spread = float(np.sqrt(max(robust_sigma(response.ravel()) ** 2 - noise**2, 0.0)))
+    dead = np.argwhere(response < DEAD_RESPONSE)[:, ::-1]
+    said: tuple[Advice, ...] = ()
+    if float(np.ptp(smooth)) > 0.5 * float(np.median(smooth)):
+        text = "the light differs by more than half over the detector"
+        said = (Advice("uneven", text, "a diffuser in front of the lens; vignetting is better had from stars"),)
+    return Response(response.astype(np.float32), spread, dead, said)

@@ -1,0 +1,138 @@
+"""The bench with one or two bright dots: the camera turns about its axis and the dots show its centre and the detector's tilt
+(Jacobs 1995 §6.2.1, §6.2.3.1, app. F.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import fit_linear
+
+FEWEST_TURNS = 6
+FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
+TURN_COVERED = 2 / 3
+
+
+@dataclass(frozen=True)
+class OpticalCentre:
+    """``circle``: the centre by a circle through the places, else the middle of their box. ``sigma_px``: per axis. ``radius_px``
+    of the circle, ``box_px``: extent in col and row."""
+
+    col_px: float
+    row_px: float
+    sigma_px: float
+    radius_px: float
+    box_px: tuple[float, float]
+    circle: bool
+    warnings: tuple[Advice, ...]
+
+
+def optical_centre(dots_px: Array) -> OpticalCentre:
+    """Where the optical axis meets the detector, from (n, 2) places of one dot near it while the camera is turned about the axis.
+
+    A dot runs on a circle round the centre. Where the clamp's play is larger than the circle, the document's way is left: the
+    middle of the box that the dot stayed in.
+    """
+    dots = _checked(dots_px)
+    box = np.ptp(dots, axis=0)
+    # x² + y² = 2ax + 2by + c: a circle as a linear fit (Kåsa).
+    middle = dots.mean(axis=0)
+    off = dots - middle
+    design = np.column_stack([2 * off, np.ones(len(off))])
+    fit = fit_linear(design, (off**2).sum(axis=1))
+    a, b, c = (float(v) for v in fit.coefficients)
+    radius = float(np.sqrt(max(c + a * a + b * b, 0.0)))
+    scatter = float(np.std(np.hypot(off[:, 0] - a, off[:, 1] - b) - radius))
+    angle = np.sort(np.arctan2(off[:, 1] - b, off[:, 0] - a))
+    gap = float(np.max(np.diff(np.append(angle, angle[0] + 2 * np.pi))))
+    circle = radius > 2 * scatter and gap < 2 * np.pi * (1 - TURN_COVERED / 2)
+    said: list[Advice] = []
+    if box.max() > FULL_BOX_PX and not circle:
+        text = f"the dot wandered over {box[0]:.0f} x {box[1]:.0f} px"
+        said.append(
+            Advice("far-dot", text, "move the dot nearer to the axis, until it hardly shifts as the camera turns")
+        )
+    if gap > 2 * np.pi * (1 - TURN_COVERED):
+        text = f"{np.degrees(gap):.0f}° of the turn have no place of the dot"
+        said.append(Advice("one-part", text, "turn the camera through the whole circle, in steps of 10° to 30°"))
+    if circle:
+        sigma = scatter * float(np.sqrt(2 / len(dots)))
+        return OpticalCentre(
+            float(middle[0] + a), float(middle[1] + b), sigma, radius, (float(box[0]), float(box[1])), True, tuple(said)
+        )
+    corner = (dots.max(axis=0) + dots.min(axis=0)) / 2
+    sigma = float(np.std(dots)) / float(np.sqrt(len(dots)))
+    return OpticalCentre(
+        float(corner[0]), float(corner[1]), sigma, radius, (float(box[0]), float(box[1])), False, tuple(said)
+    )
+
+
+@dataclass(frozen=True)
+class DetectorTilt:
+    """Eq. 6.14: largest tilt and the direction it is met in, from camera +x (col) towards +y (row). ``sigma_rad``: of both.
+    ``radius_mm``: undisturbed distance of the dots. ``residual_mm``: (n,) measured − eq. 6.15."""
+
+    tilt_max_rad: float
+    tilt_direction_rad: float
+    sigma_rad: tuple[float, float]
+    radius_mm: float
+    angle_rad: Array
+    distance_mm: Array
+    residual_mm: Array
+    rms_mm: float
+    warnings: tuple[Advice, ...]
+
+
+def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: float) -> DetectorTilt:
+    """Least squares of eq. 6.15 on the distance between a dot near the optical centre and one far out, from (n, 2) places of both
+    while the camera is turned. ``camera``: centre and plate scale; ``focal_mm``: its focal length."""
+    inner, outer = _checked(inner_px), _checked(outer_px)
+    if inner.shape != outer.shape:
+        raise BadInput("dots come in pairs", expected=f"{len(inner)} places of both", got=str(len(outer)))
+    pitch_mm = focal_mm / np.array([camera.focal_col_px, camera.focal_row_px])
+    arm = (outer - inner) * pitch_mm
+    angle, distance = np.arctan2(arm[:, 1], arm[:, 0]), np.hypot(arm[:, 0], arm[:, 1])
+
+    def model(p: Array) -> Array:
+        # Tilt as a vector: no angle without meaning when it is small.
+        sine = np.sin(np.hypot(p[0], p[1])) * np.cos(angle - np.arctan2(p[1], p[0]))
+        theta = np.arcsin(sine)
+        return np.asarray(p[2] / np.cos(theta) / (1 - p[2] / focal_mm * np.tan(theta)))
+
+    start = np.array([1e-3, 1e-3, float(np.median(distance))])
+    found = least_squares(lambda p: model(p) - distance, start, x_scale=[1e-2, 1e-2, 1.0], loss="soft_l1", f_scale=1e-3)
+    residual = distance - model(found.x)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    freedom = max(len(distance) - 3, 1)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * float(np.sum(residual**2)) / freedom
+    tilt = float(np.hypot(found.x[0], found.x[1]))
+    along = np.array([found.x[0], found.x[1]]) / max(tilt, 1e-12)
+    sigma = float(np.sqrt(along @ covariance[:2, :2] @ along))
+    across = np.array([-along[1], along[0]])
+    turn_sigma = float(np.sqrt(across @ covariance[:2, :2] @ across)) / max(tilt, 1e-12)
+    said: list[Advice] = []
+    if tilt < 3 * sigma:
+        text = f"the tilt of {np.degrees(tilt):.3f}° is within its error of {np.degrees(sigma):.3f}°"
+        said.append(Advice("no-tilt", text, "take it as none, or a dot farther out and more turns"))
+    direction = float(np.arctan2(found.x[1], found.x[0])) % (2 * np.pi)
+    return DetectorTilt(
+        tilt, direction, (sigma, turn_sigma), float(found.x[2]), angle, distance, residual, rms, tuple(said)
+    )
+
+
+def _checked(dots_px: Array) -> Array:
+    dots = np.asarray(dots_px, float)
+    if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < FEWEST_TURNS or not np.isfinite(dots).all():
+        raise BadInput(
+            "these are not places of a dot",
+            expected=f"{FEWEST_TURNS} or more places (col, row), one per turn",
+            got=f"{dots.shape}",
+            hint="Jacobs took 36, every 10°",
+        )
+    return dots

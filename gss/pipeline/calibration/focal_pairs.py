@@ -1,0 +1,130 @@
+"""Focal length from pairs of stars whose true separation is known (Jacobs 1995 eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array, separation_rad
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import robust_sigma
+from gss.pipeline.calibration.sightings import FrameStars
+
+NEAR_CENTRE = 0.5
+FEWEST_PAIRS = 3
+SHORTEST = 0.1
+MOST_PAIRS = 20_000
+
+
+def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> float:
+    """Focal length in the unit of the two (2,) places, which count from the optical centre; NaN where no pinhole camera sees
+    them at that separation.
+
+    (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². It is scaled by sin²θ against the document's a, b, c,
+    which lose digits when divided by the cosine of a small angle.
+    """
+    u1, u2 = np.asarray(first, float), np.asarray(second, float)
+    dot, one, two = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)
+    sine2 = float(np.sin(separation_true_rad)) ** 2
+    cosine2 = 1 - sine2
+    # f⁴ sin² + f² (2·dot − cos²(one + two)) + dot² − cos²·one·two = 0; the middle term as a sum of small numbers.
+    b = -float((u1 - u2) @ (u1 - u2)) + sine2 * (one + two)
+    c = dot**2 - cosine2 * one * two
+    root = b * b - 4 * sine2 * c
+    if sine2 == 0 or root < 0:
+        return float("nan")
+    square = (-b + float(np.sqrt(root))) / (2 * sine2)
+    return float(np.sqrt(square)) if square > 0 else float("nan")
+
+
+@dataclass(frozen=True)
+class FocalEstimate:
+    """``focal_px``: geometric mean of both axes. ``sigma_px``: of that mean, from the scatter of the frames' values, pairs of one
+    frame share stars. ``erlank_px``: the small-angle form D/θ on the same pairs. Per pair: ``values_px``, ``radius_px`` of the
+    farther star from the centre."""
+
+    focal_px: float
+    sigma_px: float
+    erlank_px: float
+    pairs: int
+    frames: int
+    values_px: Array
+    radius_px: Array
+    warnings: tuple[Advice, ...]
+
+
+def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px: float | None = None) -> FocalEstimate:
+    """From all pairs of stars of each frame within ``radius_px`` of the camera's centre (half the way to the corner by default),
+    where distortion and tilt matter least. Long pairs count more."""
+    aspect = camera.focal_col_px / camera.focal_row_px
+    stretch = np.array([aspect**-0.5, aspect**0.5])
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    reach = NEAR_CENTRE * float(np.hypot(camera.columns, camera.rows)) / 2 if radius_px is None else radius_px
+    made: list[tuple[float, float, float, float, float]] = []
+    per_frame: list[float] = []
+    for frame in frames:
+        place = (frame.pixels - centre) * stretch
+        far = np.hypot(place[:, 0], place[:, 1])
+        own = _pairs(place, frame.icrs, far, reach)
+        if own:
+            values = np.array(own)
+            per_frame.append(float(np.average(values[:, 0], weights=values[:, 1] ** 2)))
+            made += own
+    if len(made) < FEWEST_PAIRS:
+        raise BadInput(
+            "too few pairs of stars near the optical centre",
+            expected=f"{FEWEST_PAIRS} within {reach:.0f} px of it",
+            got=str(len(made)),
+            hint="a denser part of the sky, or a larger radius",
+        )
+    values = np.array(made[:MOST_PAIRS])
+    kept = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
+    weight = values[kept, 1] ** 2
+    focal = float(np.average(values[kept, 0], weights=weight))
+    erlank = float(np.average(values[kept, 2], weights=weight))
+    spread = float(np.std(per_frame, ddof=1)) / np.sqrt(len(per_frame)) if len(per_frame) > 2 else float("nan")
+    return FocalEstimate(
+        focal,
+        float(spread),
+        erlank,
+        int(kept.sum()),
+        len(per_frame),
+        values[:, 0],
+        values[:, 3],
+        tuple(_said(values[kept])),
+    )
+
+
+def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[float, float, float, float, float]]:
+    near = np.flatnonzero(far < reach)
+    made = []
+    for i, a in enumerate(near.tolist()):
+        for b in near[i + 1 :].tolist():
+            length = float(np.hypot(*(place[a] - place[b])))
+            if length < SHORTEST * reach:
+                continue
+            true = float(separation_rad(icrs[a], icrs[b]))
+            f = focal_from_pair(place[a], place[b], true)
+            if np.isfinite(f):
+                made.append((f, length, length / true, float(max(far[a], far[b])), true))
+    return made
+
+
+def _said(values: Array) -> list[Advice]:
+    """A focal length that changes with the radius tells of distortion."""
+    if len(values) < 12:
+        return []
+    order = np.argsort(values[:, 3])
+    inner, outer = values[order[: len(order) // 3], 0], values[order[-len(order) // 3 :], 0]
+    change = float(np.median(outer) / np.median(inner) - 1)
+    error = (
+        1.25 * float(np.hypot(robust_sigma(inner), robust_sigma(outer))) / float(np.sqrt(len(inner)) * np.median(inner))
+    )
+    if abs(change) < max(3 * error, 1e-3):
+        return []
+    text = f"the focal length changes by {change:+.2%} from the middle outwards"
+    return [Advice("distortion", text, "a smaller radius, or self-calibration, which fits the distortion with it")]

@@ -1,0 +1,130 @@
+"""How wide a star should be: sharp stars hide between pixels, wide ones drown in noise (Moniteq 1983 §4.2, Huffman 2006 §4.2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.robust import fit_linear
+
+MONITEQ_GOOD = (2.0, 2.5)  # pixel over σ, with a window of three pixels
+WIDTH_SIGMAS = 4.0  # Huffman's width of a spot in σ
+NOISE_FACTOR_N3 = 8.6
+WINDOWS = (3, 5, 7, 9)
+
+
+@dataclass(frozen=True)
+class FocusAdvice:
+    """``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft". ``best_sigma_px``: with the least total error
+    of a mean locator at this ``snr`` (of the brightest pixel for a star of the same light at σ 1; NaN: by Moniteq's range
+    alone). ``interpolation_px``: error of sampling alone (rms over places in a pixel, best window); ``error_px``: with noise."""
+
+    sigma_px: float
+    pixel_over_sigma: float
+    verdict: str
+    best_sigma_px: float
+    good_range_px: tuple[float, float]
+    window_px: int
+    interpolation_px: float
+    error_px: float
+    text: str
+    hint: str
+
+
+def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
+    """What to do about stars of a measured ``sigma_px``."""
+    if not 0 < sigma_px < 50:
+        raise BadInput("this is no width of a star", expected="σ above 0 px", got=f"{sigma_px:g} px")
+    low, high = 1 / MONITEQ_GOOD[1], 1 / MONITEQ_GOOD[0]
+    best = (low + high) / 2
+    if np.isfinite(snr):
+        widths = np.geomspace(0.25, 5.0, 60)
+        errors = np.array([centroid_error_px(float(w), snr)[0] for w in widths])
+        best = float(widths[int(np.argmin(errors))])
+        # As good as the best within a tenth: the flat bottom of Huffman's curve.
+        flat = widths[errors < 1.1 * errors.min()]
+        low, high = float(flat.min()), float(flat.max())
+    error, window = centroid_error_px(sigma_px, snr)
+    verdict = "sharp" if sigma_px < low else "soft" if sigma_px > high else "good"
+    text = f"σ {sigma_px:.2f} px, pixel over σ {1 / sigma_px:.2f}; best {low:.2f}–{high:.2f} px"
+    hint = {
+        "sharp": f"defocus until σ is {best:.2f} px: centroids jump towards pixel centres",
+        "good": "leave it",
+        "soft": f"focus until σ is {best:.2f} px: the light spreads over more noise than it needs",
+    }[verdict]
+    interpolation = interpolation_error_px(sigma_px, window)
+    return FocusAdvice(sigma_px, 1 / sigma_px, verdict, best, (low, high), window, interpolation, error, text, hint)
+
+
+def interpolation_error_px(sigma_px: float, window: int) -> float:
+    """rms over places in a pixel of the error of a mean locator on noiseless spots in a window of so many columns round the
+    brightest (Moniteq 1983 eq. 4.8, by direct sums)."""
+    place = np.linspace(-0.5, 0.5, 41)
+    column = np.arange(window) - (window - 1) / 2
+    share = ndtr((column[:, None] + 0.5 - place) / sigma_px) - ndtr((column[:, None] - 0.5 - place) / sigma_px)
+    error = (column[:, None] * share).sum(axis=0) / share.sum(axis=0) - place
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
+    """(error per axis, window) of the best window: sampling, read-out noise and shot-free light of a star whose brightest pixel
+    would stand ``snr`` above the noise at σ 1 px; sampling alone where that is NaN."""
+    peak_share = float(np.diff(ndtr(np.array([-0.5, 0.5])))[0]) ** 2
+    best = (np.inf, WINDOWS[0])
+    for window in WINDOWS:
+        systematic = interpolation_error_px(sigma_px, window)
+        noise = 0.0
+        if np.isfinite(snr):
+            column = np.arange(window) - (window - 1) / 2
+            inside = float(ndtr(window / 2 / sigma_px) - ndtr(-window / 2 / sigma_px)) ** 2
+            # Σp² over the window and the quarter pixel of the typical place, over the light inside it.
+            spread = window * float(np.sum(column**2)) + window**2 / 12
+            noise = float(np.sqrt(spread)) * peak_share / max(snr, 1e-9) / inside
+        total = float(np.hypot(systematic, noise))
+        if total < best[0]:
+            best = (total, window)
+    return best
+
+
+@dataclass(frozen=True)
+class BestFocus:
+    """Where a series of focus settings is sharpest, and where σ has the wished width on both sides. NaN where it is not
+    reached."""
+
+    position: float
+    position_sigma: float
+    smallest_sigma_px: float
+    wished_sigma_px: float
+    wished_positions: tuple[float, float]
+
+
+def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) -> BestFocus:
+    """From (n,) settings of the lens and measured widths, four or more on both sides of the focus: σ² is a parabola there."""
+    x, s2 = np.asarray(position, float), np.asarray(sigma_px, float) ** 2
+    if len(x) < 4 or len(x) != len(s2):
+        raise BadInput("too few settings of the focus", expected="4 or more with their widths", got=str(len(x)))
+    middle, reach = float(x.mean()), float(np.ptp(x)) or 1.0
+    u = (x - middle) / reach
+    fit = fit_linear(np.column_stack([np.ones(len(u)), u, u * u]), s2)
+    c, b, a = (float(k) for k in fit.coefficients)
+    if a <= 0:
+        raise BadInput(
+            "the widths have no smallest value here",
+            expected="settings on both sides of the focus",
+            got="no turn",
+            hint="go further out",
+        )
+    best = -b / (2 * a)
+    slope = np.array([0.0, -1 / (2 * a), b / (2 * a * a)])
+    sigma = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0))) * reach
+    least = c - b * b / (4 * a)
+    reach2 = (wished_sigma_px**2 - least) / a
+    side = float(np.sqrt(reach2)) if reach2 >= 0 else float("nan")
+    at = middle + reach * best
+    return BestFocus(
+        at, sigma, float(np.sqrt(max(least, 0.0))), wished_sigma_px, (at - reach * side, at + reach * side)
+    )

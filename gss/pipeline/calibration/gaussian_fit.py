@@ -1,0 +1,109 @@
+"""Elliptical Gaussians, integrated over pixels, fitted to single bright stars."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.pipeline.detect import Detections
+from gss.pipeline.psf import Stamps, adaptive_shapes, cut_stamps
+
+ROUNDS = 25
+PIXEL_VARIANCE = 1 / 12  # what integration over a pixel adds to the second moment
+SUB = 3  # the model is averaged over so many points per side of a pixel
+MISFIT = 0.25
+
+
+@dataclass(frozen=True)
+class Spot:
+    """One star's fit: place, round-equivalent σ of the optics (px), long over short axis, direction of the long one."""
+
+    col_px: float
+    row_px: float
+    sigma_px: float
+    ratio: float
+    direction_rad: float
+
+
+def fit_spots(image: NDArray[Any], found: Detections, saturation_dn: float, snr: float) -> list[Spot]:
+    """Of the stars of a frame that are bright, whole, unclipped and alone."""
+    c = found.centroids
+    width = max(found.psf_sigma_px, 0.6)
+    half = int(np.clip(np.ceil(4.0 * width), 3, 14))
+    col, row = np.rint(c.col_px).astype(np.intp), np.rint(c.row_px).astype(np.intp)
+    inside = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)
+    gap2 = (c.col_px[:, None] - c.col_px) ** 2 + (c.row_px[:, None] - c.row_px) ** 2
+    np.fill_diagonal(gap2, np.inf)
+    alone = gap2.min(axis=1, initial=np.inf) > (2.5 * half) ** 2
+    chosen = np.flatnonzero(inside & alone)
+    if not len(chosen):
+        return []
+    stamps = cut_stamps(image, col[chosen], row[chosen], np.zeros(len(chosen)), half, saturation_dn)
+    ring = np.hypot(stamps.dx, stamps.dy) > 0.85 * half
+    sky = np.median(stamps.value[:, ring], axis=1)
+    noise = 1.4826 * np.median(np.abs(stamps.value[:, ring] - sky[:, None]), axis=1)
+    stamps = Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value - sky[:, None], stamps.use)
+    peak = stamps.value.max(axis=1)
+    good = stamps.use.all(axis=1) & (peak > snr * np.maximum(noise, 0.3))
+    shapes = adaptive_shapes(stamps, width)
+    spots = [_fit(stamps, k, shapes.covariance[k]) for k in np.flatnonzero(good & shapes.good).tolist()]
+    return [s for s in spots if s is not None]
+
+
+def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
+    """Gauss–Newton on peak, place, three second moments and sky; None where it does not settle on a star-like spot."""
+    value = stamps.value[k]
+    start = covariance - PIXEL_VARIANCE * np.eye(2)
+    a, d = max(start[0, 0], 0.1), max(start[1, 1], 0.1)
+    theta = np.array([value.max(), 0.0, 0.0, a, d, float(np.clip(start[0, 1], -0.8, 0.8) * 0.5), 0.0])
+    weight = 1 / (1 + np.maximum(value, 0) / max(float(value.max()), 1e-9) * 20)
+    for _ in range(ROUNDS):
+        base = _model(stamps, theta)
+        steps = np.array([max(theta[0], 1) * 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-2])
+        jacobian = np.stack(
+            [(_model(stamps, theta + s * e) - base) / s for s, e in zip(steps, np.eye(7), strict=True)], axis=1
+        )
+        normal = jacobian.T @ (weight[:, None] * jacobian)
+        damp = 1e-6 * np.diag(np.diag(normal)) + 1e-12 * np.eye(7)
+        move = np.linalg.solve(normal + damp, jacobian.T @ (weight * (value - base)))
+        move = np.clip(
+            move, -np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9]), np.array([1e9, 0.5, 0.5, 0.4, 0.4, 0.3, 1e9])
+        )
+        theta = theta + move
+        theta[3:5] = np.maximum(theta[3:5], 0.02)
+        theta[5] = np.clip(theta[5], -0.95, 0.95) if theta[3] * theta[4] > theta[5] ** 2 else 0.0
+        if np.abs(move[1:6]).max() < 1e-4:
+            break
+    else:
+        return None
+    left = value - _model(stamps, theta)
+    if theta[0] <= 0 or np.hypot(theta[1], theta[2]) > 2 or np.sqrt(np.mean(left**2)) > MISFIT * theta[0]:
+        return None
+    moments, vectors = np.linalg.eigh(np.array([[theta[3], theta[5]], [theta[5], theta[4]]]))
+    if moments[0] <= 0:
+        return None
+    long = vectors[:, 1]
+    return Spot(
+        float(stamps.col[k] + theta[1]),
+        float(stamps.row[k] + theta[2]),
+        float((moments[0] * moments[1]) ** 0.25),
+        float(np.sqrt(moments[1] / moments[0])),
+        float(np.arctan2(long[1], long[0]) % np.pi),
+    )
+
+
+def _model(stamps: Stamps, theta: Array) -> Array:
+    """Mean over the points of each pixel of a Gaussian with peak, place, (xx, yy, xy) and a sky."""
+    peak, x, y, xx, yy, xy, sky = theta
+    det = max(xx * yy - xy * xy, 1e-6)
+    offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB
+    total = np.zeros_like(stamps.dx)
+    for dy in offsets:
+        for dx in offsets:
+            ax, ay = stamps.dx + dx - x, stamps.dy + dy - y
+            total += np.exp(-0.5 * (yy * ax * ax - 2 * xy * ax * ay + xx * ay * ay) / det)
+    return np.asarray(peak * total / SUB**2 + sky)

@@ -1,0 +1,48 @@
+"""How a calibration does on frames that took no part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, adjust
+from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures
+
+ROUNDS = 8
+FEWEST_FRAMES = 3
+
+
+def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
+    """Cross-validation by frame: the camera from the others, then each left-out frame's attitude alone. Residuals are stretched
+    by the freedom that the attitude took, so that they compare with the scatter of a star. None with fewer than three frames."""
+    if stars.frames < FEWEST_FRAMES or folds < 2:
+        return None
+    count = min(folds, stars.frames)
+    fold = np.arange(stars.frames) % count
+    residual, used = np.zeros_like(stars.pixels), np.zeros(len(stars), bool)
+    for k in range(count):
+        rest, out = fold != k, fold == k
+        trained = adjust(
+            stars.of_frames(rest),
+            fit.vector,
+            fit.cam_from_icrs[rest],
+            priors,
+            rounds=ROUNDS,
+            used=fit.used[rest[stars.frame]],
+        )
+        mask = out[stars.frame]
+        tried = stars.of_frames(out)
+        alone = adjust(
+            tried,
+            trained.vector.without(trained.vector.free),
+            fit.cam_from_icrs[out],
+            rounds=ROUNDS,
+            used=fit.used[mask],
+        )
+        kept = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
+        # With two stars nothing is left after the attitude.
+        stretch = np.sqrt(2 * kept / np.maximum(2 * kept - 3, 1))
+        residual[mask] = alone.residual_px * stretch[tried.frame, None]
+        used[mask] = fit.used[mask] & (kept > FEWEST_FRAMES)[tried.frame]
+    return residual_figures(residual, stars.sigma_px, used)

@@ -1,0 +1,232 @@
+"""Magnitudes from fluxes: zero point, colour, vignetting, linearity, saturation (Jacobs 1995 §6.3, app. C.1).
+
+V = −2.5·log₁₀(flux / exposure) + zero point + colour·(B−V) + light lost off axis, fitted to the matched stars of many
+frames, strays and variable stars left out. ``flux`` is the summed brightness, with Jacobs' k_area·n·Δth added where a threshold was
+taken away (eq. C.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.stars import Ids
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.histogram import Histogram, histogram
+from gss.pipeline.calibration.photometric_design import Light, corner_radius, light_of, measure
+from gss.pipeline.calibration.robust import Linear, fit_linear, robust_sigma
+from gss.pipeline.calibration.screening import CLOUD_MAG, frame_offsets_mag
+from gss.pipeline.calibration.sightings import FrameStars
+
+ILLUMINANCE_V0_LUX = 2.65e-6
+FEWEST_STARS = 15
+BAR_MAG = 0.1  # Jacobs 1995 Fig. 6-9
+LINEAR = 0.02
+VIGNETTING_SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class PhotometricCalibration:
+    """``zero_point_mag``: V of one DN per second, B−V = 0, on axis; ``zero_point_dn_s``: DN per second of V = 0, and
+    ``zero_point_e_s`` in electrons (NaN without gain). ``k_illum_lux_per_dn``: of summed brightness at ``exposure_s``
+    (eq. C.2, 6.24). ``k_area``: eq. C.1, 0 and σ NaN where no threshold was given.
+
+    ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, ρ = distance from the optical centre over that of the corner; ``corner_loss`` = 1 −
+    light at ρ = 1. ``linearity``: change of measured magnitude per catalogue magnitude, 1 = linear. ``saturation_mag``: V
+    whose peak reaches ``saturation_dn``, NaN where unknown. ``sigma_mag``: of measured − catalogue; ``robust_sigma_mag``: by the
+    median. ``frame_offset_mag``: (frames,) light of each against the typical one, negative: light was lost. Per star,
+    ``error_mag`` measured − catalogue, ``used``: in the fit.
+    """
+
+    zero_point_mag: float
+    zero_point_sigma_mag: float
+    zero_point_dn_s: float
+    zero_point_e_s: float
+    k_illum_lux_per_dn: float
+    exposure_s: float
+    k_area: float
+    k_area_sigma: float
+    colour_mag_per_mag: float
+    colour_sigma: float
+    vignetting: tuple[float, float]
+    corner_loss: float
+    corner_loss_sigma: float
+    linearity: float
+    linearity_sigma: float
+    saturation_dn: float
+    saturation_mag: float
+    sigma_mag: float
+    robust_sigma_mag: float
+    histogram: Histogram
+    frame_offset_mag: Array
+    frame: NDArray[np.intp]
+    hip: Ids
+    v_mag: Array
+    error_mag: Array
+    used: NDArray[np.bool_]
+    warnings: tuple[Advice, ...]
+
+    def magnitude(self, flux_dn: Array, exposure_s: float, b_v: Array | float = 0.0) -> Array:
+        """V of stars on axis that left ``flux_dn``."""
+        instrumental = -2.5 * np.log10(np.asarray(flux_dn, float) / exposure_s)
+        return np.asarray(instrumental + self.zero_point_mag + self.colour_mag_per_mag * np.asarray(b_v))
+
+
+def calibrate_photometry(
+    frames: Sequence[FrameStars],
+    camera: Camera,
+    *,
+    threshold_above_dark_dn: float | Sequence[float] = 0.0,
+    gain_e_per_dn: float = float("nan"),
+    limits_mag: tuple[float, float] | None = None,
+) -> PhotometricCalibration:
+    """``threshold_above_dark_dn``: Δth of eq. C.1, for all frames or for each. ``limits_mag``: brightest and faintest V of
+    the fit. Raises BadInput with fewer than 15 usable stars."""
+    warnings: list[Advice] = []
+    offsets = frame_offsets_mag(frames)
+    light = light_of(frames, camera, threshold_above_dark_dn)
+    usable = _usable(light, offsets, limits_mag, warnings)
+    if usable.sum() < FEWEST_STARS:
+        raise BadInput(
+            "too few stars with a flux and a magnitude",
+            expected=f"{FEWEST_STARS}, neither clipped nor clouded",
+            got=str(int(usable.sum())),
+            hint="more frames, or centroids that carry their flux",
+        )
+    fit, k_area, names = measure(light, usable)
+    value = dict(zip(names, fit.coefficients.tolist(), strict=True))
+    sigma = dict(zip(names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
+    error = _error_mag(light, fit, k_area, names)
+    used = usable.copy()
+    used[usable] = fit.used
+    slope, slope_sigma = _linearity(light.v_mag[used], error[used], warnings)
+    return _made(
+        light, frames, offsets, value, sigma, k_area, error, used, (slope, slope_sigma), gain_e_per_dn, warnings
+    )
+
+
+def _usable(
+    light: Light, offsets: Array, limits_mag: tuple[float, float] | None, warnings: list[Advice]
+) -> NDArray[np.bool_]:
+    good = np.isfinite(light.flux_dn) & (light.flux_dn > 0) & np.isfinite(light.v_mag)
+    clipped = good & light.clipped
+    if good.any() and clipped.sum() > 0.2 * good.sum():
+        text = f"{int(clipped.sum())} of {int(good.sum())} stars are clipped and were left out"
+        warnings.append(Advice("saturated", text, "expose shorter, or point away from bright stars"))
+    dim = np.flatnonzero(offsets < -CLOUD_MAG)
+    if len(dim):
+        text = f"{len(dim)} frames have lost more than {CLOUD_MAG} mag of light and were left out"
+        warnings.append(Advice("clouds", text, "repeat under a clear sky"))
+    good &= ~light.clipped & ~np.isin(light.frame, dim)
+    if limits_mag is not None:
+        good &= (light.v_mag >= limits_mag[0]) & (light.v_mag <= limits_mag[1])
+    return np.asarray(good)
+
+
+def _error_mag(light: Light, fit: Linear, k_area: float, names: tuple[str, ...]) -> Array:
+    """(n,) measured − catalogue magnitude of every star, NaN without a flux."""
+    columns = {"zero": np.ones(len(light.v_mag)), "colour": light.b_v, "rho2": light.rho**2, "rho4": light.rho**4}
+    model = sum(c * columns[n] for n, c in zip(names, fit.coefficients.tolist(), strict=True) if n in columns)
+    return np.asarray(light.instrumental_mag(k_area) + model - light.v_mag)
+
+
+def _linearity(v_mag: Array, error_mag: Array, warnings: list[Advice]) -> tuple[float, float]:
+    if len(v_mag) < FEWEST_STARS or np.ptp(v_mag) < 1.0:
+        warnings.append(
+            Advice(
+                "linearity",
+                "stars of too similar magnitude to tell the linearity",
+                "include brighter and fainter stars",
+            )
+        )
+        return float("nan"), float("nan")
+    fit = fit_linear(np.column_stack([np.ones(len(v_mag)), v_mag - v_mag.mean()]), error_mag)
+    slope, sigma = float(fit.coefficients[1]), float(np.sqrt(fit.covariance[1, 1]))
+    if abs(slope) > max(LINEAR, 4 * sigma):
+        text = f"measured magnitudes change by {1 + slope:.3f} per magnitude"
+        hint = "a threshold or background taken away with the star, clipped peaks, or a converter that is not linear"
+        warnings.append(Advice("linearity", text, hint))
+    return 1 + slope, sigma
+
+
+def _made(
+    light: Light,
+    frames: Sequence[FrameStars],
+    offsets: Array,
+    value: dict[str, float],
+    sigma: dict[str, float],
+    k_area: float,
+    error: Array,
+    used: NDArray[np.bool_],
+    linearity: tuple[float, float],
+    gain_e_per_dn: float,
+    warnings: list[Advice],
+) -> PhotometricCalibration:
+    zero = value["zero"]
+    dn_s = float(10 ** (0.4 * zero))
+    exposure_s = float(np.median(light.exposure_s))
+    lost_mag = value.get("rho2", 0.0) + value.get("rho4", 0.0)
+    # A star dimmed by vignetting needs a negative correction of its magnitude.
+    v2, v4 = _as_light(value.get("rho2", 0.0), value.get("rho4", 0.0))
+    saturation_dn, saturation_mag = _saturation(light, frames, used, zero, exposure_s)
+    kept = error[used]
+    return PhotometricCalibration(
+        zero,
+        sigma["zero"],
+        dn_s,
+        dn_s * gain_e_per_dn,
+        ILLUMINANCE_V0_LUX / (dn_s * exposure_s),
+        exposure_s,
+        k_area,
+        sigma.get("area", float("nan")),
+        value.get("colour", 0.0),
+        sigma.get("colour", float("nan")),
+        (v2, v4),
+        1 - float(10 ** (0.4 * lost_mag)),
+        0.4 * float(np.log(10)) * float(np.hypot(sigma.get("rho2", 0.0), sigma.get("rho4", 0.0))),
+        *linearity,
+        saturation_dn,
+        saturation_mag,
+        float(kept.std(ddof=1)),
+        robust_sigma(kept),
+        histogram(kept, "measured − catalogue, mag", BAR_MAG),
+        offsets,
+        light.frame,
+        light.hip,
+        light.v_mag,
+        error,
+        used,
+        tuple(warnings),
+    )
+
+
+def _as_light(rho2_mag: float, rho4_mag: float) -> tuple[float, float]:
+    """The polynomial in light that is nearest to one in magnitudes."""
+    rho = np.linspace(0, 1, 50)
+    light = 10 ** (0.4 * (rho2_mag * rho**2 + rho4_mag * rho**4))
+    if rho4_mag == 0:
+        return float(np.sum((light - 1) * rho**2) / np.sum(rho**4)), 0.0
+    v2, v4 = np.linalg.lstsq(np.column_stack([rho**2, rho**4]), light - 1, rcond=None)[0]
+    return float(v2), float(v4)
+
+
+def _saturation(
+    light: Light, frames: Sequence[FrameStars], used: NDArray[np.bool_], zero: float, exposure_s: float
+) -> tuple[float, float]:
+    """The limit of a peak, and the V at which the typical star, exposed as the typical frame, reaches it."""
+    limit = min((f.saturation_dn for f in frames), default=float("inf"))
+    share = light.peak_dn[used] / light.flux_dn[used]
+    share = share[np.isfinite(share) & (share > 0)]
+    if not np.isfinite(limit) or not len(share):
+        return float("nan") if not np.isfinite(limit) else limit, float("nan")
+    flux_dn = limit / float(np.percentile(share, 75))
+    return limit, float(zero - 2.5 * np.log10(flux_dn / exposure_s))
+
+
+__all__ = ["PhotometricCalibration", "calibrate_photometry", "corner_radius"]

@@ -1,0 +1,111 @@
+"""The stars of all frames as columns, and the fit of magnitudes to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.stars import Ids
+from gss.pipeline.calibration.robust import Linear, fit_linear
+from gss.pipeline.calibration.sightings import FrameStars
+
+COLOUR_RANGE = 0.4  # narrower colours say nothing of a colour term
+FOURTH_POWER_STARS = 100
+AREA_ROUNDS = 8
+MAG = 2.5 / float(np.log(10))
+
+
+@dataclass(frozen=True)
+class Light:
+    """n stars of all frames. ``rho``: distance from the optical centre over that of the farthest corner. ``below_dn``:
+    n·Δth of eq. C.1."""
+
+    frame: NDArray[np.intp]
+    hip: Ids
+    v_mag: Array
+    b_v: Array
+    flux_dn: Array
+    peak_dn: Array
+    exposure_s: Array
+    rho: Array
+    below_dn: Array
+    clipped: NDArray[np.bool_]
+
+    def instrumental_mag(self, k_area: float) -> Array:
+        """−2.5·log₁₀ of brightness per second, NaN where there is none."""
+        flux = self.flux_dn + k_area * self.below_dn
+        return -2.5 * np.log10(np.where(flux > 0, flux, np.nan) / self.exposure_s)
+
+
+def corner_radius(camera: Camera) -> float:
+    """Distance in px from the optical centre to the farthest corner, pixels taken as those of the column axis."""
+    aspect = camera.focal_col_px / camera.focal_row_px
+    col = max(camera.centre_col_px + 0.5, camera.columns - 0.5 - camera.centre_col_px)
+    row = max(camera.centre_row_px + 0.5, camera.rows - 0.5 - camera.centre_row_px) * aspect
+    return float(np.hypot(col, row))
+
+
+def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float | Sequence[float]) -> Light:
+    """All frames one after the other. An unknown exposure counts as 1 s, an unknown colour as B−V 0.6, the Sun's."""
+    each = (
+        [float(threshold_dn)] * len(frames)
+        if isinstance(threshold_dn, int | float)
+        else [float(t) for t in threshold_dn]
+    )
+    if len(each) != len(frames):
+        raise BadInput("one threshold per frame", expected=str(len(frames)), got=str(len(each)))
+    if not frames:
+        raise BadInput("no frames", expected="at least one solved frame", got="0")
+    aspect = camera.focal_col_px / camera.focal_row_px
+    pixels = np.concatenate([f.pixels for f in frames])
+    rho = np.hypot(pixels[:, 0] - camera.centre_col_px, (pixels[:, 1] - camera.centre_row_px) * aspect)
+    counts = [len(f) for f in frames]
+    exposure = [f.exposure_s if f.exposure_s > 0 else 1.0 for f in frames]
+    b_v = np.concatenate([f.b_v for f in frames])
+    return Light(
+        np.repeat(np.arange(len(frames)), counts),
+        np.concatenate([f.hip for f in frames]),
+        np.concatenate([f.v_mag for f in frames]),
+        np.where(np.isfinite(b_v), b_v, 0.6),
+        np.concatenate([f.flux_dn for f in frames]),
+        np.concatenate([f.peak_dn for f in frames]),
+        np.repeat(exposure, counts),
+        rho / corner_radius(camera),
+        np.concatenate([f.area_px * t for f, t in zip(frames, each, strict=True)]),
+        np.concatenate([f.saturated for f in frames]),
+    )
+
+
+def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tuple[str, ...]]:
+    """The robust fit, k_area, and the names of its coefficients: zero, colour and powers of ρ where the stars tell them, area
+    where a threshold was taken away."""
+    names = ["zero"]
+    if np.ptp(np.percentile(light.b_v[usable], [10, 90])) > COLOUR_RANGE:
+        names.append("colour")
+    if np.percentile(light.rho[usable], 90) > 0.5:
+        names.append("rho2")
+    if usable.sum() >= FOURTH_POWER_STARS and np.percentile(light.rho[usable], 95) > 0.8:
+        names.append("rho4")
+    areas = bool(np.any(light.below_dn[usable] > 0))
+    columns = {"zero": np.ones(len(light.v_mag)), "colour": light.b_v, "rho2": light.rho**2, "rho4": light.rho**4}
+    base = np.column_stack([columns[n][usable] for n in names])
+    k_area = 0.0
+    fit = fit_linear(base, (light.v_mag - light.instrumental_mag(k_area))[usable])
+    if "rho4" in names and abs(fit.coefficients[-1]) < 3 * np.sqrt(fit.covariance[-1, -1]):
+        names.pop()
+        base = base[:, :-1]
+        fit = fit_linear(base, (light.v_mag - light.instrumental_mag(k_area))[usable])
+    if not areas:
+        return fit, 0.0, tuple(names)
+    for _ in range(AREA_ROUNDS):
+        flux = (light.flux_dn + k_area * light.below_dn)[usable]
+        slope = -MAG * light.below_dn[usable] / flux
+        fit = fit_linear(np.column_stack([base, slope]), (light.v_mag - light.instrumental_mag(k_area))[usable])
+        k_area = max(0.0, k_area + float(fit.coefficients[-1]))
+    return fit, k_area, (*names, "area")

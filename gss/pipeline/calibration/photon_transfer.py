@@ -1,0 +1,179 @@
+"""Gain and read noise from pairs of evenly lit frames: variance grows with signal as photons arrive (Janesick 2001 §2.2).
+
+The difference of two equal exposures holds no fixed pattern, so half its variance is the noise of one. Where the variance
+falls below the line, the full well or the converter's end is reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import fit_linear
+
+CLIP_SIGMAS = 5.0
+TURN_SHARE = 0.8
+FEWEST_LEVELS = 3
+
+
+@dataclass(frozen=True)
+class FlatPair:
+    """Two frames (rows, columns) of the same even light and exposure."""
+
+    first: NDArray[Any]
+    second: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class PhotonTransfer:
+    """``read_noise_e``: quantisation included; NaN where the darkest level is far above it. ``bias_dn`` from the dark pair, NaN
+    without. ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal where the variance turns
+    down, NaN where no level reached it. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
+    ``nonlinearity``: largest relative departure of the variance of a fitted level from the line."""
+
+    gain_e_per_dn: float
+    gain_sigma: float
+    read_noise_e: float
+    read_noise_sigma_e: float
+    bias_dn: float
+    response_sigma: float
+    full_well_e: float
+    nonlinearity: float
+    signal_dn: Array
+    variance_dn2: Array
+    fitted: NDArray[np.bool_]
+    warnings: tuple[Advice, ...]
+
+
+def photon_transfer(
+    pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
+) -> PhotonTransfer:
+    """From pairs at several levels. ``dark_pair``: the shortest exposure in the dark, which gives bias and read noise directly."""
+    warnings: list[Advice] = []
+    levels = [_level(p) for p in pairs]
+    dark = None if dark_pair is None else _level(dark_pair)
+    bias = 0.0 if dark is None else dark[0]
+    signal = np.array([mean - bias for mean, _, _, _ in levels])
+    variance = np.array([v for _, v, _, _ in levels])
+    pixels = float(np.mean([n for *_, n in levels])) if levels else 0.0
+    clipped = np.array([_clips(p, saturation_dn) for p in pairs], bool)
+    fitted = _rising(signal, variance) & ~clipped
+    if fitted.sum() < FEWEST_LEVELS - (dark is not None):
+        raise BadInput(
+            "too few levels of light for a photon transfer curve",
+            expected=f"{FEWEST_LEVELS} below saturation, {FEWEST_LEVELS - 1} with a dark pair",
+            got=str(int(fitted.sum())),
+            hint="pairs of flats from nearly dark to half the converter's range",
+        )
+    x, y = signal[fitted], variance[fitted]
+    if dark is not None:
+        x, y = np.append(x, 0.0), np.append(y, dark[1])
+    else:
+        warnings.append(
+            Advice(
+                "no-dark",
+                "no dark pair: signals count from zero DN",
+                "add two frames with the lens covered, shortest exposure",
+            )
+        )
+    # A variance measured on n pixels is known to √(2/n) of itself.
+    fit = fit_linear(np.column_stack([x, np.ones(len(x))]), y, y * np.sqrt(2 / pixels))
+    slope, floor = (float(c) for c in fit.coefficients)
+    if slope <= 0:
+        raise BadInput(
+            "the variance does not grow with light",
+            expected="noise of photons",
+            got=f"slope {slope:g}",
+            hint="raw frames, not processed",
+        )
+    gain = 1 / slope
+    gain_sigma = float(np.sqrt(fit.covariance[0, 0])) * gain**2
+    read2 = dark[1] if dark is not None else floor
+    read2_sigma = read2 * float(np.sqrt(2 / pixels)) if dark is not None else float(np.sqrt(fit.covariance[1, 1]))
+    read = float(np.sqrt(read2)) * gain if read2 > 0 else float("nan")
+    read_sigma = (
+        float(np.hypot(gain * read2_sigma / (2 * np.sqrt(read2)), read * gain_sigma / gain))
+        if read2 > 0
+        else float("nan")
+    )
+    departure = float(np.max(np.abs(fit.residual / (slope * x + floor)), initial=0.0))
+    if departure > 0.1:
+        warnings.append(
+            Advice(
+                "not-linear",
+                f"variances depart by up to {departure:.0%} from a line",
+                "even light, no automatic gain, raw frames",
+            )
+        )
+    full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
+    if not np.isfinite(full):
+        warnings.append(
+            Advice("no-full-well", "no level reached saturation: the full well is unknown", "add brighter pairs")
+        )
+    response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
+    bias_dn = float("nan") if dark is None else bias
+    return PhotonTransfer(
+        gain,
+        gain_sigma,
+        read,
+        read_sigma,
+        bias_dn,
+        response,
+        full,
+        departure,
+        signal,
+        variance,
+        fitted,
+        tuple(warnings),
+    )
+
+
+def _level(pair: FlatPair) -> tuple[float, float, float, int]:
+    """Mean, variance of one frame, variance of the fixed pattern, and pixels. Strays (hot pixels, cosmic rays) are left out."""
+    first, second = np.asarray(pair.first, float), np.asarray(pair.second, float)
+    if first.shape != second.shape or first.ndim != 2:
+        raise BadInput("a pair is two frames of one size", expected=str(first.shape), got=str(second.shape))
+    # A lamp that changed between the two scales one of them.
+    second = second * (np.median(first) / np.median(second)) if np.median(second) > 0 else second
+    difference, mean = first - second, (first + second) / 2
+    keep = _unstray(difference) & _unstray(mean)
+    variance = float(np.var(difference[keep])) / 2
+    pattern = max(float(np.var(mean[keep])) - variance / 2, 0.0)
+    return float(mean[keep].mean()), variance, pattern, int(keep.sum())
+
+
+def _unstray(values: Array) -> NDArray[np.bool_]:
+    middle = np.median(values)
+    spread = max(1.4826 * float(np.median(np.abs(values - middle))), float(np.std(values)) * 0.2, 0.3)
+    return np.asarray(np.abs(values - middle) < CLIP_SIGMAS * spread)
+
+
+def _clips(pair: FlatPair, saturation_dn: float | None) -> bool:
+    return saturation_dn is not None and float(np.mean(np.asarray(pair.first) >= saturation_dn)) > 1e-3
+
+
+def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
+    """Levels before the variance turns down."""
+    order = np.argsort(signal)
+    highest, good = 0.0, np.ones(len(signal), bool)
+    for k in order:
+        if variance[k] < TURN_SHARE * highest:
+            good[k] = False
+        highest = max(highest, float(variance[k]))
+    low = signal[~good].min() if (~good).any() else np.inf
+    return np.asarray(signal < low)
+
+
+def _response(levels: list[tuple[float, float, float, int]], signal: Array) -> float:
+    """Spread of the response, by the brightest level, where the light's own pattern is told least by noise."""
+    if not len(signal) or signal.max() <= 0:
+        return float("nan")
+    k = int(np.argmax(signal))
+    return float(np.sqrt(levels[k][2]) / signal[k])

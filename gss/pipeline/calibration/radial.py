@@ -1,0 +1,94 @@
+"""Jacobs' polynomial of lens aberration from the distances of all stars to one near the optical centre (Jacobs 1995 §6.2.3.1,
+eq. 6.16–6.17, F.9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array, separation_rad
+from gss.domain.camera import Camera, RadialTilt
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import fit_linear
+from gss.pipeline.calibration.sightings import FrameStars
+
+NEAR_CENTRE_MM = 0.45  # the star that stands for the optical centre may be this far from it
+FEWEST_STARS = 12
+
+
+@dataclass(frozen=True)
+class RadialFit:
+    """Δr = k₁r + k₂r² + …, millimetres: ``coefficients`` and ``sigma`` (order,). Per star: ``r_mm`` measured distance,
+    ``delta_mm`` measured − true, ``residual_mm`` after the polynomial, ``used``."""
+
+    coefficients: Array
+    sigma: Array
+    r_mm: Array
+    delta_mm: Array
+    residual_mm: Array
+    used: NDArray[np.bool_]
+    rms_mm: float
+    frames: int
+    warnings: tuple[Advice, ...]
+
+
+def radial_polynomial(
+    frames: Sequence[FrameStars], camera: Camera, focal_mm: float, order: int = 3, near_mm: float = NEAR_CENTRE_MM
+) -> RadialFit:
+    """From frames with a star near the optical centre. The camera's tilt is taken out first, its polynomial is not."""
+    tilt = camera.distortion
+    flat = RadialTilt(focal_mm, tilt.tilt_max_rad, tilt.tilt_direction_rad) if isinstance(tilt, RadialTilt) else None
+    r_parts, delta_parts, used_frames = [], [], 0
+    for frame in frames:
+        place = (frame.pixels - camera._centre()) / camera._focal()
+        place_mm = (place if flat is None else flat.undistort(place)) * focal_mm
+        far = np.hypot(place_mm[:, 0], place_mm[:, 1])
+        k = int(np.argmin(far)) if len(far) else 0
+        if len(far) < 2 or far[k] > near_mm:
+            continue
+        used_frames += 1
+        others = np.arange(len(far)) != k
+        # Seen from the middle a plane camera keeps angles: tan of the separation is the radius, corrected for the small
+        # distance of the star that stands for the middle by that star's own ray.
+        ray = np.append(place_mm, np.full((len(far), 1), focal_mm), axis=1)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        measured = separation_rad(ray[others], ray[k])
+        true = separation_rad(frame.icrs[others], frame.icrs[k])
+        r_parts.append(far[others])
+        # An error of the angle is an error of the radius times cos² of the field angle.
+        delta_parts.append(focal_mm * (measured - true) * (1 + (far[others] / focal_mm) ** 2))
+    r = np.concatenate(r_parts) if r_parts else np.empty(0)
+    if len(r) < max(FEWEST_STARS, order + 2):
+        raise BadInput(
+            "too few stars with one near the optical centre beside them",
+            expected=f"{FEWEST_STARS} in frames with a star within {near_mm:g} mm of the centre",
+            got=f"{len(r)} in {used_frames} frames",
+            hint="image a dense part of the sky: at least half the frames then have such a star",
+        )
+    delta = np.concatenate(delta_parts)
+    fit = fit_linear(np.column_stack([r ** (k + 1) for k in range(order)]), delta)
+    rms = float(np.sqrt(np.mean(fit.residual[fit.used] ** 2)))
+    return RadialFit(
+        fit.coefficients,
+        np.sqrt(np.diag(fit.covariance)),
+        r,
+        delta,
+        fit.residual,
+        fit.used,
+        rms,
+        used_frames,
+        tuple(_said(r, camera, focal_mm)),
+    )
+
+
+def _said(r_mm: Array, camera: Camera, focal_mm: float) -> list[Advice]:
+    corner = np.array([camera.columns / camera.focal_col_px, camera.rows / camera.focal_row_px]) / 2
+    reach = focal_mm * float(np.hypot(corner[0], corner[1]))
+    if r_mm.max() > 0.8 * reach:
+        return []
+    text = f"no star beyond {r_mm.max():.2f} mm; the corner is at {reach:.2f} mm"
+    return [Advice("one-part", text, "more frames: a polynomial says nothing beyond its last star")]

@@ -1,0 +1,63 @@
+"""Lines and planes through data with strays: Huber's weights, and the covariance that goes with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+HUBER = 2.0
+REJECT = 5.0
+ROUNDS = 30
+NORMAL_MAD = 1.4826
+
+
+@dataclass(frozen=True)
+class Linear:
+    """``coefficients`` (p,), ``covariance`` (p, p), ``residual`` (n,) data − model, ``used`` (n,), ``sigma``: scatter in units of
+    the data's own errors."""
+
+    coefficients: Array
+    covariance: Array
+    residual: Array
+    used: NDArray[np.bool_]
+    sigma: float
+
+
+def robust_sigma(values: Array) -> float:
+    """Standard deviation of normal values by the median of deviations from the median."""
+    v = values[np.isfinite(values)]
+    return float(NORMAL_MAD * np.median(np.abs(v - np.median(v)))) if len(v) else float("nan")
+
+
+def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear:
+    """Robust least squares of (n,) data on (n, p) columns. Strays beyond 5 σ of the scatter take no part."""
+    n, p = design.shape
+    if n <= p:
+        raise BadInput("too few points for this fit", expected=f"more than {p}", got=str(n))
+    own = np.ones(n) if sigma is None else np.asarray(sigma, float)
+    weight, used = 1 / own**2, np.ones(n, bool)
+    coefficients = np.zeros(p)
+    size = np.linalg.norm(design, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    for _ in range(ROUNDS):
+        root = np.sqrt(np.where(used, weight, 0.0))
+        new = np.linalg.lstsq(design / size * root[:, None], data * root, rcond=None)[0] / size
+        settled = np.allclose(new, coefficients, rtol=1e-10, atol=1e-14)
+        coefficients = new
+        residual = data - design @ coefficients
+        scaled = np.abs(residual) / own
+        spread = max(NORMAL_MAD * float(np.median(scaled)) * float(np.sqrt(n / (n - p))), 1e-12)
+        used = scaled < REJECT * spread
+        weight = np.minimum(1.0, HUBER * spread / np.maximum(scaled, 1e-300)) / own**2
+        if settled:
+            break
+    kept = scaled[used]
+    scatter = float(np.sqrt(np.sum(kept**2) / max(len(kept) - p, 1)))
+    shaped = (design[used] / size).T @ (design[used] / size / own[used, None] ** 2)
+    covariance = np.linalg.pinv(shaped) * scatter**2 / np.outer(size, size)
+    return Linear(coefficients, covariance, residual, used, scatter)

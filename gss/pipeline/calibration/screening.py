@@ -1,0 +1,247 @@
+"""What frames are fit for a calibration: bad ones are named and left out, and what is poor about the rest is said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.attitude import svd
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.sightings import FrameStars
+
+FEWEST_STARS = 3
+FEW_FRAMES = 5
+FEW_STARS = 40
+STREAK_PX = 3.0
+SATURATED_SHARE = 0.2
+SCALE_GAP = 0.03
+MIRROR_PX, MIRROR_GAIN = 4.0, 5.0
+COVERAGE_CELLS = 4
+CLOUD_MAG, CLOUD_SHARE = 0.5, 0.5
+
+
+@dataclass(frozen=True)
+class Screened:
+    """Frames to use, with clipped stars taken out; ``scale`` of each against the start camera; why others were left out."""
+
+    frames: tuple[FrameStars, ...]
+    scale: Array
+    excluded: tuple[tuple[str, str], ...]
+    warnings: tuple[Advice, ...]
+
+
+def screen(frames: Sequence[FrameStars], start: Camera) -> Screened:
+    """Leaves out: frames of another size, with too few stars, with trails (as long as others remain), mirrored, of another
+    plate scale. ``start``: the camera as believed before."""
+    excluded: list[tuple[str, str]] = []
+    warnings: list[Advice] = []
+    kept = _of_size(frames, start, excluded, warnings)
+    kept = _without_clipped(kept, warnings)
+    kept = _with_stars(kept, excluded)
+    kept = _steady(kept, excluded, warnings)
+    kept = _upright(kept, start, excluded, warnings)
+    scale = np.array([plate_scale(f, start)[0] for f in kept])
+    kept, scale = _of_one_scale(kept, scale, excluded, warnings)
+    warnings += _clouds(kept)
+    return Screened(tuple(kept), scale, tuple(excluded), tuple(warnings))
+
+
+def _of_size(
+    frames: Sequence[FrameStars], start: Camera, excluded: list[tuple[str, str]], warnings: list[Advice]
+) -> list[FrameStars]:
+    kept = [f for f in frames if (f.columns, f.rows) == (start.columns, start.rows)]
+    other = [f for f in frames if (f.columns, f.rows) != (start.columns, start.rows)]
+    excluded += [(f.name, f"{f.columns} x {f.rows} px: another size than the camera's") for f in other]
+    if other:
+        warnings.append(
+            Advice(
+                "mixed-sizes",
+                f"{len(other)} frames are not {start.columns} x {start.rows} px",
+                "calibrate each camera, and each binning or window, by itself",
+            )
+        )
+    return kept
+
+
+def _without_clipped(frames: list[FrameStars], warnings: list[Advice]) -> list[FrameStars]:
+    total, clipped = sum(map(len, frames)), sum(int(f.saturated.sum()) for f in frames)
+    if total and clipped > SATURATED_SHARE * total:
+        warnings.append(
+            Advice(
+                "saturated",
+                f"{clipped} of {total} stars are clipped and were left out",
+                "expose shorter, or point away from bright stars",
+            )
+        )
+    return [f.take(~f.saturated) if f.saturated.any() else f for f in frames]
+
+
+def _with_stars(frames: list[FrameStars], excluded: list[tuple[str, str]]) -> list[FrameStars]:
+    excluded += [(f.name, f"{len(f)} stars; {FEWEST_STARS} are needed") for f in frames if len(f) < FEWEST_STARS]
+    return [f for f in frames if len(f) >= FEWEST_STARS]
+
+
+def _steady(frames: list[FrameStars], excluded: list[tuple[str, str]], warnings: list[Advice]) -> list[FrameStars]:
+    moving = [f for f in frames if f.streak_px > STREAK_PX]
+    if not moving:
+        return frames
+    longest = max(f.streak_px for f in moving)
+    text = f"the camera moved during the exposure of {len(moving)} frames: trails up to {longest:.0f} px"
+    hint = "fix the camera to the ground, or expose shorter"
+    steady = [f for f in frames if f.streak_px <= STREAK_PX]
+    if len(steady) < FEW_FRAMES:
+        warnings.append(Advice("streaks", text + "; too few others, so they are used", hint, severe=True))
+        return frames
+    warnings.append(Advice("streaks", text + "; left out", hint))
+    excluded += [(f.name, f"trails of {f.streak_px:.0f} px") for f in moving]
+    return steady
+
+
+def _upright(
+    frames: list[FrameStars], start: Camera, excluded: list[tuple[str, str]], warnings: list[Advice]
+) -> list[FrameStars]:
+    mirrored = [is_mirrored(f, start) for f in frames]
+    if any(mirrored):
+        excluded += [(f.name, "mirrored") for f, bad in zip(frames, mirrored, strict=True) if bad]
+        warnings.append(
+            Advice(
+                "mirrored",
+                f"{sum(mirrored)} of {len(frames)} frames are mirrored: only their left-right reverse is in the sky",
+                "read the file the right way round, or correct the order of the read-out",
+                severe=all(mirrored),
+            )
+        )
+    return [f for f, bad in zip(frames, mirrored, strict=True) if not bad]
+
+
+def is_mirrored(frame: FrameStars, camera: Camera) -> bool:
+    """Whether the frame's left-right reverse fits its stars far better than the frame does."""
+    flipped = frame.pixels * np.array([-1.0, 1.0]) + np.array([camera.columns - 1.0, 0.0])
+    plain, other = (_fit_rms_px(p, frame.icrs, camera) for p in (frame.pixels, flipped))
+    return len(frame) >= FEWEST_STARS and plain > MIRROR_PX and other * MIRROR_GAIN < plain
+
+
+def _predicted(pixels: Array, icrs: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
+    cam = camera.unproject(pixels)
+    good: NDArray[np.bool_] = np.asarray(np.isfinite(cam).all(axis=1))
+    if good.sum() < 2:
+        return np.full_like(pixels, np.nan), good
+    place = camera.project(icrs @ svd(cam[good], icrs[good]).T)
+    return place, np.asarray(good & np.isfinite(place).all(axis=1))
+
+
+def _fit_rms_px(pixels: Array, icrs: Array, camera: Camera) -> float:
+    place, good = _predicted(pixels, icrs, camera)
+    return float(np.sqrt(np.mean((pixels - place)[good] ** 2))) if good.any() else float("inf")
+
+
+def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
+    """How many times larger the frame is than the camera says, and its σ: measured against predicted distances from the
+    middle of the stars, whatever the attitude."""
+    place, good = _predicted(frame.pixels, frame.icrs, camera)
+    if good.sum() < 2:
+        return float("nan"), float("nan")
+    measured, predicted = (p[good] - p[good].mean(axis=0) for p in (frame.pixels, place))
+    square = float(np.sum(predicted**2))
+    if square == 0:
+        return float("nan"), float("nan")
+    return float(np.sum(measured * predicted)) / square, float(np.median(frame.sigma_px)) / np.sqrt(square)
+
+
+def _of_one_scale(
+    frames: list[FrameStars], scale: Array, excluded: list[tuple[str, str]], warnings: list[Advice]
+) -> tuple[list[FrameStars], Array]:
+    """The largest group of frames without a gap in their scales; a lens changes them slowly, another lens at once."""
+    finite = np.flatnonzero(np.isfinite(scale))
+    if len(finite) < 2:
+        return frames, scale
+    order = finite[np.argsort(scale[finite])]
+    groups = np.split(order, np.flatnonzero(np.diff(scale[order]) > SCALE_GAP) + 1)
+    largest = max(groups, key=len)
+    if len(largest) == len(frames):
+        return frames, scale
+    keep = np.zeros(len(frames), bool)
+    keep[largest] = True
+    middle = float(np.median(scale[largest]))
+    excluded += [
+        (f.name, f"plate scale {s / middle:.3f} times that of the others")
+        for f, s, k in zip(frames, scale, keep, strict=True)
+        if not k
+    ]
+    warnings.append(
+        Advice(
+            "mixed-cameras",
+            f"{int((~keep).sum())} of {len(frames)} frames have another plate scale than the rest",
+            "calibrate frames of one camera with one lens at one focus together",
+            severe=int(keep.sum()) < 2 * int((~keep).sum()),
+        )
+    )
+    return [f for f, k in zip(frames, keep, strict=True) if k], scale[keep]
+
+
+def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
+    """(f,) median of the magnitude of one DN per second of each frame against the median of all; NaN without fluxes."""
+    made = []
+    for f in frames:
+        good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
+        # Equal fluxes are those of centroids that came without their light.
+        if good.sum() < FEWEST_STARS or np.ptp(f.flux_dn[good]) == 0:
+            made.append(np.nan)
+            continue
+        exposure_s = f.exposure_s if np.isfinite(f.exposure_s) else 1.0
+        made.append(float(np.median(f.v_mag[good] + 2.5 * np.log10(f.flux_dn[good] / exposure_s))))
+    zero = np.array(made)
+    return np.asarray(zero - np.nanmedian(zero)) if np.isfinite(zero).any() else zero
+
+
+def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
+    if len(frames) < FEW_FRAMES:
+        return []
+    offsets = frame_offsets_mag(frames)
+    counts = np.array([len(f) for f in frames])
+    dim = np.flatnonzero(np.isfinite(offsets) & (offsets < -CLOUD_MAG))
+    few = np.flatnonzero(counts < CLOUD_SHARE * np.median(counts))
+    if not len(dim) and len(few) < max(2, 0.15 * len(frames)):
+        return []
+    parts = []
+    if len(dim):
+        parts.append(f"stars of {len(dim)} frames are more than {CLOUD_MAG} mag too faint")
+    if len(few):
+        parts.append(f"{len(few)} frames have less than half as many stars as the others")
+    names = ", ".join(frames[k].name for k in sorted({*dim.tolist(), *few.tolist()})[:5])
+    return [
+        Advice(
+            "clouds", f"{' and '.join(parts)} ({names})", "clouds or haze: repeat under a clear sky, or leave them out"
+        )
+    ]
+
+
+def coverage(pixels: Array, size: tuple[int, int]) -> float:
+    """Share of the cells of a 4 x 4 grid over the detector that hold a star."""
+    cell = np.clip((pixels + 0.5) * COVERAGE_CELLS / np.array(size), 0, COVERAGE_CELLS - 1).astype(int)
+    return len({(c, r) for c, r in cell.tolist()}) / COVERAGE_CELLS**2
+
+
+def poor_data(pixels: Array, frames: int, size: tuple[int, int]) -> list[Advice]:
+    """What is poor about the stars that are left."""
+    made: list[Advice] = []
+    if len(pixels) < FEW_STARS:
+        text = f"{len(pixels)} stars in all"
+        made.append(
+            Advice("few-stars", text, f"take more frames, until there are {FEW_STARS} or better 300 stars", True)
+        )
+    if frames < FEW_FRAMES:
+        made.append(Advice("few-frames", f"{frames} frames", "take 20 or more, turned against each other"))
+    share = coverage(pixels, size) if len(pixels) else 0.0
+    if share < 0.8:
+        text = f"stars in {share:.0%} of the field only"
+        hint = (
+            "point so that stars fall into every part of the detector, corners included; turn the camera between frames"
+        )
+        made.append(Advice("one-part", text, hint, severe=share < 0.4))
+    return made

@@ -1,0 +1,278 @@
+"""Self-calibration: one camera and all attitudes from the matched stars of many frames, the default way to calibrate.
+
+Lens models are compared by Bayes' information criterion on the same stars, parameters that the data cannot tell are held and
+named, and what comes out is measured on frames that took no part. After Jacobs 1995 §6.2, who solves one thing after the
+other, and Pal, Bhat 2014, who solve the camera from stars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera, RadialTilt
+from gss.domain.errors import BadInput
+from gss.domain.experiment import Progress
+from gss.domain.rotation import quaternion_from_matrix
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, attitudes_of, huber_cost, stack
+from gss.pipeline.calibration.hold_out import held_out
+from gss.pipeline.calibration.lens_models import LENS_MODELS, UNITS, vector_of
+from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures, residual_map
+from gss.pipeline.calibration.result import CameraCalibration, FrameFit, Frozen, ModelFit, Parameter, StarResiduals
+from gss.pipeline.calibration.screening import Screened, poor_data, screen
+from gss.pipeline.calibration.sightings import FrameStars
+from gss.pipeline.calibration.support import hold_unsupported
+
+MODELS = tuple(LENS_MODELS)
+STRANGE = 4.0  # a frame that fits so many times worse than the typical one is not of this camera, or not well matched
+PLATE_SCALE = 0.01
+
+
+@dataclass(frozen=True)
+class _Trial:
+    fit: Adjusted
+    frozen: tuple[Frozen, ...]
+
+
+def _quiet(_: float) -> None:
+    pass
+
+
+def calibrate_camera(
+    frames: Sequence[FrameStars],
+    start: Camera,
+    *,
+    models: Sequence[str] = MODELS,
+    focal_mm: float | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    folds: int = 5,
+    progress: Progress = _quiet,
+) -> CameraCalibration:
+    """Calibrate from frames whose stars are matched. ``start``: the camera as believed. ``models``: lens models to compare, one
+    to use it; "radial-tilt" needs ``focal_mm``, the scale of its polynomial in millimetres. ``priors``: what the bench says.
+
+    Raises BadInput where no frame is fit for it or there are fewer equations than unknowns.
+    """
+    known = dict(priors or {})
+    chosen_models = _models(models, start, focal_mm)
+    screened = screen(frames, start)
+    _enough(screened, len(frames))
+    stars = stack(screened.frames)
+    scale_mm = focal_mm if focal_mm is not None else float("nan")
+    trials = _fit_all(stars, start, chosen_models, scale_mm, known, progress)
+    screened, stars, changed = _without_strange(screened, stars, trials)
+    if changed:
+        trials = _fit_all(stars, start, chosen_models, scale_mm, known, progress)
+    comparison, outside = _compare(stars, trials, known, folds, progress)
+    best = next(row.model for row in comparison if row.chosen)
+    return _made(screened, stars, start, trials[best], best, comparison, outside[best])
+
+
+def _models(models: Sequence[str], start: Camera, focal_mm: float | None) -> tuple[str, ...]:
+    unknown = [m for m in models if m not in LENS_MODELS]
+    if unknown or not models:
+        raise BadInput("unknown lens model", expected=" | ".join(LENS_MODELS), got=", ".join(unknown) or "none")
+    scaled = focal_mm is not None or isinstance(start.distortion, RadialTilt)
+    if not scaled and tuple(models) == ("radial-tilt",):
+        raise BadInput(
+            "a polynomial in millimetres needs a focal length in millimetres", expected="focal_mm", got="none"
+        )
+    return tuple(m for m in models if scaled or m != "radial-tilt")
+
+
+def _enough(screened: Screened, given: int) -> None:
+    stars = sum(map(len, screened.frames))
+    unknowns = 3 * len(screened.frames) + 4
+    if screened.frames and 2 * stars > unknowns:
+        return
+    why = "; ".join(f"{name}: {reason}" for name, reason in screened.excluded[:4])
+    hint = screened.warnings[0].hint if screened.warnings else "longer exposures, or a denser part of the sky"
+    raise BadInput(
+        "these frames do not suffice for a calibration",
+        expected=f"more than {max(unknowns, 10) // 2} stars matched",
+        got=f"{stars} in {len(screened.frames)} of {given} frames" + (f" ({why})" if why else ""),
+        hint=hint,
+    )
+
+
+def _fit_all(
+    stars: Stack,
+    start: Camera,
+    models: tuple[str, ...],
+    focal_mm: float,
+    priors: Mapping[str, Prior],
+    progress: Progress,
+) -> dict[str, _Trial]:
+    turns = attitudes_of(stars, start)
+    made: dict[str, _Trial] = {}
+    for k, model in enumerate(models):
+        vector = vector_of(start, model, focal_mm)
+        fit, frozen = hold_unsupported(stars, vector, turns, priors)
+        made[model] = _Trial(fit, frozen)
+        progress(0.5 * (k + 1) / len(models))
+    return made
+
+
+def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Trial]) -> tuple[Screened, Stack, bool]:
+    """Leaves out frames that fit far worse than the typical one under the best model: mis-identified, or of another camera."""
+    fit = min(trials.values(), key=lambda t: t.fit.scale).fit
+    length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
+    own = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
+    strange = own > STRANGE * max(float(np.median(own)), 1e-9)
+    if not strange.any() or strange.mean() > 0.3:
+        return screened, stars, False
+    names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
+    text = f"{len(names)} frames do not fit the others and were left out"
+    hint = "look whether they are of the same camera and focus, and whether their stars are identified rightly"
+    kept = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
+    better = Screened(
+        kept,
+        screened.scale[~strange],
+        (*screened.excluded, *names),
+        (*screened.warnings, Advice("mixed-cameras", text, hint)),
+    )
+    return better, stars.of_frames(~strange), True
+
+
+def _compare(
+    stars: Stack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
+) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
+    """Information criteria on the stars and the scatter of the model that leaves the least scatter."""
+    sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
+    kept = sharpest.used
+    scaled = stars.sigma_px[kept] * sharpest.scale
+    equations = 2 * int(kept.sum())
+    bic: dict[str, float] = {}
+    aicc: dict[str, float] = {}
+    outside: dict[str, ResidualFigures | None] = {}
+    for k, (model, trial) in enumerate(trials.items()):
+        r = trial.fit.residual_px[kept]
+        cost = huber_cost(np.hypot(r[:, 0], r[:, 1]) / scaled)
+        free = len(trial.fit.vector.free)
+        bic[model] = cost + free * float(np.log(equations))
+        aicc[model] = cost + 2 * free + 2 * free * (free + 1) / max(equations - free - 1, 1)
+        outside[model] = held_out(stars, trial.fit, priors, folds)
+        progress(0.5 + 0.5 * (k + 1) / len(trials))
+    best = min(bic, key=lambda m: (bic[m], len(trials[m].fit.vector.free)))
+    rows = [
+        ModelFit(
+            model,
+            len(t.fit.vector.free),
+            bic[model] - bic[best],
+            aicc[model] - min(aicc.values()),
+            residual_figures(t.fit.residual_px, stars.sigma_px, kept).rms_px,
+            _rms(outside[model]),
+            model == best,
+            tuple(f.name for f in t.frozen),
+        )
+        for model, t in trials.items()
+    ]
+    return tuple(rows), outside
+
+
+def _rms(figures: ResidualFigures | None) -> float:
+    return float("nan") if figures is None else figures.rms_px
+
+
+def _made(
+    screened: Screened,
+    stars: Stack,
+    start: Camera,
+    trial: _Trial,
+    model: str,
+    comparison: tuple[ModelFit, ...],
+    outside: ResidualFigures | None,
+) -> CameraCalibration:
+    fit = trial.fit
+    size = (start.columns, start.rows)
+    turns = attitudes_of(stars, start)
+    before = stars.pixels - start.project(np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs))
+    clean = fit.used & np.isfinite(before).all(axis=1)
+    parameters, covariance = _parameters(fit)
+    warnings = [*screened.warnings, *poor_data(stars.pixels[fit.used], stars.frames, size), *_said(fit, trial, start)]
+    return CameraCalibration(
+        fit.camera,
+        model,
+        start,
+        parameters,
+        covariance,
+        trial.frozen,
+        residual_figures(fit.residual_px, stars.sigma_px, fit.used, fit.freedom),
+        residual_figures(before, stars.sigma_px, clean),
+        outside,
+        comparison,
+        _frames(screened, stars, fit),
+        residual_map(stars.pixels[clean], before[clean], size),
+        residual_map(stars.pixels[fit.used], fit.residual_px[fit.used], size),
+        _stars(screened, stars, fit, before),
+        tuple(warnings),
+    )
+
+
+def _parameters(fit: Adjusted) -> tuple[tuple[Parameter, ...], Array]:
+    factor = np.array([fit.vector.values[n] if n in ("focal_px", "aspect") else 1.0 for n in fit.vector.free])
+    covariance = fit.covariance * np.outer(factor, factor)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+    values = fit.vector.values
+    made = [Parameter(n, values[n], float(s), UNITS.get(n, "")) for n, s in zip(fit.vector.free, sigma, strict=True)]
+    return tuple(made), covariance
+
+
+def _said(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
+    said: list[Advice] = []
+    believed = vector_of(start, fit.vector.model, 1.0).values["focal_px"]
+    ratio = fit.vector.values["focal_px"] / believed
+    if abs(ratio - 1) > PLATE_SCALE:
+        text = f"the focal length is {ratio:.4f} times what was believed ({believed:.1f} px)"
+        said.append(
+            Advice("plate-scale", text, "wrong camera profile, binning or pitch? If not, the calibrated one is right")
+        )
+    if trial.frozen:
+        names = ", ".join(f.name for f in trial.frozen)
+        said.append(
+            Advice(
+                "unsupported",
+                f"the stars do not tell {names}; held",
+                "more frames, more stars, a wider part of the field",
+            )
+        )
+    rejected = float(np.mean(~fit.used))
+    if rejected > 0.1:
+        said.append(Advice("rejected", f"{rejected:.0%} of the stars do not fit", "false matches, or double stars"))
+    return said
+
+
+def _frames(screened: Screened, stars: Stack, fit: Adjusted) -> tuple[FrameFit, ...]:
+    rows = []
+    for k, frame in enumerate(screened.frames):
+        own = stars.frame == k
+        kept: NDArray[np.bool_] = own & fit.used
+        rms = float(np.sqrt(np.mean(fit.residual_px[kept] ** 2))) if kept.any() else float("nan")
+        quaternion = quaternion_from_matrix(fit.cam_from_icrs[k])
+        covariance = fit.attitude_covariance_rad2[k]
+        left = int(own.sum()) - int(kept.sum())
+        rows.append(
+            FrameFit(
+                frame.name, frame.time_s, int(own.sum()), left, rms, quaternion, covariance, float(screened.scale[k])
+            )
+        )
+    nothing = FrameFit("", float("nan"), 0, 0, float("nan"), np.full(4, np.nan), np.full((3, 3), np.nan), float("nan"))
+    rows += [replace(nothing, name=name, excluded=reason) for name, reason in screened.excluded]
+    return tuple(rows)
+
+
+def _stars(screened: Screened, stars: Stack, fit: Adjusted, before: Array) -> StarResiduals:
+    return StarResiduals(
+        stars.frame,
+        np.concatenate([f.hip for f in screened.frames]),
+        np.concatenate([f.v_mag for f in screened.frames]),
+        stars.pixels,
+        fit.residual_px,
+        before,
+        fit.used,
+    )

@@ -1,0 +1,124 @@
+"""The matched stars of one frame: what every calibration from the sky starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.results import Centroids, SolveResult
+from gss.domain.stars import Ids, StarTable
+
+CLIPPED_SHARE = 0.98
+PER_STAR = ("sigma_px", "hip", "v_mag", "b_v", "flux_dn", "peak_dn", "area_px")
+
+
+@dataclass(frozen=True)
+class FrameStars:
+    """n stars of one frame, each measured and named.
+
+    ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) unit vectors as the camera
+    saw them (epoch of the night; aberration where the field is wide and the figures are small). ``flux_dn``: above the
+    background. ``streak_px``: length of the trails. ``saturation_dn``: peaks from here on are clipped.
+    """
+
+    name: str
+    columns: int
+    rows: int
+    pixels: Array
+    sigma_px: Array
+    icrs: Array
+    hip: Ids
+    v_mag: Array
+    b_v: Array
+    flux_dn: Array
+    peak_dn: Array
+    area_px: NDArray[np.int32]
+    exposure_s: float = float("nan")
+    time_s: float = float("nan")
+    streak_px: float = 0.0
+    saturation_dn: float = float("inf")
+
+    def __post_init__(self) -> None:
+        n = len(self.pixels)
+        shapes = {"pixels": (n, 2), "icrs": (n, 3)} | dict.fromkeys(PER_STAR, (n,))
+        for name, shape in shapes.items():
+            got = getattr(self, name).shape
+            if got != shape:
+                raise BadInput(f"frame {self.name}: {name} has the wrong shape", expected=str(shape), got=str(got))
+        if n and not (np.isfinite(self.pixels).all() and np.isfinite(self.icrs).all() and (self.sigma_px > 0).all()):
+            raise BadInput(
+                f"frame {self.name}: places are not numbers",
+                expected="finite places, errors above 0 px",
+                got="NaN or 0",
+            )
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """(n,) stars whose peak is clipped."""
+        return np.asarray(self.peak_dn >= CLIPPED_SHARE * self.saturation_dn)
+
+    def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> FrameStars:
+        """The stars of a mask or an index array."""
+        columns = {"pixels", "icrs", *PER_STAR}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return FrameStars(**{n: v[index] if n in columns else v for n, v in values.items()})
+
+
+def frame_stars(
+    name: str,
+    result: SolveResult,
+    stars: StarTable,
+    *,
+    exposure_s: float = float("nan"),
+    time_s: float = float("nan"),
+    streak_px: float = 0.0,
+    saturation_dn: float = float("inf"),
+) -> FrameStars | None:
+    """The matches of a solved frame that its attitude used; None where it has no solution. Stars that ``stars`` does not
+    hold are left out."""
+    if result.matches is None or result.attitude is None:
+        return None
+    row_of = stars.row_of_hip
+    used = [k for k, h in enumerate(result.matches.hip.tolist()) if result.matches.weight[k] > 0 and int(h) in row_of]
+    rows = np.array([row_of[int(result.matches.hip[k])] for k in used], np.intp)
+    seen = result.centroids.take(result.matches.centroid[used].astype(np.intp))
+    size = (result.camera.columns, result.camera.rows)
+    return of_centroids(name, size, seen, stars, rows, exposure_s, time_s, streak_px, saturation_dn)
+
+
+def of_centroids(
+    name: str,
+    size: tuple[int, int],
+    seen: Centroids,
+    stars: StarTable,
+    rows: NDArray[np.intp],
+    exposure_s: float = float("nan"),
+    time_s: float = float("nan"),
+    streak_px: float = 0.0,
+    saturation_dn: float = float("inf"),
+) -> FrameStars:
+    """Centroids and the row in ``stars`` of each. ``size``: columns, rows of the detector."""
+    return FrameStars(
+        name,
+        *size,
+        seen.pixels,
+        np.asarray(seen.sigma_px, float),
+        stars.icrs[rows],
+        stars.hip[rows],
+        stars.v_mag[rows],
+        stars.b_v[rows],
+        seen.flux_dn,
+        seen.peak_dn,
+        seen.area_px,
+        exposure_s,
+        time_s,
+        streak_px,
+        saturation_dn,
+    )

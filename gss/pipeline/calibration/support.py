@@ -1,0 +1,78 @@
+"""Which parameters the stars can tell: what they cannot is held where it was, and named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, adjust
+from gss.pipeline.calibration.lens_models import FREEZING_ORDER, TILT, Vector, most_allowed_sigma
+from gss.pipeline.calibration.result import Frozen
+
+TWINS = 0.998  # a correlation from here on: one of the two says nothing of its own
+TWIN_GROUPS = ({"centre_col_px", "centre_row_px"}, {"p1", "p2", *TILT})
+
+
+def hold_unsupported(
+    stars: Stack, vector: Vector, turns: Array, priors: Mapping[str, Prior]
+) -> tuple[Adjusted, tuple[Frozen, ...]]:
+    """Fit; while a parameter's σ says nothing, or it is another's twin, hold the first of them in the order of freezing and
+    fit again. A parameter with a prior narrower than that is never without support."""
+    frozen: list[Frozen] = []
+    start = vector
+    vector = _within_equations(stars, vector, frozen)
+    while True:
+        fit = adjust(stars, vector, turns, priors)
+        held, reason = _worst(fit)
+        if not held:
+            return fit, tuple(frozen)
+        frozen += [Frozen(n, start.values[n], reason) for n in held]
+        vector = _restarted(start, fit.vector).without(held)
+
+
+def _restarted(start: Vector, fitted: Vector) -> Vector:
+    """From the start again: a fit that ran along a direction without support is no good place to go on from."""
+    return start.without(tuple(n for n in start.free if n not in fitted.free))
+
+
+def _within_equations(stars: Stack, vector: Vector, frozen: list[Frozen]) -> Vector:
+    """Fewer unknowns than equations."""
+    for group in FREEZING_ORDER:
+        if 2 * len(stars) - 3 * stars.frames > len(vector.free):
+            break
+        held = tuple(n for n in group if n in vector.free)
+        frozen += [Frozen(n, vector.values[n], "fewer equations than unknowns") for n in held]
+        vector = vector.without(held)
+    return vector
+
+
+def _worst(fit: Adjusted) -> tuple[tuple[str, ...], str]:
+    free = fit.vector.free
+    if not free:
+        return (), ""
+    sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
+    limit = most_allowed_sigma(fit.vector)
+    loose = {n for n, s, most in zip(free, sigma, limit, strict=True) if not s <= most}
+    twins = _twins(fit, sigma)
+    for group in FREEZING_ORDER:
+        held = tuple(n for n in group if n in free)
+        if loose & set(held):
+            worst = max((n for n in held if n in loose), key=lambda n: sigma[free.index(n)] / limit[free.index(n)])
+            return held, f"its σ would be {sigma[free.index(worst)]:.2g}"
+        if twins & set(held):
+            return held, "cannot be told apart from another parameter"
+    return (), ""
+
+
+def _twins(fit: Adjusted, sigma: Array) -> set[str]:
+    """Tangential coefficients or tilt that move with the centre."""
+    free = fit.vector.free
+    correlation = fit.covariance / np.maximum(np.outer(sigma, sigma), 1e-300)
+    found = set()
+    for i, a in enumerate(free):
+        for j, b in enumerate(free):
+            if a in TWIN_GROUPS[1] and b in TWIN_GROUPS[0] and abs(correlation[i, j]) > TWINS:
+                found.add(a)
+    return found

@@ -1,0 +1,155 @@
+"""Frames of a night for every camera: rendered, measured by the detector, named by the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import Centroids
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.domain.stars import StarTable
+from gss.pipeline.calibration.sightings import FrameStars, of_centroids
+from gss.pipeline.psf import cut_stamps, fit_stars
+from gss.pipeline.render import Rendered, render, stars_near, truth_of
+
+
+@lru_cache
+def sky() -> StarTable:
+    """The catalogue to V 8."""
+    return load_stars(8.0)
+
+
+def attitudes(camera: Camera, count: int, fewest: int, limit_mag: float, seed: int) -> list[Array]:
+    """Random attitudes that show so many stars."""
+    rng, stars, made = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
+    while len(made) < count:
+        turn = matrix_from_quaternion(random_quaternion(rng))
+        if len(truth_of(stars_near(stars, camera, turn), camera, turn).hip) >= fewest:
+            made.append(turn)
+    return made
+
+
+def seen_frames(
+    camera: Camera,
+    *,
+    frames: int = 30,
+    sigma_px: float = 0.1,
+    limit_mag: float = 5.0,
+    fewest: int = 5,
+    most: int = 60,
+    seed: int = 1,
+) -> list[FrameStars]:
+    """Stars at their true places with normal errors: no picture, for figures that need exact noise."""
+    rng, stars = np.random.default_rng([seed, 9]), sky().brighter_than(limit_mag)
+    made = []
+    for k, turn in enumerate(attitudes(camera, frames, fewest, limit_mag, seed)):
+        truth = truth_of(stars_near(stars, camera, turn), camera, turn)
+        n = min(len(truth.hip), most)
+        rows = np.array([stars.row_of_hip[int(h)] for h in truth.hip[:n]])
+        nan = np.full(n, np.nan)
+        made.append(
+            FrameStars(
+                f"frame {k}",
+                camera.columns,
+                camera.rows,
+                truth.pixels[:n] + sigma_px * rng.normal(size=(n, 2)),
+                np.full(n, sigma_px),
+                stars.icrs[rows],
+                stars.hip[rows],
+                stars.v_mag[rows],
+                stars.b_v[rows],
+                nan,
+                nan,
+                np.zeros(n, np.int32),
+                time_s=float(k),
+            )
+        )
+    return made
+
+
+@lru_cache
+def rendered_frames(
+    name: str, count: int = 30, exposure: float = 2.0, seed: int = 1
+) -> tuple[tuple[FrameStars, ...], tuple[Array, ...]]:
+    """Rendered frames of a profile with noise, measured by the detector; and each star's true error (n, 2) px."""
+    known = profile(name)
+    rng, exposure_s = (
+        np.random.default_rng([seed, 5]),
+        min(exposure * known.sensor.exposure_s, known.sensor.exposure_max_s),
+    )
+    frames, errors = [], []
+    for k, turn in enumerate(attitudes(known.camera, count, 4, 5.0 if name != "aim" else 7.0, seed)):
+        picture = render(sky(), known.camera, known.sensor, turn, exposure_s, rng)
+        found, hip, truth = measure(picture, known)
+        rows = np.array([sky().row_of_hip[int(h)] for h in hip], np.intp)
+        size = (known.camera.columns, known.camera.rows)
+        frames.append(of_centroids(f"frame {k}", size, found, sky(), rows, exposure_s, float(k)))
+        errors.append(found.pixels - truth)
+    return tuple(frames), tuple(errors)
+
+
+def measure(picture: Rendered, known: CameraProfile) -> tuple[Centroids, Array, Array]:
+    """The detector's fit at the stars that are bright, whole and alone: centroids, their names, their true places."""
+    sensor, truth = known.sensor, picture.truth
+    half = int(np.ceil(3 * sensor.psf_sigma_px)) + 1
+    gap = np.hypot(*(truth.pixels[:, None] - truth.pixels[None]).transpose(2, 0, 1))
+    np.fill_diagonal(gap, np.inf)
+    light = sensor.star_e(truth.v_mag, 1.0)
+    alone = ~((gap < 3 * half) & (light[None] > 0.03 * light[:, None])).any(axis=1)
+    inside = known.camera.contains(truth.pixels, half + 1.0)
+    pick = np.flatnonzero(alone & inside & (truth.v_mag < sensor.faint_limit_mag + 1.0))[:60]
+    place = np.rint(truth.pixels[pick]).astype(np.intp)
+    level = float(np.median(picture.pixels))
+    spread = max(1.4826 * float(np.median(np.abs(picture.pixels - level))), 0.5)
+    stamps = cut_stamps(picture.pixels, place[:, 0], place[:, 1], np.full(len(pick), level), half, sensor.saturation_dn)
+    shape = (sensor.psf_sigma_px**2 + 1 / 12) * np.eye(2)
+    fit = fit_stars(stamps, place[:, 0], place[:, 1], shape, np.full(len(pick), spread), sensor.gain_e_per_dn)
+    good = (
+        fit.good
+        & stamps.use.all(axis=1)
+        & (fit.sigma_px < 0.3)
+        & (np.hypot(fit.col - place[:, 0], fit.row - place[:, 1]) < 1.2)
+    )
+    peak = stamps.value.max(axis=1)
+    seen = Centroids(fit.col, fit.row, fit.flux, peak + level, np.full(len(pick), 9, np.int32), fit.sigma_px)
+    return seen.take(good), truth.hip[pick][good], truth.pixels[pick][good]
+
+
+def rough(camera: Camera) -> Camera:
+    """What is believed before: half a percent off in focal length, no lens, the middle of the detector."""
+    middle = {"centre_col_px": (camera.columns - 1) / 2, "centre_row_px": (camera.rows - 1) / 2}
+    bare = Camera.from_fov(camera.columns, camera.rows, 1.0)
+    plain = replace(camera, distortion=bare.distortion, **middle)
+    return plain.with_focal_scaled(1.005)
+
+
+@pytest.fixture(scope="session")
+def night() -> Callable[..., list[FrameStars]]:
+    """``seen_frames``."""
+    return seen_frames
+
+
+@pytest.fixture(scope="session")
+def rendered() -> Callable[..., tuple[tuple[FrameStars, ...], tuple[Array, ...]]]:
+    """``rendered_frames``."""
+    return rendered_frames
+
+
+@pytest.fixture(scope="session")
+def rough_camera() -> Callable[[Camera], Camera]:
+    """``rough``."""
+    return rough
+
+
+@pytest.fixture(scope="session")
+def known() -> Callable[[str], CameraProfile]:
+    """A profile by name."""
+    return profile
