@@ -1,4 +1,8 @@
-"""A catalogue as files for other programs: CSV, ECSV and FITS binary tables, angles in degrees as those expect."""
+"""A catalogue as files for other programs: CSV, ECSV, Parquet and FITS tables, angles in degrees as those expect.
+
+These are for people and other programs, and lose the device's number widths. The image itself as tables, there and back byte for
+byte, is :func:`export_table` and :func:`import_table`; as C source :mod:`gss.catalogue_tools.formats.c_source`.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.formats.table_files import export_table, import_table
 from gss.catalogue_tools.manifest import Manifest
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import BadInput
 from gss.domain.stars import OnboardCatalogue
 
+__all__ = ["export", "export_table", "import_table"]
+
 UNITS = {"ra": "deg", "dec": "deg", "v": "mag", "distance": "deg"}
 
 
 def export(catalogue: OnboardCatalogue, manifest: Manifest, kind: str) -> bytes:
-    """The file of one kind: csv and ecsv hold the star list, fits the star list and the distance table."""
-    writers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits}
+    """The file of one kind: csv, ecsv and parquet hold the star list, fits the star list and the distance table."""
+    writers = {"csv": _csv, "ecsv": _ecsv, "parquet": _parquet, "fits": _fits}
     if kind not in writers:
         raise BadInput("unknown kind of export", expected=" | ".join(writers), got=kind)
     return writers[kind](catalogue, manifest)
@@ -70,6 +77,17 @@ def _ecsv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
     text = io.StringIO()
     table.write(text, format="ascii.ecsv")
     return text.getvalue().encode()
+
+
+def _parquet(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = {f"{n}_{UNITS[n]}" if n in UNITS else n: v for n, v in _stars(catalogue).items()}
+    table = pa.table(columns).replace_schema_metadata({k: str(v) for k, v in _facts(manifest).items()})
+    file = io.BytesIO()
+    pq.write_table(table, file)
+    return file.getvalue()
 
 
 def _fits(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:

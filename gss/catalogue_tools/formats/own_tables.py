@@ -49,8 +49,8 @@ def tables_for(
 
     ``limit_mag``: of oersted's triplets, where a star is seen every second time; None: as faint as the list allows.
     ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera. ``reduced``: adds a reduced catalogue
-    (or that one), to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given. ``index``: adds a
-    k-vector.
+    (or that one), to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given.
+    ``index``: adds a k-vector.
     """
     tables = BankTables()
     frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)

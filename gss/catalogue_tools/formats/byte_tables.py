@@ -1,0 +1,73 @@
+"""The byte tables of docs/catalogue-formats.md, made from what the code writes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Field, Rows
+from gss.catalogue_tools.formats.header import HEADER_BYTES
+from gss.catalogue_tools.formats.layout import BankFormat
+from gss.catalogue_tools.formats.sections import SECTIONS
+
+
+def format_table(fmt: BankFormat) -> str:
+    """Markdown: offset in the image, type, count, unit, meaning; n stars and m pairs."""
+    lines = _rows(fmt.stars, "n", _Place(HEADER_BYTES, 0, 0))
+    if fmt.pairs:
+        lines += _rows(fmt.pairs, "m", _Place(HEADER_BYTES, fmt.stars.row_bytes, 0))
+    return "\n".join(["| offset | type | field | unit | meaning |", "|---|---|---|---|---|", *lines])
+
+
+def section_table(tag: str) -> str:
+    """Markdown: the fields of a section's content in their order."""
+    lines = [f"| {_type(f.type)} | {f.name} | {f.unit} | {f.meaning} |" for f in SECTIONS[tag].fields]
+    return "\n".join(["| type | field | unit | meaning |", "|---|---|---|---|", *lines])
+
+
+class _Place:
+    """An offset a + b·n + c·m as text."""
+
+    def __init__(self, fixed: int, per_star: int, per_pair: int) -> None:
+        self.fixed, self.per_star, self.per_pair = fixed, per_star, per_pair
+
+    def __str__(self) -> str:
+        parts = [str(self.fixed)]
+        parts += [f"{k}n" for k in (self.per_star,) if k]
+        parts += [f"{k}m" for k in (self.per_pair,) if k]
+        return " + ".join(parts)
+
+
+def _rows(rows: Rows, count: str, at: _Place) -> list[str]:
+    if rows.bits:
+        return [_packed(rows, count, at)]
+    lines, inside = [], 0
+    for f in rows.fields:
+        size = np.dtype(f.type).itemsize
+        if rows.records:
+            where = f"{at} + {rows.row_bytes}i" + (f" + {inside}" if inside else "")
+            lines.append(_line(where, _type(f.type), f))
+            inside += size
+        else:
+            lines.append(_line(str(at), f"{_type(f.type)}[{count}]", f))
+            at = _Place(at.fixed, at.per_star + size * (count == "n"), at.per_pair + size * (count == "m"))
+    return lines
+
+
+def _packed(rows: Rows, count: str, at: _Place) -> str:
+    low, parts = 0, []
+    for f, width in zip(rows.fields, rows.bits, strict=True):
+        unit = f" ({f.unit})" if f.unit else ""
+        bits = f"bits {low} to {low + width - 1}" if width > 1 else f"bit {low}"
+        parts.append(f"{bits}: {f.name}{unit}, {f.meaning}")
+        low += width
+    return f"| {at} + {rows.row_bytes}i | u8[{rows.row_bytes}] | entry | | {'; '.join(parts)} |"
+
+
+def _line(where: str, kind: str, f: Field) -> str:
+    return f"| {where} | {kind} | {f.name} | {f.unit} | {f.meaning} |"
+
+
+def _type(name: str) -> str:
+    letters = {"i": "i", "u": "u", "f": "f"}
+    words = [w.lstrip("<") for w in name.split()]
+    return " ".join(w if w == "or" else letters[w[0]] + str(8 * int(w[1:])) for w in words)

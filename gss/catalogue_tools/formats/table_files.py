@@ -1,0 +1,271 @@
+"""A bank image as tables of other programs and back to the very same bytes: FITS in one file; CSV, ECSV and Parquet in a ZIP with
+one file per table, which these kinds cannot hold together.
+
+Every block of the image is a table or a column of one, in the numbers of the device (see docs/catalogue-formats.md); what holds
+them together, header and section heads, is a table of bytes. ``layout`` says in which order they make the image. Nothing is
+lost: single precision keeps its digits, and packed entries come as their whole numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.formats.blocks import Block, Columns, block_columns, to_bytes
+from gss.catalogue_tools.formats.registry import blocks_of, decode, read_header
+from gss.domain.errors import BadInput, CorruptData
+
+LAYOUT = "layout"
+LAYOUT_FILE = "layout.json"
+DATE = (1980, 1, 1, 0, 0, 0)
+Tables = dict[str, Columns]
+
+
+def export_table(image: bytes, kind: str) -> bytes:
+    """The file of a checked bank image; ``kind``: fits, csv, ecsv or parquet, the last three a ZIP."""
+    decode(image)
+    tables, layout = _tables(image)
+    facts = _facts(image)
+    if _check(kind) == "fits":
+        return _write_fits(tables, layout, facts)
+    return _zipped({f"{name}.{kind}": WRITERS[kind](name, c, facts) for name, c in tables.items()}, layout, facts)
+
+
+def import_table(data: bytes, kind: str) -> bytes:
+    """The bank image of a file that :func:`export_table` wrote, checksums checked. BadInput where it is no such file, CorruptData
+    where a table, a column or a number is not what it was."""
+    layout, read = (_read_fits if _check(kind) == "fits" else _read_zip)(data, kind)
+    image = b""
+    for name, block in layout:
+        columns = read(name)
+        image += _bytes_of(name, block, columns)
+    decode(image)
+    return image
+
+
+def _check(kind: str) -> str:
+    if kind not in KINDS:
+        raise BadInput("unknown kind of table file", expected=" | ".join(KINDS), got=kind)
+    return kind
+
+
+def _facts(image: bytes) -> dict[str, Any]:
+    h = read_header(image)
+    return {
+        "format": h.format_name,
+        "profile": h.profile_name,
+        "stars": h.stars,
+        "pairs": h.pairs,
+        "epoch": h.epoch_jyear,
+    }
+
+
+def _tables(image: bytes) -> tuple[Tables, list[dict[str, Any]]]:
+    """Columns by table, and of each block: table, names, type, shape, bits, count."""
+    tables: Tables = {}
+    layout = []
+    for block, data in blocks_of(image):
+        if not block.size:
+            continue
+        name = block.table if block.table != "raw" else f"bytes_{block.name.lower()}"
+        columns = block_columns(block, data)
+        tables.setdefault(name, {}).update(columns)
+        dtype = block.dtype.descr if block.dtype.names else block.dtype.base.str
+        shape, bits = list(block.dtype.shape), list(block.bits)
+        layout.append(
+            {"table": name, "name": block.name, "type": dtype, "shape": shape, "bits": bits, "rows": block.count}
+        )
+    return tables, layout
+
+
+def _block(entry: Mapping[str, Any]) -> tuple[str, Block]:
+    described = entry["type"]
+    dtype: np.dtype[Any] = (
+        np.dtype((described, tuple(entry["shape"])))
+        if isinstance(described, str)
+        else np.dtype([(str(n), str(t)) for n, t in described])
+    )
+    return str(entry["table"]), Block("", dtype, int(entry["rows"]), str(entry["name"]), tuple(entry["bits"]))
+
+
+def _parsed_layout(text: str) -> list[tuple[str, Block]]:
+    try:
+        return [_block(entry) for entry in json.loads(text)]
+    except (ValueError, TypeError, KeyError) as error:
+        raise CorruptData("the layout of the table file is damaged", expected="its JSON", got=str(error)) from None
+
+
+def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
+    names = block.name.split() if block.bits else block.dtype.names or (block.name,)
+    missing = [n for n in names if n not in columns]
+    lengths = {len(columns[n]) for n in names if n in columns}
+    if missing or lengths - {block.count}:
+        got = f"no {', '.join(missing)}" if missing else f"{sorted(lengths)} rows"
+        raise CorruptData(f"table {name} is not whole", expected=f"{', '.join(names)}, {block.count} rows", got=got)
+    try:
+        return to_bytes([block], columns)
+    except (ValueError, OverflowError) as error:
+        raise CorruptData(f"table {name} holds what does not fit its type", got=str(error)) from None
+
+
+# --- FITS -----------------------------------------------------------------------------------------------------------
+
+
+def _write_fits(tables: Tables, layout: list[dict[str, Any]], facts: Mapping[str, Any]) -> bytes:
+    from astropy.io import fits
+    from astropy.table import Table  # a second of import, paid only by who exports
+
+    primary = fits.PrimaryHDU()
+    primary.header.update({f"{name[:8].upper()}": value for name, value in facts.items()})
+    order = np.frombuffer(json.dumps(layout).encode(), np.uint8)
+    hdus = [primary, fits.table_to_hdu(Table({"json": order}))]
+    hdus[1].name = LAYOUT.upper()
+    for name, columns in tables.items():
+        hdu = fits.table_to_hdu(Table({n: v.astype(v.dtype.newbyteorder("=")) for n, v in columns.items()}))
+        hdu.name = name.upper()
+        hdus.append(hdu)
+    file = io.BytesIO()
+    fits.HDUList(hdus).writeto(file, checksum=True)
+    return file.getvalue()
+
+
+def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable[[str], Columns]]:
+    from astropy.io import fits
+
+    try:
+        with fits.open(io.BytesIO(data), memmap=False) as hdus:
+            held = {
+                hdu.name.lower(): {n: np.asarray(hdu.data[n]) for n in hdu.columns.names}
+                for hdu in hdus[1:]
+                if isinstance(hdu, fits.BinTableHDU)
+            }
+    except (OSError, ValueError, TypeError, IndexError, KeyError) as error:
+        raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
+    if LAYOUT not in held:
+        raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(held), hint=HINT)
+    text = held[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
+    return _parsed_layout(text), lambda name: _held(held, name)
+
+
+def _held(tables: Tables, name: str) -> Columns:
+    if name not in tables:
+        raise CorruptData("a table is missing", expected=name, got=", ".join(tables))
+    return tables[name]
+
+
+# --- one file per table, in a ZIP ------------------------------------------------------------------------------------
+
+
+def _zipped(files: Mapping[str, bytes], layout: list[dict[str, Any]], facts: Mapping[str, Any]) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        content = {
+            LAYOUT_FILE: json.dumps(layout, indent=1).encode(),
+            "facts.json": json.dumps(facts).encode(),
+            **files,
+        }
+        for name, data in content.items():
+            # The same catalogue gives the same file, whenever it is written.
+            archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
+    return file.getvalue()
+
+
+def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable[[str], Columns]]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            files = {name: archive.read(name) for name in archive.namelist()}
+    except (zipfile.BadZipFile, ValueError, OSError, EOFError, NotImplementedError, RuntimeError) as error:
+        raise BadInput(
+            "not a ZIP of tables", expected="one that export_table wrote", got=str(error), hint=HINT
+        ) from None
+    if LAYOUT_FILE not in files:
+        raise BadInput("not a catalogue in a ZIP of tables", expected=LAYOUT_FILE, got=", ".join(files), hint=HINT)
+    layout = _parsed_layout(files[LAYOUT_FILE].decode("utf-8", "replace"))
+    read: dict[str, Columns] = {}
+
+    def table(name: str) -> Columns:
+        if name not in read:
+            if f"{name}.{kind}" not in files:
+                raise CorruptData("a table is missing", expected=f"{name}.{kind}", got=", ".join(files))
+            try:
+                read[name] = READERS[kind](files[f"{name}.{kind}"])
+            except (ValueError, OSError, KeyError, TypeError) as error:
+                raise CorruptData(f"table {name} cannot be read", expected=kind, got=str(error)) from None
+        return read[name]
+
+    return layout, table
+
+
+def _write_csv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    # numpy's own text of a number is the shortest that comes back the same.
+    writer.writerows(zip(*([str(v) for v in c] for c in columns.values()), strict=True))
+    return text.getvalue().encode()
+
+
+def _read_csv(data: bytes) -> Columns:
+    head, *rows = csv.reader(io.StringIO(data.decode()))
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(head)
+    return {n: _numbers(c) for n, c in zip(head, cells, strict=True)}
+
+
+def _numbers(cells: tuple[str, ...]) -> np.ndarray[Any, Any]:
+    whole = all(c.lstrip("-").isdigit() for c in cells)
+    return np.array([int(c) for c in cells], np.int64) if whole else np.array([float(c) for c in cells])
+
+
+def _write_ecsv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
+    from astropy.table import Table
+
+    text = io.StringIO()
+    table = Table({n: v.astype(v.dtype.newbyteorder("=")) for n, v in columns.items()}, meta={"table": name, **facts})
+    table.write(text, format="ascii.ecsv")
+    return text.getvalue().encode()
+
+
+def _read_ecsv(data: bytes) -> Columns:
+    from astropy.io import ascii as text_tables
+
+    table = text_tables.read(data.decode().splitlines(), format="ecsv", guess=False)
+    return {n: np.asarray(table[n]) for n in table.colnames}
+
+
+def _write_parquet(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.table({n: v.astype(v.dtype.newbyteorder("=")) for n, v in columns.items()})
+    table = table.replace_schema_metadata({"table": name} | {k: str(v) for k, v in facts.items()})
+    file = io.BytesIO()
+    pq.write_table(table, file)
+    return file.getvalue()
+
+
+def _read_parquet(data: bytes) -> Columns:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(io.BytesIO(data))
+    except pa.ArrowException as error:
+        raise ValueError(str(error)) from None
+    return {n: table[n].to_numpy() for n in table.column_names}
+
+
+HINT = "a plain star list is imported as a user's list; only whole images come back this way"
+WRITERS: dict[str, Callable[[str, Columns, Mapping[str, Any]], bytes]] = {
+    "csv": _write_csv,
+    "ecsv": _write_ecsv,
+    "parquet": _write_parquet,
+}
+READERS: dict[str, Callable[[bytes], Columns]] = {"csv": _read_csv, "ecsv": _read_ecsv, "parquet": _read_parquet}
+KINDS = ("fits", *WRITERS)
+SUFFIXES = {"fits": ".fits"} | {kind: f".{kind}.zip" for kind in WRITERS}
