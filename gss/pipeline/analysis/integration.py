@@ -1,0 +1,74 @@
+"""Noise equivalent angle against integration time (Moniteq 1983 §4.4: noise falls as light grows, until something else rules)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput, GssError
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.analysis.steady import earth_fixed
+from gss.pipeline.calibration.advice import Advice
+
+FEWEST_TIMES = 2
+
+
+@dataclass(frozen=True)
+class NeaCurve:
+    """Per integration time, growing: ``exposure_s`` (k,), ``across_rad`` and ``about_rad`` (k,) from frame to frame with their
+    relative σ ``relative_sigma`` (k,), ``frames``, ``matches`` (mean). ``exponent`` ± ``exponent_sigma``: across ∝ tᵉ; −0.5 where
+    light's own noise rules, −1 where the read-out's does, 0 where neither."""
+
+    exposure_s: Array
+    across_rad: Array
+    about_rad: Array
+    relative_sigma: Array
+    frames: Array
+    matches: Array
+    exponent: float
+    exponent_sigma: float
+    warnings: tuple[Advice, ...]
+
+
+def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
+    """From runs of a fixed camera by exposure time in seconds. Runs too short to tell are left out and named. BadInput with
+    fewer than two times."""
+    rows: list[tuple[float, float, float, float, int, float]] = []
+    said: list[Advice] = []
+    for exposure_s in sorted(runs):
+        series = runs[exposure_s]
+        try:
+            test = earth_fixed(series)
+        except GssError as error:
+            said.append(Advice("short-run", f"{exposure_s:g} s was left out: {error}", "more frames at this time"))
+            continue
+        across = float(np.hypot(test.body[0].noise_rad, test.body[1].noise_rad) / np.sqrt(2))
+        steps = max(1, test.solved - 1)
+        matches = float(series.matches[series.solved].mean())
+        rows.append((exposure_s, across, test.body[2].noise_rad, 1 / np.sqrt(2 * 2 * steps), test.solved, matches))
+    if len(rows) < FEWEST_TIMES:
+        raise BadInput(
+            "one integration time makes no curve",
+            expected=f"{FEWEST_TIMES} times with five solved frames each",
+            got=f"{len(rows)}",
+            hint="take runs of some twenty frames at several exposures",
+        )
+    table = np.array(rows, float)
+    x, y, weight = np.log(table[:, 0]), np.log(table[:, 1]), 1 / table[:, 3]
+    design = np.column_stack([np.ones(len(x)), x]) * weight[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    fit = covariance @ design.T @ (y * weight)
+    return NeaCurve(
+        table[:, 0],
+        table[:, 1],
+        table[:, 2],
+        table[:, 3],
+        table[:, 4],
+        table[:, 5],
+        float(fit[1]),
+        float(np.sqrt(covariance[1, 1])),
+        tuple(said),
+    )

@@ -1,0 +1,150 @@
+"""A run of attitudes over time, and the turns between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.results import SolveResult
+from gss.pipeline.calibration.advice import Advice
+
+FEWEST = 5
+GAP_TIMES = 3.0
+"""A step this many times the usual one is a gap."""
+POOR_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class AttitudeSeries:
+    """n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN where there is no attitude;
+    ``covariance_rad2`` (n, 3, 3) in the camera's axes, NaN where a chain gives none; ``centroids``, ``matches`` (n,) counts;
+    ``residual_px`` (n,) rms, NaN where unknown."""
+
+    times_s: Array
+    quaternion: Array
+    covariance_rad2: Array
+    centroids: NDArray[np.intp]
+    matches: NDArray[np.intp]
+    residual_px: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.times_s)
+        shapes = {
+            "quaternion": (n, 4),
+            "covariance_rad2": (n, 3, 3),
+            "centroids": (n,),
+            "matches": (n,),
+            "residual_px": (n,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise BadInput(f"{name} has the wrong shape", expected=str(shape), got=str(getattr(self, name).shape))
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """(n,) where there is an attitude."""
+        return np.asarray(np.isfinite(self.quaternion).all(axis=1))
+
+    def only(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> AttitudeSeries:
+        """The frames of a mask or of an index array."""
+        return AttitudeSeries(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -> AttitudeSeries:
+    """From results in any order of time; None: the frame could not be run at all."""
+    n = len(results)
+    quaternion, covariance = np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan)
+    centroids, matches, residual = np.zeros(n, np.intp), np.zeros(n, np.intp), np.full(n, np.nan)
+    for k, result in enumerate(results):
+        if result is None:
+            continue
+        centroids[k] = len(result.centroids)
+        matches[k] = 0 if result.matches is None else len(result.matches)
+        residual[k] = result.residual_rms_px
+        if result.attitude is not None:
+            quaternion[k], covariance[k] = result.attitude.quaternion, result.attitude.covariance_rad2
+    order = np.argsort(np.asarray(times_s, float), kind="stable")
+    at = np.asarray(times_s, float)[order]
+    return AttitudeSeries(at, quaternion[order], covariance[order], centroids[order], matches[order], residual[order])
+
+
+def product(left: Array, right: Array) -> Array:
+    """(…, 4) Hamilton products, scalar last: the matrix of the one times the matrix of the other."""
+    x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
+    x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
+    return np.stack(
+        [
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(quaternion: Array) -> Array:
+    """(…, 4) turns back."""
+    return np.asarray(quaternion * np.array([-1.0, -1.0, -1.0, 1.0]))
+
+
+def turn_between(first: Array, second: Array) -> Array:
+    """(n, 3) rotation vectors δ with second = exp([δ]×)·first, of (n, 4) quaternions cam_from_icrs: in the camera's axes, at
+    most half a turn long."""
+    q = product(second, inverse(first))
+    q = np.where(q[..., 3:] < 0, -q, q)
+    sine = np.linalg.norm(q[..., :3], axis=-1)
+    angle = 2 * np.arctan2(sine, q[..., 3])
+    return np.asarray(q[..., :3] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-300))[..., None])
+
+
+def turned(quaternion: Array, vector_rad: Array) -> Array:
+    """(n, 4) quaternions exp([δ]×)·q of (n, 4) or (4,) q and (n, 3) or (3,) δ."""
+    angle = np.linalg.norm(vector_rad, axis=-1)
+    half = np.where(angle < 1e-12, 0.5, np.sin(angle / 2) / np.maximum(angle, 1e-300))
+    step = np.concatenate([vector_rad * half[..., None], np.cos(angle / 2)[..., None]], axis=-1)
+    return product(step, quaternion)
+
+
+def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
+    """The solved frames; BadInput where there are too few, or the clock does not run forward."""
+    good = series.only(series.solved)
+    if len(good) < FEWEST:
+        raise BadInput(
+            f"too few attitudes for {what}",
+            expected=f"{FEWEST} solved frames",
+            got=f"{len(good)} of {len(series)}",
+            hint="frames of stars of one night, taken one after the other",
+        )
+    if not (np.diff(good.times_s) > 0).all():
+        raise BadInput(
+            "frames with the same time",
+            expected="times that grow from frame to frame",
+            got=f"{int(np.count_nonzero(np.diff(good.times_s) <= 0))} that do not",
+            hint="imported files without a time get the moment of their import: write it into them",
+        )
+    return good
+
+
+def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
+    """What is odd about the run: gaps, frames without an attitude, a clock that jumped against the motion."""
+    found: list[Advice] = []
+    steps = np.diff(series.times_s)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    gaps = int(np.count_nonzero(steps > GAP_TIMES * usual)) if usual > 0 else 0
+    if gaps:
+        text = f"{gaps} gaps longer than {GAP_TIMES * usual:.3g} s between frames"
+        found.append(Advice("gaps", text, "the figures hold for the frames there are"))
+    share = float(series.solved.mean()) if len(series) else 0.0
+    if share < POOR_SHARE:
+        hint = "clouds, the wrong camera, or too short an exposure; look at the frames that were not solved"
+        found.append(Advice("unsolved", f"only {100 * share:.0f} % of the frames have an attitude", hint, share < 0.5))
+    return tuple(found)

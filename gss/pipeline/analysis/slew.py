@@ -1,0 +1,106 @@
+"""Rates measured from frame to frame against the rate that was commanded (Erlank 2013 §6.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, usable
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import robust_sigma
+
+LARGEST_TURN_RAD = 3.0
+OFF_SIGMAS = 5.0
+OFF_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class SlewTest:
+    """``times_s`` (m,) middles of the intervals; ``rate_rad_s`` (m, 3) in the camera's axes, ``speed_rad_s`` (m,) its length.
+    ``commanded_rad_s``: the speed that was asked for. ``mean_speed_rad_s`` ± ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector;
+    ``sigma_rad_s`` (3,): scatter along that axis, and two across it; ``claimed_rad_s``: rms σ of one rate from the attitudes'
+    own covariances."""
+
+    times_s: Array
+    rate_rad_s: Array
+    speed_rad_s: Array
+    commanded_rad_s: float
+    mean_speed_rad_s: float
+    mean_sigma_rad_s: float
+    axis: Array
+    sigma_rad_s: Array
+    claimed_rad_s: float
+    solved_share: float
+    mean_matches: float
+    warnings: tuple[Advice, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Measured over commanded speed."""
+        return self.mean_speed_rad_s / self.commanded_rad_s
+
+
+def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
+    """A run at a steady ``commanded_rad_s`` > 0. BadInput with fewer than five attitudes."""
+    if not (np.isfinite(commanded_rad_s) and commanded_rad_s > 0):
+        got = f"{np.degrees(commanded_rad_s):g}°/s"
+        raise BadInput("a slew has a rate", expected="above 0°/s", got=got, hint="a fixed test takes none")
+    good = usable(series, "a slew test")
+    steps_s = np.diff(good.times_s)
+    turn = -turn_between(good.quaternion[:-1], good.quaternion[1:])
+    if commanded_rad_s * float(steps_s.min()) > LARGEST_TURN_RAD:
+        raise BadInput(
+            "the camera turns too far between two frames to tell which way",
+            expected=f"under {np.degrees(LARGEST_TURN_RAD):.0f}° from frame to frame",
+            got=f"{np.degrees(commanded_rad_s * float(steps_s.min())):.0f}°",
+        )
+    rate = turn / steps_s[:, None]
+    speed = np.linalg.norm(rate, axis=1)
+    mean = rate.mean(axis=0)
+    axis = mean / max(float(np.linalg.norm(mean)), 1e-300)
+    along = rate @ axis
+    sigma = _scatter(rate, axis)
+    covariance = (good.covariance_rad2[:-1] + good.covariance_rad2[1:]) / steps_s[:, None, None] ** 2
+    claimed = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)) / 3))
+    mean_sigma = float(sigma[0] / np.sqrt(len(along)))
+    found = float(along.mean())
+    warnings = [*check_series(series), *_said(found, mean_sigma, commanded_rad_s, axis, rate)]
+    return SlewTest(
+        (good.times_s[:-1] + good.times_s[1:]) / 2,
+        rate,
+        speed,
+        commanded_rad_s,
+        found,
+        mean_sigma,
+        axis,
+        sigma,
+        claimed,
+        len(good) / len(series),
+        float(good.matches.mean()),
+        tuple(warnings),
+    )
+
+
+def _scatter(rate: Array, axis: Array) -> Array:
+    """(3,) standard deviations along the axis and along two directions across it."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    frame = np.stack([axis, first, np.cross(axis, first)])
+    return np.asarray((rate @ frame.T).std(axis=0, ddof=1))
+
+
+def _said(found: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
+    said: list[Advice] = []
+    if abs(found - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
+        text = f"measured {np.degrees(found):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
+        said.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
+    along = rate @ axis
+    spread = robust_sigma(along)
+    changing = float(np.ptp(np.polyval(np.polyfit(np.arange(len(along)), along, 1), [0, len(along) - 1])))
+    if len(along) >= 10 and changing > max(6 * spread / np.sqrt(len(along)) * 3.5, 0.05 * commanded):
+        said.append(Advice("unsteady", "the rate changes over the run", "leave out the start and the end of the slew"))
+    return said

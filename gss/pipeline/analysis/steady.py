@@ -1,0 +1,248 @@
+"""Attitudes of a camera that turns steadily, or not at all: the turn is fitted, what is left is noise (Erlank 2013 §6.1).
+
+Fixed to the Earth the camera turns with it, once in a sidereal day about the celestial pole; fixed to the sky it does not
+turn. Both are the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in the camera's own axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from gss.domain.angles import Array
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, turned, usable
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import robust_sigma
+
+SIDEREAL_RAD_S = 7.2921158553e-5
+"""Turn of the Earth against the stars; precession is 10⁻⁷ of it."""
+STRAY_SIGMAS = 5.0
+ROUNDS = 6
+FREEDOM = 6
+PER_DEGREE = 2.0
+JUMP_SIGMAS = 6.0
+CONFIDENCE = 0.95
+BODY_AXES = ("across, x", "across, y", "about")
+SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
+WANDER = 1.5
+"""Scatter over the whole run this many times that from frame to frame is more than noise."""
+
+
+@dataclass(frozen=True)
+class AxisFigures:
+    """One angle. ``sigma_rad``: of the deviations from the steady turn, with its 95 % interval ``low_rad``, ``high_rad``
+    (frames taken as independent); ``noise_rad``: from frame to frame only, NEA; ``claimed_rad``: rms of the chain's own σ, NaN
+    without; ``drift_rad_s``, ``drift_sigma_rad_s``: of the fitted line."""
+
+    name: str
+    sigma_rad: float
+    low_rad: float
+    high_rad: float
+    noise_rad: float
+    claimed_rad: float
+    drift_rad_s: float
+    drift_sigma_rad_s: float
+
+
+@dataclass(frozen=True)
+class SteadyTest:
+    """``body``: camera axes, ``sky``: as Erlank 2013 Table 6.1 has them. ``rate_icrs_rad_s`` (3,) fitted turn of the camera and
+    ``rate_sigma_rad_s`` per axis; ``expected_icrs_rad_s``: what it should be. ``deviation_rad`` (n, 3) camera axes and
+    ``sky_deviation_rad`` (n, 3), rows of NaN where a frame has no attitude; ``strays``: (n,) left out of the figures."""
+
+    body: tuple[AxisFigures, ...]
+    sky: tuple[AxisFigures, ...]
+    rate_icrs_rad_s: Array
+    rate_sigma_rad_s: Array
+    expected_icrs_rad_s: Array
+    deviation_rad: Array
+    sky_deviation_rad: Array
+    strays: NDArray[np.bool_]
+    frames: int
+    solved: int
+    span_s: float
+    warnings: tuple[Advice, ...]
+
+    @property
+    def rate_ratio(self) -> float:
+        """Fitted speed over the expected one, NaN where none is expected."""
+        expected = float(np.linalg.norm(self.expected_icrs_rad_s))
+        return float(np.linalg.norm(self.rate_icrs_rad_s)) / expected if expected > 0 else float("nan")
+
+
+def earth_fixed(series: AttitudeSeries) -> SteadyTest:
+    """A camera fixed to the Earth: it should turn by 15.041″ a second about the pole. BadInput with fewer than five attitudes."""
+    return _steady(series, np.array([0.0, 0.0, SIDEREAL_RAD_S]), "the Earth")
+
+
+def celestial_fixed(series: AttitudeSeries) -> SteadyTest:
+    """A camera held on the sky by a telescope's drive: it should not turn at all."""
+    return _steady(series, np.zeros(3), "the sky")
+
+
+def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTest:
+    good = usable(series, f"a test fixed to {fixed_to}")
+    at_s = good.times_s - good.times_s.mean()
+    start, rate, keep = _fit(good.quaternion, at_s)
+    model = turned(start, -rate * at_s[:, None])
+    deviation = turn_between(model, good.quaternion)
+    middle = matrix_from_quaternion(start)
+    sigma = _sigma(deviation[keep])
+    rate_sigma = sigma / np.sqrt(np.sum((at_s[keep] - at_s[keep].mean()) ** 2))
+    angles, cos_dec = _sky_angles(good)
+    line = np.stack([np.polyval(np.polyfit(at_s[keep], angles[keep, k], 1), at_s) for k in range(3)], axis=1)
+    drift = np.array([np.polyfit(at_s[keep], angles[keep, k], 1)[0] for k in range(3)]) / np.array([cos_dec, 1.0, 1.0])
+    sky = angles - line
+    claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2[keep], axis1=1, axis2=2), axis=0))
+    body_figures = axis_figures(BODY_AXES, deviation, keep, at_s, claimed, -rate)
+    sky_figures = axis_figures(SKY_AXES, sky, keep, at_s, np.full(3, np.nan), drift)
+    found = middle.T @ rate
+    warnings = (*check_series(series), *_said(found, rate_sigma, expected, good, deviation, keep, body_figures))
+    n, solved = len(series), series.solved
+    return SteadyTest(
+        body_figures,
+        sky_figures,
+        found,
+        np.sqrt((middle.T**2) @ rate_sigma**2),
+        expected,
+        _spread(deviation, solved, n),
+        _spread(sky, solved, n),
+        np.asarray(_spread_mask(~keep, solved, n)),
+        n,
+        len(good),
+        float(np.ptp(series.times_s)),
+        warnings,
+    )
+
+
+def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """(start quaternion at time 0, rate in camera axes, frames kept): Gauss–Newton with strays left out in turn."""
+    k = len(at_s) // 2
+    start, keep = quaternion[k], np.ones(len(at_s), bool)
+    steps = turn_between(quaternion[:-1], quaternion[1:]) / np.diff(at_s)[:, None]
+    rate = -np.median(steps, axis=0)
+    start = turned(start, np.asarray(rate * at_s[k]))
+    for _ in range(ROUNDS):
+        model = turned(start, -rate * at_s[:, None])
+        off = turn_between(model, quaternion)
+        design = _design(start, rate, at_s, model)
+        change = np.linalg.lstsq(design[keep].reshape(-1, FREEDOM), off[keep].ravel(), rcond=None)[0]
+        start, rate = turned(start, change[:3]), rate + change[3:]
+        left = turn_between(turned(start, -rate * at_s[:, None]), quaternion)
+        spread = np.array([robust_sigma(left[keep, a]) for a in range(3)])
+        keep = (np.abs(left) <= STRAY_SIGMAS * np.maximum(spread, 1e-12)).all(axis=1)
+        if keep.sum() < FREEDOM // 3 + 1:
+            keep = np.ones(len(at_s), bool)
+    return start, rate, keep
+
+
+def _design(start: Array, rate: Array, at_s: Array, model: Array) -> Array:
+    """(n, 3, 6) change of the deviations with the start's turn and the rate, by differences."""
+    columns = []
+    for p in range(FREEDOM):
+        step: Array = np.zeros(3)
+        step[p % 3] = 1e-6 if p < 3 else 1e-6 / max(float(np.abs(at_s).max()), 1.0)
+        moved = (
+            turned(turned(start, step), -rate * at_s[:, None])
+            if p < 3
+            else turned(start, -(rate + step) * at_s[:, None])
+        )
+        columns.append(turn_between(model, moved) / step[p % 3])
+    return np.stack(columns, axis=-1)
+
+
+def _sky_angles(good: AttitudeSeries) -> tuple[Array, float]:
+    """(n, 3) RA·cos Dec, Dec and rotation as smooth functions of time, and the cosine of the mean Dec."""
+    angles = np.array([ra_dec_roll_rad(matrix_from_quaternion(q)) for q in good.quaternion])
+    angles = np.unwrap(angles, axis=0)
+    cos_dec = float(np.cos(angles[:, 1].mean()))
+    return angles * np.array([cos_dec, 1.0, 1.0]), cos_dec
+
+
+def _sigma(deviation: Array) -> Array:
+    n = len(deviation)
+    return np.asarray(np.sqrt(np.sum(deviation**2, axis=0) / max(1, n - PER_DEGREE)))
+
+
+def axis_figures(
+    names: tuple[str, ...], deviation: Array, keep: NDArray[np.bool_], at_s: Array, claimed: Array, drift: Array
+) -> tuple[AxisFigures, ...]:
+    """Figures of (n, 3) deviations at times ``at_s``, of the frames kept; ``claimed`` and ``drift``: (3,) as in the record."""
+    good = deviation[keep]
+    sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
+    low, high = (np.sqrt(freedom / chi2.ppf(q, freedom)) for q in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2))
+    noise = np.sqrt(np.mean(np.diff(good, axis=0) ** 2, axis=0) / 2)
+    spread_s = np.sqrt(np.sum((at_s[keep] - at_s[keep].mean()) ** 2))
+    return tuple(
+        AxisFigures(
+            name,
+            float(sigma[k]),
+            float(sigma[k] * low),
+            float(sigma[k] * high),
+            float(noise[k]),
+            float(claimed[k]),
+            float(drift[k]),
+            float(sigma[k] / spread_s),
+        )
+        for k, name in enumerate(names)
+    )
+
+
+def _said(
+    rate: Array,
+    rate_sigma: Array,
+    expected: Array,
+    good: AttitudeSeries,
+    deviation: Array,
+    keep: NDArray[np.bool_],
+    body: tuple[AxisFigures, ...],
+) -> list[Advice]:
+    found: list[Advice] = []
+    off = float(np.linalg.norm(rate - expected))
+    if off > max(5 * float(np.linalg.norm(rate_sigma)), 0.02 * SIDEREAL_RAD_S):
+        text = f"the camera turned by {np.degrees(off) * 3600:.3g}″/s more than expected"
+        hint = "a mount that moves, a drive that was on, or a clock that runs wrongly"
+        found.append(Advice("moved", text, hint, off > 0.2 * SIDEREAL_RAD_S))
+    jumps = _jumps(good.times_s, deviation)
+    if jumps:
+        hint = "look for a knock on the mount or a jump of the clock at that frame; analyse both sides by themselves"
+        found.append(Advice("jump", f"the attitude jumps {jumps} times from one level to another", hint))
+    strays = int(np.count_nonzero(~keep))
+    if strays:
+        found.append(Advice("strays", f"{strays} attitudes far from all others were left out", "look at those frames"))
+    wander = [a.name for a in body if a.sigma_rad > WANDER * a.noise_rad]
+    if wander:
+        text = f"{', '.join(wander)}: scatter over the run is far above that from frame to frame"
+        hint = "errors that change slowly: calibration, stars coming and going, a mount that creeps"
+        found.append(Advice("wander", text, hint))
+    return found
+
+
+def _jumps(times_s: Array, deviation: Array) -> int:
+    """Steps between two levels: the medians of the five frames before and after differ by far more than the noise."""
+    half = 5
+    if len(times_s) < 4 * half:
+        return 0
+    noise = np.maximum(np.array([robust_sigma(np.diff(deviation[:, k])) for k in range(3)]) / np.sqrt(2), 1e-12)
+    before = np.stack([np.median(deviation[k - half : k], axis=0) for k in range(half, len(times_s) - half)])
+    after = np.stack([np.median(deviation[k : k + half], axis=0) for k in range(half, len(times_s) - half)])
+    high = (np.abs(after - before) > JUMP_SIGMAS * noise).any(axis=1)
+    starts = np.flatnonzero(high & ~np.r_[False, high[:-1]])
+    return len(starts)
+
+
+def _spread(values: Array, solved: NDArray[np.bool_], n: int) -> Array:
+    out = np.full((n, 3), np.nan)
+    out[solved] = values
+    return out
+
+
+def _spread_mask(values: NDArray[np.bool_], solved: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
+    out = np.zeros(n, bool)
+    out[solved] = values
+    return out

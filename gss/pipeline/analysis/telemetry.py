@@ -1,0 +1,75 @@
+"""Performance from attitudes alone, as telemetry has them: no frames, no stars, any smooth motion.
+
+Each attitude is compared with the middle of its two neighbours. A steady turn leaves nothing there, and white noise of σ leaves
+σ·√1.5, so noise is measured on a satellite that moves, as long as it does not shake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, turned, usable
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.robust import robust_sigma
+
+UNEVEN = 0.02
+MIDDLE_VARIANCE = 1.5
+
+
+@dataclass(frozen=True)
+class TelemetryFigures:
+    """``noise_rad`` (3,) σ of one attitude per camera axis, robust; ``claimed_rad`` (3,) rms of its own σ, NaN without.
+    ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours' middle. ``rate_rad_s`` (m,) speed of the turn. ``availability``:
+    share of frames with an attitude; ``longest_outage_s``; ``mean_matches``."""
+
+    noise_rad: Array
+    claimed_rad: Array
+    times_s: Array
+    deviation_rad: Array
+    rate_rad_s: Array
+    availability: float
+    longest_outage_s: float
+    mean_matches: float
+    triples: int
+    warnings: tuple[Advice, ...]
+
+
+def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
+    """From consecutive attitudes. BadInput with fewer than five, or where no three follow each other evenly."""
+    good = usable(series, "statistics")
+    steps = np.diff(good.times_s)
+    usual = float(np.median(steps))
+    even = np.abs(steps - usual) <= UNEVEN * usual
+    at = np.flatnonzero(even[:-1] & even[1:]) + 1
+    q = good.quaternion
+    across = turn_between(q[at - 1], q[at + 1])
+    middle = turned(q[at - 1], across / 2)
+    deviation = turn_between(middle, q[at])
+    factor = np.sqrt(MIDDLE_VARIANCE)
+    noise = np.array([robust_sigma(deviation[:, k]) / factor if len(at) > 2 else np.nan for k in range(3)])
+    said = list(check_series(series))
+    if len(at) < 10:
+        text = f"only {len(at)} times three attitudes follow each other evenly"
+        said.append(Advice("few", text, "a longer run, or telemetry at a steady rate", len(at) < 3))
+    plain = np.sqrt(np.mean(deviation**2, axis=0)) / factor if len(at) else np.full(3, np.nan)
+    if len(at) >= 10 and (plain > 2 * noise).any():
+        said.append(
+            Advice("shaking", "some attitudes are far off their neighbours", "jitter, or wrong attitudes among them")
+        )
+    claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2, axis1=1, axis2=2), axis=0))
+    outage = float(np.diff(good.times_s).max())
+    return TelemetryFigures(
+        noise,
+        claimed,
+        good.times_s[at],
+        deviation,
+        np.linalg.norm(across, axis=1) / np.maximum(good.times_s[at + 1] - good.times_s[at - 1], 1e-9),
+        len(good) / len(series),
+        outage if outage > 1.5 * usual else 0.0,
+        float(good.matches.mean()),
+        len(at),
+        tuple(said),
+    )

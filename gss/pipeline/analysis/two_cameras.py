@@ -1,0 +1,79 @@
+"""Two cameras on one body: how one sits to the other, and whether it stays so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.analysis.series import FEWEST, AttitudeSeries, inverse, product, turn_between, turned
+from gss.pipeline.analysis.steady import AxisFigures, axis_figures
+from gss.pipeline.calibration.advice import Advice
+
+APART_S = 0.05
+"""Frames count as taken together when their times agree to this, or to a fortieth of the usual step."""
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """``second_from_first`` (4,): mean mounting. ``times_s`` (m,), ``deviation_rad`` (m, 3) in the second camera's axes;
+    ``axes``: their figures. ``claimed_rad`` in them: from both cameras' covariances. ``chi``: rms over claimed, 1 where the
+    covariances are honest."""
+
+    second_from_first: Array
+    times_s: Array
+    deviation_rad: Array
+    axes: tuple[AxisFigures, ...]
+    chi: float
+    pairs: int
+    warnings: tuple[Advice, ...]
+
+
+def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
+    """From frames that both cameras took at the same times. BadInput with fewer than five pairs."""
+    a, b = _together(first.only(first.solved), second.only(second.solved))
+    mounting = product(b.quaternion, inverse(a.quaternion))
+    mean = mounting[len(mounting) // 2]
+    for _ in range(10):
+        mean = turned(mean, turn_between(np.broadcast_to(mean, mounting.shape), mounting).mean(axis=0))
+    deviation = turn_between(np.broadcast_to(mean, mounting.shape), mounting)
+    rotation = np.stack([matrix_from_quaternion(q) for q in mounting])
+    covariance = b.covariance_rad2 + rotation @ a.covariance_rad2 @ np.swapaxes(rotation, 1, 2)
+    claimed = np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0))
+    at_s = a.times_s - a.times_s.mean()
+    drift = np.array([np.polyfit(at_s, deviation[:, k], 1)[0] for k in range(3)])
+    axes = axis_figures(AXES, deviation, np.ones(len(at_s), bool), at_s, claimed, drift)
+    chi = float(np.sqrt(np.mean([(x.sigma_rad / x.claimed_rad) ** 2 for x in axes])))
+    said: list[Advice] = []
+    for x in axes:
+        if abs(x.drift_rad_s) > 5 * x.drift_sigma_rad_s:
+            text = f"{x.name}: the mounting drifts by {np.degrees(x.drift_rad_s) * 3600 * 3600:.3g}″ an hour"
+            said.append(Advice("drift", text, "warmth that bends the structure, or clocks that run apart"))
+    if np.isfinite(chi) and chi > 1.5:
+        text = f"the two differ {chi:.1f} times more than their own covariances say"
+        said.append(
+            Advice("covariance", text, "calibrate both cameras; errors that change slowly are not in a covariance")
+        )
+    return Consistency(mean, a.times_s, deviation, axes, chi, len(a), tuple(said))
+
+
+def _together(a: AttitudeSeries, b: AttitudeSeries) -> tuple[AttitudeSeries, AttitudeSeries]:
+    if not len(a) or not len(b):
+        raise BadInput("one camera has no attitude", expected="solved frames of both", got=f"{len(a)} and {len(b)}")
+    usual = float(np.median(np.diff(a.times_s))) if len(a) > 1 else 0.0
+    near = np.abs(a.times_s[:, None] - b.times_s[None, :])
+    best = near.argmin(axis=1)
+    fit = near[np.arange(len(a)), best] <= max(APART_S, usual / 40)
+    if np.count_nonzero(fit) < FEWEST:
+        raise BadInput(
+            "too few frames were taken together",
+            expected=f"{FEWEST} pairs within {max(APART_S, usual / 40):.3g} s",
+            got=str(int(np.count_nonzero(fit))),
+            hint="the same clock for both cameras",
+        )
+    index = np.flatnonzero(fit)
+    return a.only(index), b.only(best[index])

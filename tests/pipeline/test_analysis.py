@@ -1,0 +1,185 @@
+"""Analyses of attitude runs: what was put in comes out, and what is wrong with a run is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import quaternion_from_matrix
+from gss.pipeline.analysis.integration import noise_equivalent_angle
+from gss.pipeline.analysis.sensitivity import detection_limit
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, product, turn_between, turned
+from gss.pipeline.analysis.slew import slew_test
+from gss.pipeline.analysis.steady import SIDEREAL_RAD_S, celestial_fixed, earth_fixed
+from gss.pipeline.analysis.telemetry import telemetry_statistics
+from gss.pipeline.analysis.two_cameras import two_cameras
+
+NOISE_RAD = np.array([9.0, 12.0, 60.0]) * ARCSEC_RAD
+START = quaternion_from_matrix(cam_from_icrs(6.2, -0.59, 0.6))
+POLE = np.array([0.0, 0.0, SIDEREAL_RAD_S])
+
+
+def run(
+    rate_icrs: Array, n: int = 300, step_s: float = 2.0, noise_rad: Array = NOISE_RAD, seed: int = 1, gap: float = 0.0
+) -> AttitudeSeries:
+    """A camera that turns steadily by ``rate_icrs``, with white noise in its own axes."""
+    rng = np.random.default_rng(seed)
+    at = np.arange(n) * step_s
+    at[n // 2 :] += gap
+    fixed = Rotation.from_quat(START)
+    # The camera turns right-handed by ω; axes fixed in ICRS, so C(t) = C₀·R(ω t)⁻¹.
+    attitude = fixed * Rotation.from_rotvec(rate_icrs * at[:, None]).inv()
+    noisy = Rotation.from_rotvec(rng.normal(size=(n, 3)) * noise_rad) * attitude
+    covariance = np.broadcast_to(np.diag(noise_rad**2), (n, 3, 3)).copy()
+    counts = np.full(n, 12, np.intp)
+    return AttitudeSeries(at + 1.8e9, noisy.as_quat(), covariance, counts, counts - 2, np.full(n, 0.2))
+
+
+def without(series: AttitudeSeries, rows: list[int]) -> AttitudeSeries:
+    """The same with some frames unsolved."""
+    quaternion = series.quaternion.copy()
+    quaternion[rows] = np.nan
+    return replace(series, quaternion=quaternion)
+
+
+def test_turns_are_those_of_scipy() -> None:
+    """Products, turns and their inverses agree with scipy's rotations for small and large angles."""
+    rng = np.random.default_rng(3)
+    a, b = Rotation.random(50, rng=rng), Rotation.random(50, rng=rng)
+    v = turn_between(a.as_quat(), b.as_quat())
+    assert np.allclose((Rotation.from_rotvec(v) * a).as_matrix(), b.as_matrix(), atol=1e-12)
+    small = rng.normal(size=(50, 3)) * 1e-9
+    assert np.allclose(turn_between(a.as_quat(), turned(a.as_quat(), small)), small, atol=1e-15)
+    assert np.allclose(np.abs(product(a.as_quat(), b.as_quat())), np.abs((a * b).as_quat()))
+
+
+def test_fixed_to_the_earth_noise_and_sidereal_rate_come_out() -> None:
+    """σ per axis within its own interval, the rate the Earth's within four of its σ, no complaint."""
+    test = earth_fixed(run(POLE))
+    for figures, true in zip(test.body, NOISE_RAD, strict=True):
+        assert figures.low_rad < true < figures.high_rad
+        assert figures.noise_rad == pytest.approx(true, rel=0.15)
+        assert figures.claimed_rad == pytest.approx(true)
+    assert (np.abs(test.rate_icrs_rad_s - POLE) < 4 * test.rate_sigma_rad_s).all()
+    assert test.rate_ratio == pytest.approx(1, abs=0.01)
+    assert test.sky[0].drift_rad_s == pytest.approx(SIDEREAL_RAD_S, rel=0.02)
+    assert test.warnings == ()
+
+
+def test_fixed_to_the_sky_nothing_turns() -> None:
+    """The celestial-fixed test expects no rate; the same frames fail it when the Earth turned them."""
+    assert celestial_fixed(run(np.zeros(3))).warnings == ()
+    severe = [w for w in celestial_fixed(run(POLE)).warnings if w.severe]
+    assert [w.code for w in severe] == ["moved"]
+    assert [w.code for w in earth_fixed(run(np.zeros(3))).warnings if w.severe] == ["moved"]
+
+
+def test_frames_without_attitude_and_strays_do_not_spoil_the_figures() -> None:
+    """Unsolved frames keep their places, a wrong attitude is left out and counted."""
+    series = without(run(POLE), [10, 11, 200])
+    series.quaternion[50] = turned(series.quaternion[50], np.array([0.01, 0.0, 0.0]))
+    test = earth_fixed(series)
+    assert test.solved == 297
+    assert np.isnan(test.deviation_rad[[10, 11, 200]]).all()
+    assert np.flatnonzero(test.strays).tolist() == [50]
+    assert test.body[0].low_rad < NOISE_RAD[0] < test.body[0].high_rad
+    assert "strays" in {w.code for w in test.warnings}
+
+
+def test_a_knocked_mount_and_a_jumping_clock_are_told() -> None:
+    """A step of the attitude and a gap of time each have their word."""
+    series = run(POLE)
+    knocked = replace(series, quaternion=series.quaternion.copy())
+    knocked.quaternion[150:] = turned(knocked.quaternion[150:], np.array([60 * ARCSEC_RAD, 0.0, 0.0]))
+    assert "jump" in {w.code for w in earth_fixed(knocked).warnings}
+    assert "gaps" in {w.code for w in check_series(run(POLE, gap=100.0))}
+    clock = replace(series, times_s=series.times_s.copy())
+    clock.times_s[150:] += 30.0
+    assert {"jump", "moved"} & {w.code for w in earth_fixed(clock).warnings}
+
+
+def test_too_few_attitudes_or_equal_times_are_refused() -> None:
+    """Five attitudes are needed, and times that grow."""
+    series = run(POLE, n=8)
+    with pytest.raises(BadInput, match="too few"):
+        earth_fixed(without(series, [0, 1, 2, 3]))
+    with pytest.raises(BadInput, match="same time"):
+        earth_fixed(replace(series, times_s=np.full(8, 5.0)))
+
+
+def test_a_slew_gives_its_rate_back() -> None:
+    """The commanded 0.1333°/s within four σ; another one is told apart."""
+    rate = np.radians(0.1333) * np.array([0.6, 0.8, 0.0])
+    test = slew_test(run(rate, n=120, step_s=1.0), float(np.radians(0.1333)))
+    assert abs(test.mean_speed_rad_s - np.radians(0.1333)) < 4 * test.mean_sigma_rad_s + 1e-9
+    assert test.ratio == pytest.approx(1, abs=0.01)
+    assert test.claimed_rad_s == pytest.approx(float(np.sqrt(2 * np.mean(NOISE_RAD**2))), rel=1e-3)
+    assert test.warnings == ()
+    assert {w.code for w in slew_test(run(rate, n=120, step_s=1.0), 0.003).warnings} == {"rate"}
+    with pytest.raises(BadInput, match="rate"):
+        slew_test(run(rate), 0.0)
+    with pytest.raises(BadInput, match="too far"):
+        slew_test(run(rate), 3.0)
+
+
+def test_the_detection_limit_is_found() -> None:
+    """A logistic camera of limit 5.2 gives 5.2 ± its σ; a bright half hidden gives a ceiling and says so."""
+    rng = np.random.default_rng(5)
+    v = rng.uniform(2, 7, 4000)
+    p = 1 / (1 + np.exp((v - 5.2) / 0.15))
+    found = detection_limit(v, rng.random(4000) < p)
+    assert abs(found.mag_50 - 5.2) < 4 * found.sigma_50 < 0.2
+    assert found.mag_90 == pytest.approx(5.2 - 0.15 * np.log(9), abs=0.1)
+    assert found.stars.sum() == 4000
+    clouded = detection_limit(v, rng.random(4000) < 0.7 * p)
+    assert clouded.ceiling == pytest.approx(0.7, abs=0.05)
+    assert "ceiling" in {w.code for w in clouded.warnings}
+    with pytest.raises(BadInput, match="limit"):
+        detection_limit(v, np.ones(4000, bool))
+
+
+def test_noise_falls_with_integration_time() -> None:
+    """σ ∝ 1/√t gives an exponent of −0.5; a run that is too short is named and left out."""
+    runs = {
+        t: run(POLE, n=200, noise_rad=NOISE_RAD / np.sqrt(t / 0.1), seed=k) for k, t in enumerate((0.1, 0.2, 0.4, 0.8))
+    }
+    curve = noise_equivalent_angle({**runs, 1.6: run(POLE, n=3)})
+    assert abs(curve.exponent + 0.5) < 4 * curve.exponent_sigma < 0.3
+    assert [w.code for w in curve.warnings] == ["short-run"]
+    with pytest.raises(BadInput, match="no curve"):
+        noise_equivalent_angle({0.1: runs[0.1]})
+
+
+def test_two_cameras_find_their_mounting() -> None:
+    """The mounting within its error, the difference as large as both covariances say; a drift is told."""
+    first = run(POLE, seed=1)
+    mounting = Rotation.from_rotvec([0.3, -1.1, 0.4])
+    second = run(POLE, seed=2)
+    second = replace(second, quaternion=(mounting * Rotation.from_quat(second.quaternion)).as_quat())
+    found = two_cameras(first, second)
+    off = (Rotation.from_quat(found.second_from_first) * mounting.inv()).magnitude()
+    assert off < 4 * np.sqrt(2) * np.linalg.norm(NOISE_RAD) / np.sqrt(300)
+    assert found.pairs == 300
+    assert found.chi == pytest.approx(1, abs=0.15)
+    assert found.warnings == ()
+    at = second.times_s - second.times_s[0]
+    bent = replace(second, quaternion=turned(second.quaternion, np.outer(at, [0.5 * ARCSEC_RAD, 0, 0])))
+    assert "drift" in {w.code for w in two_cameras(first, bent).warnings}
+    with pytest.raises(BadInput, match="together"):
+        two_cameras(first, replace(second, times_s=second.times_s + 1.0))
+
+
+def test_noise_is_measured_on_a_moving_satellite() -> None:
+    """From attitudes alone, at any steady turn, σ per axis within 15 %, availability and outages counted."""
+    moving = run(np.array([1e-3, 2e-3, -5e-4]), n=600, step_s=1.0)
+    figures = telemetry_statistics(without(moving, list(range(100, 130))))
+    assert np.allclose(figures.noise_rad, NOISE_RAD, rtol=0.15)
+    assert np.median(figures.rate_rad_s) == pytest.approx(float(np.linalg.norm([1e-3, 2e-3, -5e-4])), rel=0.02)
+    assert figures.availability == pytest.approx(570 / 600)
+    assert figures.longest_outage_s == pytest.approx(31.0)
