@@ -50,6 +50,33 @@ def earth_velocity_c(jyear: float) -> Array:
     return np.asarray(ABERRATION_CONSTANT_RAD * (ICRS_FROM_ECLIPTIC @ np.array(ecliptic)))
 
 
+def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
+    """(n, 3) directions seen from ``observer_au`` (3,) of (n, 3) barycentric ones. A parallax below zero is noise, not a place."""
+    shift = np.maximum(np.asarray(parallax_rad), 0.0)[..., None] * np.asarray(observer_au)
+    seen = np.asarray(unit) - shift
+    return np.asarray(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
+
+
+def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresight_orbit: Array) -> Array:
+    """(n, 3) orbital velocity at the moment when each (n, 3) star passes the middle of a field fixed in the orbit frame.
+
+    ``normal``: (3,) pole of a circular orbit, the way the satellite goes round it; ``boresight_orbit``: (3,) boresight on the axes
+    of docs/conventions.md (+x along the velocity, +z to nadir). A boresight along the pole sees no star at a definite
+    moment; the velocity is zero then, the mean over the revolution, and so it is for a star at the pole.
+    """
+    pole = np.asarray(normal, float) / np.linalg.norm(normal)
+    ahead, _, down = boresight_orbit
+    in_plane = unit - np.outer(unit @ pole, pole)
+    length = np.linalg.norm(in_plane, axis=-1, keepdims=True)
+    radius = np.hypot(ahead, down)
+    if radius < 1e-9:
+        return np.zeros_like(unit)
+    # In the plane, x and −z of the orbit frame are velocity and zenith; the velocity is 90° ahead of the zenith.
+    towards = in_plane / np.where(length > 1e-9, length, np.inf)
+    across = np.cross(pole, towards)
+    return np.asarray(speed_km_s * (ahead * towards - down * across) / radius)
+
+
 def date_from_icrs(jyear: float) -> Array:
     """(3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
     (Fukushima–Williams angles, Hilton et al. 2006)."""
