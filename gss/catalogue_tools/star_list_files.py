@@ -1,0 +1,206 @@
+"""The files of star lists as plain columns: CSV, ECSV, FITS and VOTables, with the units, epoch and frame that they state."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import BadInput
+
+MOST_ROWS = 5_000_000
+EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
+FRAME_KEYS = ("frame", "radesys", "coordsys", "system")
+FRAME_WORDS = {
+    "icrs": "icrs",
+    "gcrs": "icrs",
+    "fk5": "fk5",
+    "eqfk5": "fk5",
+    "fk4": "b1950",
+    "eqfk4": "b1950",
+    "b1950": "b1950",
+}
+
+
+@dataclass
+class RawList:
+    """Columns as the file has them: numbers with NaN where empty, or text. ``rows``: (n,) numbers of the rows, from 1 after the
+    header; ``broken``: rows that were no rows, with the reason."""
+
+    columns: dict[str, NDArray[Any]]
+    rows: NDArray[np.int64]
+    units: dict[str, str] = field(default_factory=dict)
+    epoch: str | None = None
+    frame: str | None = None
+    broken: list[tuple[int, str, str]] = field(default_factory=list)
+
+
+def read_columns(data: bytes, kind: str) -> RawList:
+    """All columns of a file. Fails on a file that is not of its kind."""
+    readers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits, "votable": _votable}
+    if kind not in readers:
+        raise BadInput("unknown kind of star list", expected=" | ".join(readers), got=str(kind))
+    if not data.strip():
+        raise BadInput(
+            "the star list is empty", expected=f"a {kind} table with a row for each star", got="an empty file"
+        )
+    try:
+        raw = readers[kind](data)
+    except BadInput:
+        raise
+    except Exception as error:  # each library has its own family of errors for a file that is not one
+        text = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInput(f"the star list is not a {kind} table", expected=f"a {kind} file", got=text[:200]) from None
+    if len(raw.rows) > MOST_ROWS:
+        raise BadInput("the star list is too long", expected=f"at most {MOST_ROWS} rows", got=str(len(raw.rows)))
+    return raw
+
+
+def frame_word(text: str) -> str | None:
+    """Our word for a frame that a file names, None for one that we do not have."""
+    return FRAME_WORDS.get(re.sub(r"[^a-z0-9]", "", text.lower()))
+
+
+def _stated(meta: Mapping[str, Any], keys: Iterable[str]) -> str | None:
+    plain = {str(k).lower(): v for k, v in meta.items()}
+    return next((str(plain[k]) for k in keys if plain.get(k) not in (None, "")), None)
+
+
+def _csv(data: bytes) -> RawList:
+    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …`` and ``frame = …``."""
+    text = _text(data)
+    meta: dict[str, str] = {}
+    start = 0
+    while text.startswith("#", start):
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        if match := re.match(r"#\s*(\w+)\s*[=:]\s*(.+?)\s*$", text[start:end]):
+            meta[match[1]] = match[2]
+        start = end + 1
+    raw = _delimited(text[start:], None)
+    raw.epoch, raw.frame = _stated(meta, EPOCH_KEYS), _stated(meta, FRAME_KEYS)
+    return raw
+
+
+def _ecsv(data: bytes) -> RawList:
+    from astropy.table import meta as astropy_meta  # a second of import, paid only by who reads such a file
+
+    text = _text(data)
+    if not text.startswith("# %ECSV"):
+        raise BadInput(
+            "the star list is not an ecsv table", expected="# %ECSV in the first line", got=text[:40].split("\n")[0]
+        )
+    lines = []
+    start = 0
+    while text.startswith("#", start):
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        lines.append(text[start + 2 : end].rstrip("\r"))
+        start = end + 1
+    header = astropy_meta.get_header_from_yaml(lines)
+    raw = _delimited(text[start:], header.get("delimiter", " "))
+    raw.units = {c["name"]: str(c["unit"]) for c in header.get("datatype", []) if c.get("unit")}
+    meta = dict(header.get("meta") or {})
+    raw.epoch, raw.frame = _stated(meta, EPOCH_KEYS), _stated(meta, FRAME_KEYS)
+    return raw
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(
+            "the star list is not text", expected="UTF-8", got=f"byte {data[error.start]:#04x} at {error.start}"
+        ) from None
+
+
+def _delimited(text: str, delimiter: str | None) -> RawList:
+    """Columns of a table of text. Rows with too many or too few values are broken."""
+    import pyarrow as pa  # half a second of import, paid only by who reads such a file
+    import pyarrow.csv as arrow_csv
+
+    text = text.lstrip("\r\n")
+    first = text.split("\n", 1)[0].rstrip("\r")
+    mark = delimiter or max(",;\t", key=first.count)
+    names = [name.strip() for name in next(csv.reader([first], delimiter=mark), [])]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise BadInput("two columns of the star list have one name", expected="each name once", got=", ".join(twice))
+    broken: list[tuple[int, str, str]] = []
+
+    def note(row: Any) -> str:
+        broken.append(
+            (
+                int(row.number) - 1,
+                f"{row.actual_columns} values, the header names {row.expected_columns}",
+                row.text[:60],
+            )
+        )
+        return "skip"
+
+    table = arrow_csv.read_csv(
+        io.BytesIO(text.encode()),
+        read_options=arrow_csv.ReadOptions(use_threads=False, column_names=names, skip_rows=0, block_size=1 << 24),
+        parse_options=arrow_csv.ParseOptions(delimiter=mark, invalid_row_handler=note, newlines_in_values=False),
+        convert_options=arrow_csv.ConvertOptions(
+            column_types={name: pa.string() for name in names}, strings_can_be_null=False
+        ),
+    ).slice(1)
+    count = table.num_rows + len(broken)
+    rows = np.setdiff1d(np.arange(1, count + 1), [number for number, _, _ in broken])
+    columns = {name: table.column(name).to_numpy() for name in names}
+    return RawList(columns, rows, broken=broken)
+
+
+def _fits(data: bytes) -> RawList:
+    from astropy.io import fits
+    from astropy.table import Table
+
+    with fits.open(io.BytesIO(data), memmap=False) as files:
+        tables = [hdu for hdu in files if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
+        if not tables:
+            raise BadInput("the FITS file holds no table", expected="a binary table", got=f"{len(files)} extensions")
+        table = Table.read(tables[0])
+        header = {**dict(files[0].header), **dict(tables[0].header)}
+    raw = _of_astropy(table)
+    raw.epoch, raw.frame = _stated(header, EPOCH_KEYS), _stated(header, FRAME_KEYS)
+    return raw
+
+
+def _votable(data: bytes) -> RawList:
+    from astropy.io import votable
+
+    file = votable.parse(io.BytesIO(data), verify="ignore")
+    first = next(file.iter_tables(), None)
+    if first is None:
+        raise BadInput("the VOTable holds no table", expected="a TABLE element", got="none")
+    raw = _of_astropy(first.to_table(use_names_over_ids=True))
+    stated = {info.name: info.value for resource in file.resources for info in (*resource.infos, *resource.params)}
+    stated |= {info.name: info.value for info in (*first.infos, *first.params)}
+    systems = [s for resource in file.resources for s in resource.coordinate_systems] + list(file.coordinate_systems)
+    raw.epoch = _stated(stated, EPOCH_KEYS) or next((str(s.epoch) for s in systems if s.epoch), None)
+    raw.frame = _stated(stated, FRAME_KEYS) or next((str(s.system) for s in systems if s.system), None)
+    return raw
+
+
+def _of_astropy(table: Any) -> RawList:
+    columns: dict[str, NDArray[Any]] = {}
+    for name in table.colnames:
+        values = table[name]
+        mask = np.asarray(getattr(values, "mask", False))
+        plain = np.asarray(values)
+        if plain.ndim != 1:
+            continue
+        if plain.dtype.kind in "iufb" and mask.any():
+            plain = np.where(mask, np.nan, plain.astype(float))
+        elif plain.dtype.kind == "S":
+            plain = np.array([text.decode("utf-8", "replace") for text in plain], object)
+        columns[name] = plain if plain.dtype.kind in "iufb" else plain.astype(object)
+    units = {name: str(table[name].unit) for name in columns if table[name].unit is not None}
+    return RawList(columns, np.arange(1, len(table) + 1), units)

@@ -1,0 +1,176 @@
+"""Which column of a user's star list is what, in which unit: by the usual names, or as told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import BadInput
+
+KINDS = ("csv", "ecsv", "fits", "votable")
+LIST_FRAMES = ("icrs", "fk5", "b1950")
+BAD_ROWS = ("drop", "refuse")
+FIELDS = ("id", "ra", "dec", "v", "b_v", "pm_ra", "pm_dec", "parallax", "name", "flags")
+REQUIRED = ("ra", "dec", "v")
+# Usual names by field, without case, blanks, underscores, dots and brackets; the first that a file has counts.
+USUAL_NAMES: dict[str, tuple[str, ...]] = {
+    name: tuple(words.split())
+    for name, words in {
+        "id": "hip hipid hipnumber id starid number no nr hr hd sao sourceid",
+        "ra": "ra raicrs raj2000 radeg rarad rahours ra2000 alpha rightascension raj1950 rab1950",
+        "dec": "dec de deicrs dej2000 dedeg decdeg decrad derad dec2000 delta declination dej1950 deb1950",
+        "v": "v vmag vm mag magnitude mv johnsonv physmagv hpmag hp gmag photgmeanmag",
+        "b_v": "bv bminusv colour color colourindex colorindex",
+        "pm_ra": "pmra pmracosdec mura mualpha mualphastar propermotionra",
+        "pm_dec": "pmdec pmde mudec mudelta propermotiondec",
+        "parallax": "parallax plx",
+        "name": "name proper propername starname bayer designation mainid",
+        "flags": "gssflags",
+    }.items()
+}
+DEGREE_RAD = float(np.pi / 180)
+# Factors to what we keep inside; "sexagesimal" is read as text: hours for a right ascension, degrees for a declination.
+ANGLE_UNITS = {
+    "deg": DEGREE_RAD,
+    "rad": 1.0,
+    "hourangle": 15 * DEGREE_RAD,
+    "arcmin": DEGREE_RAD / 60,
+    "arcsec": ARCSEC_RAD,
+    "mas": ARCSEC_RAD / 1000,
+}
+MOTION_UNITS = {
+    f"{angle}/{time}": factor / years
+    for angle, factor in ANGLE_UNITS.items()
+    for time, years in (("yr", 1.0), ("century", 100.0))
+}
+SEXAGESIMAL = "sexagesimal"
+UNITS_OF = {
+    "ra": (*ANGLE_UNITS, SEXAGESIMAL),
+    "dec": (*ANGLE_UNITS, SEXAGESIMAL),
+    "parallax": tuple(ANGLE_UNITS),
+    "pm_ra": tuple(MOTION_UNITS),
+    "pm_dec": tuple(MOTION_UNITS),
+    "v": ("mag",),
+    "b_v": ("mag",),
+}
+# What a file means that does not say: degrees and milliarcseconds, as Hipparcos's and Gaia's own lists.
+USUAL_UNITS = {
+    "ra": "deg",
+    "dec": "deg",
+    "parallax": "mas",
+    "pm_ra": "mas/yr",
+    "pm_dec": "mas/yr",
+    "v": "mag",
+    "b_v": "mag",
+}
+SPELLINGS = {
+    "degree": "deg", "degrees": "deg", "d": "deg", "radian": "rad", "radians": "rad", "h": "hourangle", "hour": "hourangle",
+    "hours": "hourangle", "hms": SEXAGESIMAL, "dms": SEXAGESIMAL, "arcseconds": "arcsec", "milliarcsec": "mas",
+    '"h:m:s"': SEXAGESIMAL, '"d:m:s"': SEXAGESIMAL, "h:m:s": SEXAGESIMAL, "d:m:s": SEXAGESIMAL, "magnitude": "mag",
+}  # fmt: skip
+TIMES = {"a": "yr", "y": "yr", "year": "yr", "yr": "yr", "cy": "century", "century": "century", "ha": "century"}
+
+
+@dataclass(frozen=True)
+class ListMapping:
+    """How to read a star list; all may be left away where the file speaks for itself.
+
+    ``columns``: our FIELDS to the file's columns. ``units``: our fields to units. ``epoch_jyear``: Julian year of the places,
+    needed when the file does not state one. ``frame``: LIST_FRAMES ("fk5" is J2000, "b1950" the FK4 with E-terms).
+    ``pm_ra_has_cos_dec``: whether the motion in right ascension is along the sky. ``bad_rows``: drop them with a report, or refuse
+    the list.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    epoch_jyear: float | None = None
+    frame: str | None = None
+    pm_ra_has_cos_dec: bool = True
+    bad_rows: str = "drop"
+
+    def __post_init__(self) -> None:
+        for name, known in (("columns", FIELDS), ("units", tuple(UNITS_OF))):
+            if unknown := set(getattr(self, name)) - set(known):
+                raise BadInput(
+                    f"unknown field in the {name}", expected=" | ".join(known), got=", ".join(sorted(unknown))
+                )
+        for name, unit in self.units.items():
+            plain_unit(name, unit)
+        if self.frame is not None and self.frame not in LIST_FRAMES:
+            raise BadInput("unknown frame of a star list", expected=" | ".join(LIST_FRAMES), got=str(self.frame))
+        if self.bad_rows not in BAD_ROWS:
+            raise BadInput("unknown way with bad rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
+
+
+def plain_unit(name: str, unit: str) -> str:
+    """The unit of a field in our spelling."""
+    text = str(unit).strip().lower().replace(" ", "").replace("**-1", "-1").replace("^-1", "-1")
+    if match := re.fullmatch(r"(.+?)(?:/|\.?)(a|y|yr|year|cy|century|ha)(-1)?", text):
+        angle, time, power = match.groups()
+        if "/" in text or power:
+            angle = angle.rstrip("./")
+            text = f"{SPELLINGS.get(angle, angle)}/{TIMES[time]}"
+    text = SPELLINGS.get(text, text)
+    if name in UNITS_OF and text not in UNITS_OF[name]:
+        raise BadInput(f"unknown unit of {name}", expected=" | ".join(UNITS_OF[name]), got=str(unit))
+    return text
+
+
+def factor_of(name: str, unit: str) -> float:
+    """Factor from a unit (in our spelling, not sexagesimal) to radians, radians per year, or 1."""
+    return ANGLE_UNITS.get(unit) or MOTION_UNITS.get(unit) or 1.0
+
+
+def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
+    """Our fields to the file's columns. Fails when a place or a magnitude is not found, or one name could be two columns."""
+    found: dict[str, str] = {}
+    for ours, theirs in mapping.columns.items():
+        if theirs not in names:
+            raise BadInput(
+                f"the star list has no column {theirs!r}", expected=" | ".join(names), got=f"{ours} = {theirs}"
+            )
+        found[ours] = theirs
+    plain: dict[str, list[str]] = {}
+    for name in names:
+        plain.setdefault(_plain(name), []).append(name)
+    for ours, usual in USUAL_NAMES.items():
+        if ours not in found:
+            hit = next((plain[name] for name in usual if name in plain), None)
+            if hit is not None:
+                found[ours] = _only(ours, hit)
+    missing = [name for name in REQUIRED if name not in found]
+    if missing:
+        raise BadInput(
+            f"the star list has no column for {', '.join(missing)}",
+            expected="columns for ra, dec and v",
+            got=", ".join(names) or "no columns",
+            hint="name them: columns = {" + ", ".join(f'"{name}": "…"' for name in missing) + "}",
+        )
+    return found
+
+
+def unit_in_name(ours: str, column: str) -> str | None:
+    """A unit that a column's name ends with, as in ``ra_deg`` or ``pm_ra_mas_yr``."""
+    text = column.strip().lower()
+    for unit in sorted(UNITS_OF.get(ours, ()), key=len, reverse=True):
+        if text.endswith(("_" + unit.replace("/", "_"), f"[{unit}]", f"({unit})", f" {unit}")):
+            return unit
+    return "hourangle" if ours == "ra" and _plain(column) == "rahours" else None
+
+
+def _plain(name: str) -> str:
+    text = re.sub(r"\[.*?\]|\(.*?\)", "", name.strip().lower())
+    text = re.sub(r"[_ ](deg|rad|hourangle|arcsec|mas|arcmin|mag|mas_yr|arcsec_yr|deg_yr|rad_yr)$", "", text)
+    return re.sub(r"[^a-z0-9]", "", text)
+
+
+def _only(ours: str, hits: list[str]) -> str:
+    if len(hits) > 1:
+        raise BadInput(
+            f"two columns could be {ours}", expected="one", got=" and ".join(hits), hint=f"name the one for {ours}"
+        )
+    return hits[0]
