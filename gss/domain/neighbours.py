@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from gss.domain.angles import Array, separation_rad
 
@@ -45,12 +45,20 @@ class NeighbourLinks:
 
 
 def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
-    """The net of (n, 3) unit vectors. A star that the hull leaves out, because another has its place, hangs on the nearest."""
+    """The net of (n, 3) unit vectors. A star that the hull leaves out, because another has its place, hangs on the nearest. Stars
+    that all lie in one plane have no hull: each hangs on its three nearest and on the row before."""
     unit = np.asarray(icrs, float)
     n = len(unit)
     if n < FEWEST_FOR_A_HULL:
         return _net(n, *np.triu_indices(n, 1))
-    face = ConvexHull(unit).simplices
+    try:
+        face = ConvexHull(unit).simplices
+    except QhullError:
+        _, near = cKDTree(unit).query(unit, 4)
+        rows = np.arange(n)
+        low, high = np.repeat(rows, 4), np.column_stack([near[:, :4], np.maximum(rows - 1, 0)])[:, 1:].ravel()
+        other = low != high
+        return _net(n, np.minimum(low, high)[other], np.maximum(low, high)[other])
     ends = np.concatenate([face[:, [0, 1]], face[:, [1, 2]], face[:, [2, 0]]])
     left_out = np.setdiff1d(np.arange(n), ends)
     if len(left_out):

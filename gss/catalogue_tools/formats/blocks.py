@@ -97,7 +97,7 @@ def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
 def block_columns(block: Block, data: bytes) -> Columns:
     """The columns of one block."""
     if block.bits:
-        packed = np.frombuffer(data, np.uint8).reshape(block.count, -1)
+        packed = np.frombuffer(data, np.uint8).reshape(block.count, block.dtype.itemsize)
         return dict(zip(block.name.split(), unpack_bits(packed, block.bits), strict=True))
     rows = np.frombuffer(data, block.dtype, block.count)
     if block.dtype.names is None:

@@ -97,7 +97,7 @@ SECTIONS: dict[str, Section] = {
             (
                 Field("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
                 Field("step", "<f8", "", "its rise from one entry to the next"),
-                Field("k", "<u2 or <u4", "", "m counts: pairs not above the line; u4 from 65 536 pairs"),
+                Field("k", "<u2 or <u4", "", "m counts: pairs not above the line; u32 from 65 536 pairs"),
             ),
         ),
         Section(

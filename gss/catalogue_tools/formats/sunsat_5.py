@@ -28,7 +28,7 @@ PAIRS = Rows(
         Field("first", "u13", "", "row of the one star"),
         Field("second", "u13", "", "row of the other, higher"),
         Field("steps", "u13", "50 µrad", "angular distance, ascending"),
-        Field("zero", "u1", "", "0"),
+        Field("zero", "u1", "", "always 0"),
     ),
     bits=(BITS, BITS, BITS, 1),
 )

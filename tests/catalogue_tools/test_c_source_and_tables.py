@@ -1,0 +1,204 @@
+"""A bank image as C source and as tables of other programs, and back to the very same bytes."""
+
+import io
+import shutil
+import subprocess
+import zipfile
+from contextlib import suppress
+from dataclasses import fields, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from astropy.io import fits
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.exports import export, export_table, import_table
+from gss.catalogue_tools.formats.c_source import identifier
+from gss.catalogue_tools.formats.registry import blocks_of
+from gss.catalogue_tools.formats.table_files import KINDS
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.onboard import FORMATS, c_source, decode, encode, frame_of, read_c_source, tables_for
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.profiles import profile
+
+GOLDEN = Path(__file__).parent.parent / "golden"
+COMPILER = next((c for c in ("cc", "gcc", "clang", "tcc") if shutil.which(c)), None)
+IMAGES = [*FORMATS, "sections"]
+
+
+@lru_cache
+def image_of(format_name):
+    """Bright stars of V ≤ 2.0 at J2026.5; "sections": sunsat's with k-vector and reduced catalogue, one magnitude unknown."""
+    stars = propagate(load_stars(2.0), 2026.5)
+    pairs = distance_table(stars, float(np.radians(0.25)), float(np.radians(23)))
+    if format_name != "sections":
+        return encode(stars, pairs, format_name, format_name, bytes(range(8)))
+    stars = replace(stars, v_mag=np.where(np.arange(len(stars)) == 5, np.nan, stars.v_mag))
+    camera = profile("far_mst").camera
+    own = tables_for("sunsat", stars, pairs, camera, index=True, reduced=frame_of(camera))
+    return encode(stars, own.distances, "sunsat", "sunsat", tables=own.tables)
+
+
+# --- C ---------------------------------------------------------------------------------------------------------------
+
+
+def test_c_source_is_the_golden_file():
+    """Letter for letter as written before, from CubeStar's golden image."""
+    image = (GOLDEN / "onboard-cubestar.bin").read_bytes()
+    assert c_source(image) == (GOLDEN / "onboard-cubestar.c").read_text()
+    assert read_c_source((GOLDEN / "onboard-cubestar.c").read_text()) == image
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_c_source_reads_back_to_the_image(name):
+    """What is pasted into firmware is the image, byte for byte."""
+    assert read_c_source(c_source(image_of(name))) == image_of(name)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
+@pytest.mark.parametrize("name", IMAGES)
+def test_compiled_arrays_are_the_image(name, tmp_path):
+    """A C compiler's arrays, one after the other, are the image: without a warning, and on a little-endian machine."""
+    if np.little_endian is False:
+        pytest.skip("this machine is big endian, the bank is not")
+    image = image_of(name)
+    names = [identifier(block) for block, _ in blocks_of(image) if block.size]
+    writes = "\n".join(f"  fwrite({n}, 1, sizeof {n}, stdout);" for n in names)
+    source = tmp_path / "bank.c"
+    source.write_text(c_source(image) + f"#include <stdio.h>\nint main(void) {{\n{writes}\n  return 0;\n}}\n")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([COMPILER, *flags, "-o", str(tmp_path / "bank"), str(source)], check=True, timeout=60)
+    printed = subprocess.run([str(tmp_path / "bank")], check=True, capture_output=True, timeout=60)
+    assert printed.stdout == image
+
+
+@pytest.mark.parametrize("text", ["", "int main(void) { return 0; }", "const float gss_stars_x[2] = {0.0f, 1.0f};"])
+def test_other_c_sources_are_refused(text):
+    """A file that is no catalogue is named so."""
+    with pytest.raises(BadInput, match="not a catalogue in C source"):
+        read_c_source(text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("gss_stars_x[", "gss_stars_w[", "gss_stars_x is not whole"),
+        ("{\n  0, 1, 2,", "{\n  0, 2, 2,", "damaged"),
+        ("{\n  0, 1, 2,", "{\n  0, 1,", "gss_stars_id is not whole"),
+        ("{\n  0, 1, 2,", "{\n  0, 1, 70000,", "no number of its type"),
+        ('"<i2",[],49]', '"<i2",[],48]', "gss_stars_id is not whole"),
+        ("gss-layout: [", "gss-layout: (", "layout line of the C source is damaged"),
+    ],
+)
+def test_a_changed_c_source_is_found(old, new, words):
+    """A number changed, left out or too large, an array renamed: found."""
+    text = c_source(image_of("cubestar"))
+    assert old in text
+    with pytest.raises(CorruptData, match=words):
+        read_c_source(text.replace(old, new, 1))
+
+
+# --- tables ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", IMAGES)
+def test_tables_come_back_to_the_very_same_image(name, kind):
+    """FITS, CSV, ECSV and Parquet lose nothing: the same bytes, and the same file each time."""
+    data = export_table(image_of(name), kind)
+    assert import_table(data, kind) == image_of(name)
+    if kind != "fits":
+        assert data == export_table(image_of(name), kind)
+
+
+def test_fits_tables_are_for_any_reader():
+    """Astropy alone finds the stars of the bank in their own columns and units of single precision."""
+    image = image_of("far-mst")
+    with fits.open(io.BytesIO(export_table(image, "fits"))) as hdus:
+        hdus.verify("exception")
+        assert hdus[0].header["FORMAT"] == "far-mst"
+        stars, pairs = hdus["STARS"].data, hdus["PAIRS"].data
+        assert np.array_equal(np.column_stack([stars["x"], stars["y"], stars["z"]]), decode(image).icrs)
+        assert np.array_equal(pairs["second"], decode(image).distances.second)
+
+
+def test_parquet_tables_are_for_any_reader():
+    """PyArrow alone finds packed pairs as their three whole numbers."""
+    with zipfile.ZipFile(io.BytesIO(export_table(image_of("sunsat-5"), "parquet"))) as archive:
+        table = pq.read_table(io.BytesIO(archive.read("pairs.parquet")))
+    kept = decode(image_of("sunsat-5")).distances
+    assert np.array_equal(table["first"], kept.first)
+    assert table["steps"].to_numpy() * 50e-6 == pytest.approx(kept.distance_rad)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("data", [b"", b"PK\x05\x06" + bytes(18), b"SIMPLE  =", b"row,hip\n1,2\n", bytes(3000)])
+def test_other_files_are_refused(kind, data):
+    """What is no such file is refused with what is expected."""
+    with pytest.raises(BadInput):
+        import_table(data, kind)
+
+
+def test_unknown_kinds_are_refused():
+    """The kinds are listed."""
+    for call in (lambda: export_table(image_of("aim"), "xls"), lambda: import_table(b"", "xls")):
+        with pytest.raises(BadInput, match=r"fits \| csv \| ecsv \| parquet"):
+            call()
+
+
+def rezipped(data, name, change):
+    """The ZIP with one file changed, or left out."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        for member in old.namelist():
+            content = change(old.read(member)) if member == name else old.read(member)
+            if content is not None:
+                new.writestr(member, content)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("stars.csv", lambda b: b.replace(b"\n0,", b"\n1,", 1), "damaged"),
+        ("stars.csv", lambda b: b[: len(b) // 2], "not whole|cannot be read|damaged"),
+        ("stars.csv", lambda b: b.replace(b"id,x", b"id,w"), "no x"),
+        ("stars.csv", lambda b: b"", "cannot be read|not whole"),
+        ("pairs.csv", lambda b: None, "a table is missing"),
+        ("stars.csv", lambda b: b.replace(b"\n0,", b"\n99999,", 1), "does not fit its type|damaged"),
+        ("layout.json", lambda b: b[:-2], "layout of the table file is damaged"),
+    ],
+)
+def test_a_changed_table_is_found(name, change, words):
+    """A cell, a column, a row or a file that is not what it was: found."""
+    with pytest.raises(CorruptData, match=words):
+        import_table(rezipped(export_table(image_of("cubestar"), "csv"), name, change), "csv")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "fits"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_changed_byte_of_a_file_is_found_or_harmless(kind, data):
+    """A byte changed anywhere in the file gives the same image or a clear error, never another image."""
+    image = image_of("sunsat")
+    broken = bytearray(export_table(image, kind))
+    broken[data.draw(st.integers(0, len(broken) - 1))] ^= data.draw(st.integers(1, 255))
+    with suppress(BadInput, CorruptData):
+        assert import_table(bytes(broken), kind) == image
+
+
+def test_star_list_for_people_in_parquet():
+    """Rows, Hipparcos numbers and degrees, as in CSV."""
+    names = [f.name for f in fields(Manifest) if f.type == "str"]
+    empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
+    manifest = Manifest(**dict.fromkeys(names, "x"), **empty, epoch_jyear=2026.5, hip=())
+    stars = load_stars(2.0)
+    table = pq.read_table(io.BytesIO(export(decode(image_of("aim"), stars.hip), manifest, "parquet")))
+    assert table.column_names == ["row", "hip", "ra_deg", "dec_deg", "v_mag"]
+    assert table["hip"].to_pylist() == stars.hip.tolist()

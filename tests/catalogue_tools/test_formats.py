@@ -1,0 +1,440 @@
+"""Every on-board format byte by byte: what is written, what comes back, what is refused, and what damage is found."""
+
+import struct
+import zlib
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.formats.byte_tables import format_table, section_table
+from gss.catalogue_tools.formats.registry import BY_NAME, blocks_of
+from gss.catalogue_tools.formats.sections import SECTIONS
+from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.onboard import (
+    FORMATS,
+    base_format,
+    core_bytes,
+    decode,
+    encode,
+    encoded_again,
+    frame_of,
+    image_bytes,
+    part_bytes,
+    quantisation_error,
+    read_header,
+    stars_of,
+    tables_for,
+)
+from gss.domain.angles import ARCSEC_RAD, unit_from_ra_dec
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.neighbours import neighbour_links
+from gss.domain.profiles import profile
+from gss.domain.stars import DistanceTable, OnboardCatalogue
+from gss.domain.triplets import CERTAIN, TripletClasses, build_triplets
+
+ROOT = Path(__file__).parent.parent.parent
+GOLDEN = ROOT / "tests" / "golden"
+MIN_RAD, MAX_RAD = float(np.radians(0.25)), float(np.radians(23))
+NONE = np.empty(0, np.int32)
+NEW = ("sunsat-5", "far-mst", "oersted", "aim")
+
+
+@lru_cache
+def sky():
+    """Bright stars of V ≤ 2.0 at J2026.5."""
+    return propagate(load_stars(2.0), 2026.5)
+
+
+@lru_cache
+def pairs():
+    return distance_table(sky(), MIN_RAD, MAX_RAD)
+
+
+@lru_cache
+def small(format_name):
+    return encode(sky(), pairs(), format_name, format_name, bytes(range(8)))
+
+
+@lru_cache
+def full():
+    """CubeStar's image with both optional sections, in the frame of Huffman's own camera."""
+    camera = profile("far_mst").camera
+    own = tables_for("cubestar", sky(), pairs(), camera, index=True, reduced=frame_of(camera))
+    return encode(sky(), own.distances, "cubestar", "cubestar", bytes(range(8)), own.tables)
+
+
+def list_of(unit, v_mag=3.0):
+    """A star list of directions, nothing else known."""
+    n = len(unit)
+    empty = DistanceTable(NONE, NONE, np.empty(0), MIN_RAD, MAX_RAD)
+    return stars_of(OnboardCatalogue(np.arange(n, dtype=np.int32), unit, np.full(n, v_mag), empty), 2026.5)
+
+
+def with_sums(image):
+    """Both checksums made right again."""
+    changed = bytearray(image)
+    changed[56:60] = struct.pack("<I", zlib.crc32(changed[64:]))
+    changed[60:64] = struct.pack("<I", zlib.crc32(changed[:60]))
+    return bytes(changed)
+
+
+def section_at(image, tag):
+    return image.index(tag.encode()) + 8
+
+
+# --- bytes ------------------------------------------------------------------------------------------------------------
+
+
+def test_sections_are_the_golden_file():
+    """CubeStar's image with k-vector and reduced catalogue, byte for byte as written before."""
+    assert full() == (GOLDEN / "onboard-cubestar-sections.bin").read_bytes()
+    assert encoded_again(full()) == full()
+    assert read_header(full()).version == 2
+    assert read_header(small("cubestar")).version == 1
+
+
+def test_small_pairs_are_three_numbers_of_13_bits():
+    """Jacobs 1995 app. D.1: two cardinals and a distance in five bytes, read here with nothing but integers."""
+    image, n = small("sunsat-5"), len(sky())
+    at = 64 + 12 * n
+    for k in range(len(pairs())):
+        word = int.from_bytes(image[at + 5 * k : at + 5 * k + 5], "little")
+        got = (word & 8191, word >> 13 & 8191, word >> 26 & 8191, word >> 39)
+        assert got == (pairs().first[k], pairs().second[k], round(pairs().distance_rad[k] / 50e-6), 0)
+    assert len(image) == at + 5 * len(pairs())
+    assert image_bytes("sunsat-5", 0, 288_464) / 1e6 == pytest.approx(1.44, abs=0.005)
+
+
+def test_directory_is_columns_of_sin2_with_its_k_vector():
+    """Huffman 2006 §5.5.4: star numbers and sin²θ, and counts of pairs not above a straight line."""
+    image, n, m = small("far-mst"), len(sky()), len(pairs())
+    first, second = (struct.unpack_from(f"<{m}H", image, 64 + 14 * n + 2 * m * k) for k in range(2))
+    sin2 = struct.unpack_from(f"<{m}f", image, 64 + 14 * n + 4 * m)
+    assert np.array_equal(first, pairs().first)
+    assert np.array_equal(second, pairs().second)
+    assert sin2 == pytest.approx(np.sin(pairs().distance_rad) ** 2, rel=1e-7)
+    at = section_at(image, "KVEC")
+    start, step = struct.unpack_from("<dd", image, at)
+    k = struct.unpack_from(f"<{m}H", image, at + 16)
+    assert list(k) == [sum(v <= start + step * t for v in sin2) for t in range(m)]
+    v_mmag = struct.unpack_from(f"<{n}h", image, 64 + 12 * n)
+    assert np.array_equal(v_mmag, np.rint(sky().v_mag * 1000))
+
+
+def test_linked_list_is_counts_pointers_and_neighbours():
+    """Moniteq 1983 §6.1: a count and a pointer per star, each link at both ends, 8n − 12 numbers; 11 bytes for a star."""
+    image, n = small("aim"), len(sky())
+    at, links = section_at(image, "LINK"), neighbour_links(sky().icrs)
+    count, pointer = (struct.unpack_from(f"<{n}H", image, at + 2 * n * k) for k in range(2))
+    near = struct.unpack_from(f"<{6 * n - 12}H", image, at + 4 * n)
+    for row in range(n):
+        assert near[pointer[row] : pointer[row] + count[row]] == tuple(links.of(row))
+    assert part_bytes(image)["LINK"] == 2 * (8 * n - 12)
+    assert part_bytes(image)["stars"] == 11 * n
+    # The document's catalogue of 3000 stars in 70 kbyte, its links of 12 bits taken as 16.
+    assert image_bytes("aim", 3000, 0) == pytest.approx(70e3 + 36e3 * 4 / 12, rel=0.02)
+
+
+def test_triplets_of_the_bank_are_those_of_the_stars():
+    """Spread again, the sections are the data base that the star list itself gives; a dozen references in eight bytes."""
+    stars, camera = propagate(load_stars(4.5), 2026.5), profile("oersted").camera
+    own = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
+    image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
+    found = decode(image).tables.constellations.table()
+    classes = TripletClasses.of(float(np.radians(0.05)))
+    blend = 3 * camera.pixel_rad
+    want = build_triplets(stars.icrs, stars.v_mag, classes, 4.15, camera.diagonal_rad, blend_rad=blend)
+    assert np.array_equal(found.key, want.key)
+    assert np.array_equal(found.star, want.star)
+    assert (found.classes, found.limit_mag, found.max_rad) == (classes, 4.15, camera.diagonal_rad)
+    stored = sum(part_bytes(image)[tag] for tag in ("TCER", "TMAY", "TEXC"))
+    assert 10 < 6 * len(want) / stored < 18
+
+
+def test_certain_triplets_are_one_per_star():
+    """The section of stars that are always seen holds each star with its two nearest certain neighbours, once."""
+    made = decode(small("oersted")).tables.constellations
+    certain = made.star[made.kind == CERTAIN]
+    assert len(certain) > 5
+    assert len(np.unique(certain)) == len(certain)
+
+
+def test_reduced_catalogue_comes_back_with_its_frame():
+    """Huffman 2006 §5.5.4: which stars, and the frame that they were chosen for."""
+    reduced, (width, height) = decode(full()).tables.reduced, profile("far_mst").camera.fov_rad
+    assert (reduced.frame.width_rad, reduced.frame.height_rad) == pytest.approx((width, height))
+    assert (reduced.frame.brightest, len(reduced.kept)) == (8, len(sky()))
+    assert reduced.kept.any()
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_blocks_are_the_image(format_name):
+    """The description from which tables and sources are made covers every byte once."""
+    assert b"".join(data for _, data in blocks_of(small(format_name))) == small(format_name)
+    assert sum(part_bytes(small(format_name)).values()) == len(small(format_name))
+
+
+@pytest.mark.parametrize("format_name", ["cubestar", "sunsat", "sunsat-5", "far-mst", "aim"])
+def test_size_is_known_before_the_image(format_name):
+    """What is said of the size beforehand is the size, triplets excepted, whose number the sky decides."""
+    kept = decode(small(format_name))
+    assert image_bytes(format_name, len(kept), len(kept.distances)) == len(small(format_name))
+
+
+def test_size_of_triplets_is_nearly_known():
+    """Within a fifth for the whole sky to V 4.5."""
+    stars = load_stars(4.5)
+    own = tables_for("oersted", stars, pairs(), profile("oersted").camera)
+    image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
+    assert image_bytes("oersted", len(stars), 0) == pytest.approx(len(image), rel=0.2)
+
+
+# --- what the number widths cost -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("format_name", "position_arcsec", "distance_rad", "v_mag"),
+    [
+        ("sunsat-5", 0.1, 25e-6, 1e-6),
+        ("far-mst", 0.02, 1e-6 * ARCSEC_RAD * 1e4, 5e-4 + 1e-6),
+        ("oersted", 0.02, 0.0, 5e-4 + 1e-6),
+        ("aim", 0.0003, 0.0, 5e-4 + 1e-6),
+    ],
+)
+def test_quantisation_error_is_within_the_widths(format_name, position_arcsec, distance_rad, v_mag):
+    """Positions, distances and magnitudes err by no more than half a step of their numbers."""
+    error = quantisation_error(sky(), pairs(), small(format_name))
+    assert 0 < error.position_rad <= position_arcsec * ARCSEC_RAD
+    assert error.distance_rad <= distance_rad * 1.0001
+    assert error.v_mag <= v_mag
+    if format_name == "sunsat-5":
+        assert error.distance_rad > 20e-6
+
+
+# --- any sky ----------------------------------------------------------------------------------------------------------
+
+near_poles = st.sampled_from([np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-8, -np.pi / 2 + 3e-8, np.float32(np.pi / 2)])
+ra_s = st.one_of(st.floats(0, 2 * np.pi), st.sampled_from([0.0, 2 * np.pi, 6.28318525, 1e-9, np.pi]))
+dec_s = st.one_of(st.floats(-np.pi / 2, np.pi / 2), near_poles)
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+@given(st.lists(st.tuples(ra_s, dec_s, st.floats(-1.5, 12.0)), min_size=1, max_size=12, unique=True))
+def test_any_list_comes_back_and_encodes_the_same(format_name, places):
+    """Poles, the wrap of right ascension, stars at one place: near in position, and the same bytes again."""
+    ra, dec, mag = np.array(places).T
+    stars = replace(list_of(unit_from_ra_dec(ra, np.clip(dec, -np.pi / 2, np.pi / 2))), v_mag=mag)
+    image = encode(stars, distance_table(stars, 0.0, 0.4), format_name, "any")
+    assert encoded_again(image) == image
+    back = decode(image)
+    assert np.abs(back.icrs - stars.icrs).max() < 3e-7
+    if BY_NAME[format_name].has_magnitudes:
+        assert np.abs(back.v_mag - mag).max() < 6e-4
+
+
+# --- damage ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
+@given(st.data())
+def test_any_changed_byte_is_found(format_name, data):
+    """One byte of the image changed to any other value, with flash behind it: found."""
+    image = full() if format_name == "sections" else small(format_name)
+    at = data.draw(st.integers(0, len(image) - 1))
+    broken = bytearray(image + b"\xff" * 40)
+    broken[at] ^= data.draw(st.integers(1, 255))
+    with pytest.raises(CorruptData):
+        decode(bytes(broken))
+
+
+@pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
+def test_every_byte_of_the_image_counts(format_name):
+    """Each byte in turn, one bit of it: found."""
+    image = full() if format_name == "sections" else small(format_name)
+    for at in range(len(image)):
+        broken = bytearray(image)
+        broken[at] ^= 1 << at % 8
+        with pytest.raises(CorruptData):
+            decode(bytes(broken))
+
+
+@pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
+def test_every_shorter_image_is_cut_short(format_name):
+    """An image without its last bytes says so, wherever it ends; bytes behind it do not matter."""
+    image = full() if format_name == "sections" else small(format_name)
+    for length in range(64, len(image)):
+        with pytest.raises(CorruptData, match="cut short"):
+            decode(image[:length])
+    for length in range(64):
+        with pytest.raises(CorruptData, match="not a bank image"):
+            decode(image[:length])
+    assert encoded_again(image + b"GSSX" + bytes(range(256))) == image
+
+
+def damaged(format_name, tag, offset, content):
+    image = bytearray(full() if tag == "REDU" else small(format_name))
+    at = section_at(bytes(image), tag) + offset
+    image[at : at + len(content)] = content
+    return with_sums(image)
+
+
+@pytest.mark.parametrize(
+    ("format_name", "tag", "offset", "content", "words"),
+    [
+        ("far-mst", "KVEC", 16 + 2 * 10, b"\xff\xff", "k-vector does not fit"),
+        ("far-mst", "KVEC", 0, struct.pack("<d", np.nan), "k-vector does not fit"),
+        ("cubestar", "REDU", 16 + 6, b"\xff", "beyond the list"),
+        ("aim", "LINK", 0, b"\x63\x00", "pointers"),
+        ("aim", "LINK", 4 * 49, b"\xff\x00", "no other end"),
+        ("aim", "LINK", -4, b"\x02\x00\x00\x00", "unknown or misplaced section|wrong length"),
+        ("aim", "LINK", -8, b"NOTE", "unknown or misplaced section"),
+        ("oersted", "TCLS", 0, struct.pack("<d", 0.0), "classes make no sense"),
+        ("oersted", "TCER", 0, b"\xff\xff", "not in the list"),
+        ("oersted", "TCER", -8, b"TCLS", "unknown or misplaced section"),
+        ("oersted", "TMAY", -8, b"TCER", "unknown or misplaced section"),
+        ("oersted", "TMAY", 2 * 107, b"\x00\x10", "classes are impossible"),
+    ],
+)
+def test_wrong_tables_under_right_checksums_are_found(format_name, tag, offset, content, words):
+    """A right CRC over a table that cannot be does not pass."""
+    with pytest.raises(CorruptData, match=words):
+        decode(damaged(format_name, tag, offset, content))
+
+
+@pytest.mark.parametrize("format_name", ["oersted", "aim"])
+def test_an_image_without_its_own_tables_is_refused(format_name):
+    """Header version 1 in a format that lives of its sections."""
+    core = core_bytes(format_name, len(sky()), 0)
+    image = bytearray(small(format_name)[:core])
+    image[4] = 1
+    with pytest.raises(CorruptData, match="lacks its own tables"):
+        decode(with_sums(image))
+
+
+def test_a_set_spare_bit_is_found():
+    """Bit 39 of a small pair is zero."""
+    image = bytearray(small("sunsat-5"))
+    image[64 + 12 * len(sky()) + 4] |= 0x80
+    with pytest.raises(CorruptData, match="spare bit"):
+        decode(with_sums(image))
+
+
+@pytest.mark.parametrize(
+    ("format_name", "at", "content", "words"),
+    [
+        ("sunsat", 64, struct.pack("<f", np.nan), "right ascension is impossible"),
+        ("sunsat", 68, struct.pack("<f", 1.7), "declination is impossible"),
+        ("aim", 64 + 4 * 49, struct.pack("<i", 2**30 + 1), "declination is impossible"),
+        ("far-mst", 64 + 14 * 49 + 4 * 76, struct.pack("<f", -0.1), "sin² is impossible"),
+        ("far-mst", 64, struct.pack("<f", 2.0), "no unit vector"),
+        ("sunsat-5", 64 + 12 * 49, b"\xff\x1f", "not in the list"),
+    ],
+)
+def test_impossible_numbers_under_right_checksums_are_found(format_name, at, content, words):
+    """A right CRC over numbers that cannot be does not pass."""
+    assert (len(sky()), len(pairs())) == (49, 76)
+    image = bytearray(small(format_name))
+    image[at : at + len(content)] = content
+    with pytest.raises(CorruptData, match=words):
+        decode(with_sums(image))
+
+
+# --- limits ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("format_name", "most"), [("cubestar", 32768), ("sunsat", 65536), ("sunsat-5", 8192), ("aim", 10924)]
+)
+def test_one_star_too_many_is_refused(format_name, most):
+    """Row numbers of 16 and 13 bits and pointers of 16 bits end somewhere: refused with the number, not wrapped."""
+    rng = np.random.default_rng(1)
+    unit = rng.normal(size=(most + 1, 3))
+    stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
+    table = DistanceTable(np.array([0], np.int32), np.array([most - 1], np.int32), np.array([0.1]), 0.0, 0.4)
+    with pytest.raises(BadInput, match=f"too many stars for the {format_name} format; expected at most {most}"):
+        encode(stars, table, format_name, "any")
+    kept = decode(encode(stars.take(np.arange(most)), table, format_name, "any"))
+    assert len(kept) == most
+    if len(kept.distances):
+        assert kept.distances.second[0] == most - 1
+
+
+def test_distances_beyond_the_width_are_refused():
+    """13 bits of 50 µrad end at 23.46°, sin² at 90°."""
+    unit = unit_from_ra_dec(np.radians([0.0, 23.4, 23.5, 95.0]), np.zeros(4))
+    for format_name, good, bad in (("sunsat-5", 1, 2), ("far-mst", 2, 3)):
+        ok, wrong = (distance_table(list_of(unit[[0, k]]), 0.0, 2.0) for k in (good, bad))
+        assert len(decode(encode(list_of(unit[[0, good]]), ok, format_name, "any")).distances) == 1
+        with pytest.raises(BadInput, match="too large for the"):
+            encode(list_of(unit[[0, bad]]), wrong, format_name, "any")
+
+
+@pytest.mark.parametrize("format_name", ["far-mst", "oersted", "aim"])
+def test_a_magnitude_that_does_not_fit_is_refused(format_name):
+    """Thousandths in sixteen bits end at 32.767; an unknown magnitude has its own number."""
+    stars = list_of(sky().icrs)
+    with pytest.raises(BadInput, match="a magnitude does not fit"):
+        encode(replace(stars, v_mag=np.full(len(stars), 32.768)), pairs(), format_name, "any")
+    unknown = replace(stars, v_mag=np.where(np.arange(len(stars)) == 3, np.nan, 2.5))
+    kept = decode(encode(unknown, pairs(), format_name, "any")).v_mag
+    assert np.flatnonzero(np.isnan(kept)).tolist() == [3]
+
+
+def test_flags_beyond_eight_bits_are_refused():
+    """AIM's stars have eight flags."""
+    with pytest.raises(BadInput, match="flags do not fit"):
+        encode(replace(sky(), flags=np.full(len(sky()), 256, np.uint16)), pairs(), "aim", "any")
+    flags = np.arange(len(sky())).astype(np.uint16)
+    assert np.array_equal(decode(encode(replace(sky(), flags=flags), pairs(), "aim", "any")).tables.flags, flags)
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_a_list_with_nan_is_refused(format_name):
+    """A direction that is no unit vector is never written."""
+    icrs = sky().icrs.copy()
+    icrs[7] = np.nan
+    with pytest.raises(BadInput, match="no unit vector"):
+        encode(replace(sky(), icrs=icrs), pairs(), format_name, "any")
+
+
+def test_tables_of_another_list_are_refused():
+    """Links, triplets and reduced catalogue of one list do not go with another."""
+    camera = profile("far_mst").camera
+    for format_name in ("far-mst", "oersted"):
+        own = tables_for(format_name, sky(), pairs(), camera)
+        fewer = sky().take(np.arange(len(sky()) - 1))
+        with pytest.raises(BadInput, match="another list"):
+            encode(fewer, distance_table(fewer, MIN_RAD, MAX_RAD), format_name, "any", tables=own.tables)
+
+
+def test_pairs_of_another_list_are_refused():
+    """A pair of rows that are not there is not written."""
+    with pytest.raises(BadInput, match="not in the list"):
+        encode(sky().take(np.arange(5)), pairs(), "cubestar", "any")
+
+
+def test_c_formats_are_the_formats_as_source():
+    """cubestar-c is cubestar's bytes; unknown names are listed."""
+    assert base_format("cubestar-c") == "cubestar"
+    assert base_format("far-mst") == "far-mst"
+    with pytest.raises(BadInput, match=r"cubestar \| sunsat \| sunsat-5 \| far-mst \| oersted \| aim"):
+        base_format("punched-tape-c")
+
+
+# --- the written page -------------------------------------------------------------------------------------------------
+
+
+def test_the_page_has_the_byte_tables_of_the_code():
+    """docs/catalogue-formats.md is what the code writes."""
+    page = (ROOT / "docs" / "catalogue-formats.md").read_text()
+    for name, fmt in BY_NAME.items():
+        assert format_table(fmt) in page, name
+        assert f"| {name} | {fmt.number} |" in page
+    for tag in SECTIONS:
+        assert section_table(tag) in page, tag
