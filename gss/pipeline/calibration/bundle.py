@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.rotation import rotation_from_vector
+from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
 from gss.pipeline.attitude import svd
 from gss.pipeline.calibration.lens_models import Vector, difference_steps
 from gss.pipeline.calibration.sightings import FrameStars
 
 ROUNDS = 40
 DONE = 1e-12
+SETTLED = 1e-6  # in squared standard deviations of all stars together
 HUBER = 2.5  # lengths of scaled residuals from here on count linearly
 REJECT = 5.0  # and from here on not at all
 RAYLEIGH_MEDIAN = 1.1774
@@ -154,7 +155,7 @@ def adjust(
             break
         vector, turns, residual = moved, turned, trial
         damping = max(damping * EASED, 1e-12)
-        if step >= 5 and before - after < DONE * before + 1e-9:
+        if step >= (5 if rejecting else 1) and before - after < DONE * before + SETTLED:
             break
     return _finished(stars, vector, turns, residual, keep, known, rejecting)
 
@@ -320,4 +321,8 @@ def _scaled_inverse(matrix: Array) -> Array:
 
 
 def _turned(turns: Array, by: Array) -> Array:
-    return np.stack([rotation_from_vector(b) @ t for b, t in zip(np.clip(by, -0.3, 0.3), turns, strict=True)])
+    """(f, 3, 3) attitudes turned by (f, 3) rotation vectors."""
+    vector = np.clip(by, -0.3, 0.3)
+    half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
+    quaternion = np.concatenate([vector * 0.5 * np.sinc(half / np.pi), np.cos(half)], axis=1)
+    return np.asarray(matrix_from_quaternion(quaternion) @ turns)

@@ -15,6 +15,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 FEWEST_TURNS = 6
+ROUND = 5.0  # a cloud of places without a circle has a radius of about twice its scatter
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
 
@@ -51,7 +52,7 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
     scatter = float(np.std(np.hypot(off[:, 0] - a, off[:, 1] - b) - radius))
     angle = np.sort(np.arctan2(off[:, 1] - b, off[:, 0] - a))
     gap = float(np.max(np.diff(np.append(angle, angle[0] + 2 * np.pi))))
-    circle = radius > 2 * scatter and gap < 2 * np.pi * (1 - TURN_COVERED / 2)
+    circle = radius > ROUND * scatter and gap < 2 * np.pi * (1 - TURN_COVERED / 2)
     said: list[Advice] = []
     if box.max() > FULL_BOX_PX and not circle:
         text = f"the dot wandered over {box[0]:.0f} x {box[1]:.0f} px"

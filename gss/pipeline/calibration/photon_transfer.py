@@ -19,6 +19,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 CLIP_SIGMAS = 5.0
+LEAST_SPREAD_DN = 0.8
 TURN_SHARE = 0.8
 FEWEST_LEVELS = 3
 
@@ -151,7 +152,8 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
 
 def _unstray(values: Array) -> NDArray[np.bool_]:
     middle = np.median(values)
-    spread = max(1.4826 * float(np.median(np.abs(values - middle))), float(np.std(values)) * 0.2, 0.3)
+    # Differences of whole numbers often have a median deviation of zero.
+    spread = max(1.4826 * float(np.median(np.abs(values - middle))), LEAST_SPREAD_DN)
     return np.asarray(np.abs(values - middle) < CLIP_SIGMAS * spread)
 
 

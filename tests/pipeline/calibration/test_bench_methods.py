@@ -1,0 +1,226 @@
+"""Dots, star pairs, polynomials and checkerboards against the cameras that saw them."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gss.domain.camera import Brown, Camera, RadialTilt
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.pipeline.calibration import checkerboard
+from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
+from gss.pipeline.calibration.dots import detector_tilt, optical_centre
+from gss.pipeline.calibration.focal_pairs import focal_from_pair, focal_from_pairs
+from gss.pipeline.calibration.radial import radial_polynomial
+from gss.pipeline.calibration.record import as_record, camera_from_record, camera_record
+from gss.pipeline.calibration.sightings import FrameStars
+
+Known = Callable[[str], CameraProfile]
+Night = Callable[..., list[FrameStars]]
+needs_opencv = pytest.mark.skipif(
+    importlib.util.find_spec("cv2") is None, reason='no OpenCV here: pip install "gss-startracker[checkerboard]"'
+)
+
+
+def _turned(camera: Camera, direction: tuple[float, float], turns: int, play_px: float, seed: int) -> np.ndarray:
+    """Places of a dot in a direction (tangents) while the camera turns about its axis, with the clamp's play."""
+    rng = np.random.default_rng(seed)
+    x, y = direction
+    angles = np.arange(turns) * 2 * np.pi / turns
+    c, s = np.cos(angles), np.sin(angles)
+    unit = np.column_stack([c * x - s * y, s * x + c * y, np.ones(turns)])
+    return camera.project(unit / np.linalg.norm(unit, axis=1, keepdims=True)) + play_px * rng.normal(size=(turns, 2))
+
+
+def test_centre_is_where_a_dot_runs_round(known: Known) -> None:
+    """A circle of 15 px with 0.2 px of play gives the centre of the profile within its error, a fifth of a pixel."""
+    camera = known("cubestar").camera
+    shifted = replace(camera, centre_col_px=540.3, centre_row_px=240.8)
+    made = optical_centre(_turned(shifted, (0.013, 0.004), 36, 0.2, 1))
+    assert made.circle
+    assert made.radius_px == pytest.approx(15.2, abs=0.3)
+    assert np.hypot(made.col_px - 540.3, made.row_px - 240.8) < 5 * made.sigma_px
+    assert made.sigma_px < 0.1
+    assert made.warnings == ()
+
+
+def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> None:
+    """Play larger than the circle, as in Jacobs' Fig. F-2: the middle of about 12 px, within a few pixels."""
+    camera = known("sunsat").camera
+    made = optical_centre(_turned(camera, (0.0002, 0.0), 36, 2.5, 2))
+    assert not made.circle
+    assert max(made.box_px) < 16
+    assert abs(made.col_px - camera.centre_col_px) < 3
+    assert abs(made.row_px - camera.centre_row_px) < 3
+    half = _turned(camera, (0.003, 0.0), 36, 0.1, 2)[:9]
+    assert "one-part" in {w.code for w in optical_centre(half).warnings}
+    assert "far-dot" in {w.code for w in optical_centre(np.random.default_rng(1).normal(0, 20, (36, 2))).warnings}
+    with pytest.raises(BadInput, match="places of a dot"):
+        optical_centre(np.zeros((3, 2)))
+
+
+def test_tilt_is_fitted_to_pairs_of_dots(known: Known) -> None:
+    """Jacobs' 0.733° in its direction from 36 pairs with a fiftieth of a pixel, within a few of its own σ."""
+    own = known("sunsat")
+    lens = own.camera.distortion
+    assert isinstance(lens, RadialTilt)
+    camera = replace(own.camera, distortion=RadialTilt(25.0, lens.tilt_max_rad, lens.tilt_direction_rad))
+    inner, outer = _turned(camera, (0.0, 0.0), 36, 0.02, 3), _turned(camera, (0.06, 0.0), 36, 0.02, 4)
+    made = detector_tilt(inner, outer, own.camera, 25.0)
+    assert np.degrees(made.tilt_max_rad) == pytest.approx(0.733, abs=0.08)
+    assert abs(made.tilt_max_rad - lens.tilt_max_rad) < 3.5 * made.sigma_rad[0]
+    off = (made.tilt_direction_rad - lens.tilt_direction_rad + np.pi) % (2 * np.pi) - np.pi
+    assert abs(off) < 3.5 * made.sigma_rad[1]
+    assert made.radius_mm == pytest.approx(1.5, abs=0.01)
+    assert made.rms_mm == pytest.approx(0.02 * np.sqrt(2) * 0.0064, rel=0.4)
+    upright = replace(own.camera, distortion=RadialTilt(25.0))
+    none = detector_tilt(_turned(upright, (0, 0), 36, 0.3, 5), _turned(upright, (0.06, 0), 36, 0.3, 6), upright, 25.0)
+    assert {w.code for w in none.warnings} == {"no-tilt"}
+    with pytest.raises(BadInput, match="pairs"):
+        detector_tilt(inner, outer[:30], own.camera, 25.0)
+
+
+def test_focal_length_of_one_pair_is_exact() -> None:
+    """Eq. 6.4 solved: the camera that saw two stars, to rounding, however near they are; NaN where none can have."""
+    rng = np.random.default_rng(4)
+    for reach in (0.3, 0.01, 0.0003):
+        for _ in range(20):
+            a, b = rng.uniform(-reach, reach, (2, 2)) * 25.0
+            va, vb = (np.append(p, 25.0) / np.linalg.norm(np.append(p, 25.0)) for p in (a, b))
+            angle = 2 * np.arcsin(np.linalg.norm(va - vb) / 2)
+            assert focal_from_pair(a, b, float(angle)) == pytest.approx(25.0, rel=1e-6)
+    assert np.isnan(focal_from_pair(np.zeros(2), np.zeros(2), 0.1))
+
+
+def test_documents_coefficients_have_the_same_root() -> None:
+    """Eq. 6.4–6.6 as printed, with its own a, b, c, agrees."""
+    (u1, v1), (u2, v2), theta = (1.1, -0.4), (-0.7, 0.9), 0.0886
+    sec2 = 1 / np.cos(theta) ** 2
+    a = sec2 - 1
+    b = 2 * (u1 * u2 + v1 * v2) * sec2 - u1**2 - v1**2 - u2**2 - v2**2
+    c = (u1 * u2 + v1 * v2) ** 2 * sec2 - u1**2 * u2**2 - u1**2 * v2**2 - v1**2 * u2**2 - v1**2 * v2**2
+    f = np.sqrt((-b + np.sqrt(b * b - 4 * a * c)) / (2 * a))
+    assert focal_from_pair(np.array([u1, v1]), np.array([u2, v2]), theta) == pytest.approx(f, rel=1e-9)
+
+
+def test_focal_length_comes_from_pairs_of_a_night(night: Night, known: Known) -> None:
+    """FAR-MST within 0.05 % and its σ; Erlank's small-angle form on the same pairs is close; distortion is told."""
+    camera = known("far_mst").camera
+    made = focal_from_pairs(night(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
+    focal = camera.focal_col_px
+    assert made.focal_px == pytest.approx(focal, rel=5e-4)
+    assert abs(made.focal_px - focal) < 4 * made.sigma_px
+    assert made.erlank_px == pytest.approx(focal, rel=0.02)
+    bent = replace(camera, distortion=Brown(-0.3))
+    assert {w.code for w in focal_from_pairs(night(bent, limit_mag=5.5), camera, radius_px=800).warnings} == {
+        "distortion"
+    }
+    with pytest.raises(BadInput, match="too few pairs"):
+        focal_from_pairs(night(camera, frames=2), camera, radius_px=5.0)
+
+
+def test_polynomial_in_millimetres_is_recovered(night: Night, known: Known) -> None:
+    """Jacobs' Δr (F.9) within a micrometre over the whole detector, with tilt and centre known."""
+    own = known("sunsat")
+    lens = own.camera.distortion
+    assert isinstance(lens, RadialTilt)
+    frames = night(own.camera, frames=60, limit_mag=8.0, sigma_px=0.05, most=200)
+    bare = replace(own.camera, distortion=replace(lens, radial=()))
+    made = radial_polynomial(frames, bare, 25.0)
+    r = np.linspace(0.2, 2.8, 20)
+
+    def delta(k: np.ndarray) -> np.ndarray:
+        return sum(c * r ** (i + 1) for i, c in enumerate(k))
+
+    off = delta(made.coefficients) - delta(np.array(lens.radial))
+    assert np.abs(off).max() < 1.2e-3
+    assert made.frames >= 20
+    assert made.rms_mm == pytest.approx(0.05 * np.sqrt(2) * 0.0064, rel=0.35)
+    with pytest.raises(BadInput, match="near the optical centre"):
+        radial_polynomial(frames[:1], bare, 25.0, near_mm=0.001)
+
+
+def _rays(camera: Camera, fine: int) -> np.ndarray:
+    """(n, 3) directions through ``fine`` x ``fine`` points of every pixel."""
+    step = (np.arange(fine) - (fine - 1) / 2) / fine
+    col = (np.arange(camera.columns)[:, None] + step).ravel()
+    row = (np.arange(camera.rows)[:, None] + step).ravel()
+    c, r = np.meshgrid(col, row)
+    return camera.unproject(np.column_stack([c.ravel(), r.ravel()]))
+
+
+def _board(rays: np.ndarray, camera: Camera, turn: Rotation, middle_mm: np.ndarray, square_mm: float) -> np.ndarray:
+    """A picture of 9 x 7 squares with a white rim: every ray followed to the board."""
+    m = turn.as_matrix()
+    scale = (m[:, 2] @ middle_mm) / (rays @ m[:, 2])
+    on = (rays * scale[:, None] - middle_mm) @ m
+    x, y = on[:, 0] / square_mm + 4.5, on[:, 1] / square_mm + 3.5
+    inside = (x >= 0) & (y >= 0) & (x < 9) & (y < 7)
+    dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
+    rim = (x >= -1) & (y >= -1) & (x < 10) & (y < 8)
+    light = np.where(dark, 25.0, np.where(rim, 220.0, 110.0))
+    fine = round(np.sqrt(len(rays) / (camera.rows * camera.columns)))
+    return light.reshape(camera.rows, fine, camera.columns, fine).mean(axis=(1, 3))
+
+
+@needs_opencv
+def test_checkerboard_gives_back_the_camera_that_drew_it() -> None:
+    """Every number within four of its σ, the focal length within 1.5 %, corners within a tenth of a pixel; a picture without
+    a board is told."""
+    camera = Camera(320, 240, 350.0, 352.0, 163.0, 117.0, Brown(-0.25, 0.08, 0.002, -0.001))
+    rng, images, rays = np.random.default_rng(3), [], _rays(camera, 3)
+    places = [(-55, -45), (50, -45), (-55, 40), (50, 40), (0, 0), (-30, 20), (40, 0), (0, -40), (-60, 0), (20, 40)]
+    for k, (x, y) in enumerate(places):
+        lean = Rotation.from_euler("yxz", [0.45 * np.cos(2.4 * k), 0.45 * np.sin(2.4 * k), 0.2 * np.sin(k)])
+        picture = _board(rays, camera, lean, np.array([x, y, 330.0 + 15 * (k % 3)]), 14.0)
+        images.append(np.clip(picture + 2 * rng.normal(size=picture.shape), 0, 255).astype(np.uint8))
+    made = calibrate_checkerboard([*images, np.full((240, 320), 90, np.uint8)], (8, 6), 14.0)
+    assert made.found.count(True) >= 8
+    assert not made.found[-1]
+    assert np.isnan(made.rms_px[-1])
+    assert made.residual_rms_px < 0.1
+    truth = (350.0, 352.0, 163.0, 117.0, -0.25, 0.08, 0.002, -0.001)
+    for value, sigma, true in zip(made.values, made.sigma, truth, strict=False):
+        assert abs(value - true) < 4 * sigma
+    assert made.camera.focal_col_px == pytest.approx(350.0, rel=0.015)
+    assert abs(made.camera.centre_row_px - 117.0) < 4
+    lens = made.camera.distortion
+    assert isinstance(lens, Brown)
+    assert lens.k1 == pytest.approx(-0.25, abs=0.02)
+    assert all(s > 0 for s in made.sigma[:8])
+    with pytest.raises(BadInput, match="too few pictures"):
+        calibrate_checkerboard([np.full((240, 320), 90, np.uint8)] * 4, (8, 6), 14.0)
+    with pytest.raises(BadInput, match="one size"):
+        calibrate_checkerboard([images[0], images[1], images[2][:100]], (8, 6), 14.0)
+
+
+def test_absent_library_is_told_with_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without OpenCV the answer says which part to install and which way needs nothing."""
+
+    def missing(_: str) -> None:
+        raise ImportError("no module")
+
+    monkeypatch.setattr(checkerboard.importlib, "import_module", missing)
+    with pytest.raises(BadInput, match="OpenCV") as told:
+        calibrate_checkerboard([np.zeros((20, 20), np.uint8)] * 4, (8, 6), 14.0)
+    assert "pip install" in told.value.hint
+    assert "star frames" in told.value.hint
+
+
+@pytest.mark.parametrize("name", ["cubestar", "sunsat", "aim"])
+def test_cameras_survive_being_written_down(name: str, known: Known) -> None:
+    """A camera's record is plain and gives the same camera; anything else is refused."""
+    camera = known(name).camera
+    assert camera_from_record(camera_record(camera)) == camera
+    with pytest.raises(BadInput, match="record of a camera"):
+        camera_from_record({"columns": 3})
+    record = as_record({"a": np.array([1.0, np.nan]), "b": (np.float64(2), camera), "image": np.zeros((300, 300))})
+    assert record["a"] == [1.0, None]
+    assert record["b"][1]["columns"] == camera.columns
+    assert record["image"] == {"shape": [300, 300]}

@@ -1,0 +1,262 @@
+"""Dark frames, photon transfer, dark current against temperature, and widths of stars against the detector that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES, CameraProfile
+from gss.domain.sensor import Defects, Sensor
+from gss.pipeline.calibration.apply import calibrated_profile, detector_figures
+from gss.pipeline.calibration.dark import calibrate_dark, pixel_response
+from gss.pipeline.calibration.dark_temperature import EXPONENT_K, dark_against_temperature
+from gss.pipeline.calibration.focus import best_focus, centroid_error_px, focus_advice, interpolation_error_px
+from gss.pipeline.calibration.photon_transfer import FlatPair, photon_transfer
+from gss.pipeline.calibration.psf_field import psf_over_field
+from gss.pipeline.chip import Chip, make_chip
+from gss.pipeline.readout import expose
+from gss.pipeline.render import spots
+
+Known = Callable[[str], CameraProfile]
+SIZE = (200, 260)
+
+
+def _small(profile: CameraProfile) -> Camera:
+    return replace(profile.camera, columns=SIZE[1], rows=SIZE[0], centre_col_px=129.5, centre_row_px=99.5)
+
+
+def _chip(profile: CameraProfile, **changes: float) -> Chip:
+    return make_chip(replace(profile.defects, corner_loss=0.0, **changes), profile.sensor, _small(profile), 7)
+
+
+def _expose(
+    level_e: float, sensor: Sensor, exposure_s: float, rng: np.random.Generator, chip: Chip | None
+) -> np.ndarray:
+    return expose(np.full(SIZE, level_e), sensor, exposure_s, rng, chip=chip)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_photon_transfer_finds_gain_and_noise_of_every_profile(name: str, known: Known) -> None:
+    """Gain within 2 %, read noise within 5 %, bias within half a step; full well where the top level reaches it."""
+    own = known(name)
+    sensor, rng, chip = own.sensor, np.random.default_rng(3), _chip(own, dead_share=0.0)
+    top_e = min(sensor.full_well_e, (sensor.saturation_dn - sensor.bias_dn) * sensor.gain_e_per_dn)
+
+    def pair(level_e: float, exposure_s: float = 1e-4) -> FlatPair:
+        return FlatPair(*(_expose(level_e, sensor, exposure_s, rng, chip) for _ in range(2)))
+
+    made = photon_transfer(
+        [pair(top_e * s) for s in (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 1.5)], pair(0.0), sensor.saturation_dn
+    )
+    assert made.gain_e_per_dn == pytest.approx(sensor.gain_e_per_dn, rel=0.02)
+    assert abs(made.gain_e_per_dn - sensor.gain_e_per_dn) < 5 * made.gain_sigma + 0.01 * sensor.gain_e_per_dn
+    noise = np.hypot(sensor.read_noise_e, sensor.gain_e_per_dn / np.sqrt(12))
+    assert made.read_noise_e == pytest.approx(noise, rel=0.05)
+    assert made.bias_dn == pytest.approx(sensor.bias_dn, abs=0.5)
+    assert made.response_sigma == pytest.approx(own.defects.response_sigma, rel=0.25)
+    assert not made.fitted[-1]
+    assert made.full_well_e == pytest.approx(top_e, rel=0.05)
+    new = calibrated_profile(own, detector=detector_figures(made)).sensor
+    assert new.gain_e_per_dn == made.gain_e_per_dn
+    assert new.zero_point_e_s == sensor.zero_point_e_s
+
+
+def test_photon_transfer_without_a_dark_pair_says_so(known: Known) -> None:
+    """Levels alone give the gain; the bias stays unknown."""
+    own = known("far_mst")
+    sensor, rng = own.sensor, np.random.default_rng(5)
+    pairs = [
+        FlatPair(*(_expose(e, sensor, 1e-4, rng, None) for _ in range(2))) for e in (500.0, 1500.0, 3000.0, 6000.0)
+    ]
+    made = photon_transfer(pairs)
+    assert made.gain_e_per_dn == pytest.approx(10.0, rel=0.03)
+    assert np.isnan(made.bias_dn)
+    assert {w.code for w in made.warnings} == {"no-dark", "no-full-well"}
+    with pytest.raises(BadInput, match="too few levels"):
+        photon_transfer(pairs[:2])
+    with pytest.raises(BadInput, match="one size"):
+        photon_transfer([FlatPair(pairs[0].first, pairs[0].second[:50])])
+    smooth = [FlatPair(*(gaussian_filter(f.astype(float), 2) for f in (p.first, p.second))) for p in pairs]
+    assert photon_transfer(smooth).gain_e_per_dn > 50  # averaged frames are no photons: the gain is plainly impossible
+
+
+@pytest.mark.parametrize("name", ["cubestar", "far_mst", "sunsat"])
+def test_dark_frames_show_the_chip(name: str, known: Known) -> None:
+    """Hot pixels are those of the chip, the pattern's spread and that of columns are its own, the level is bias and dark."""
+    own = known(name)
+    rng, exposure_s = np.random.default_rng(8), own.sensor.exposure_s
+    chip = _chip(own, hot_share=1e-3)
+    frames = [_expose(0.0, own.sensor, exposure_s, rng, chip) for _ in range(24)]
+    made = calibrate_dark(frames, exposure_s)
+    excess_dn = chip.dark_e_s.ravel()[chip.hot] * exposure_s / own.sensor.gain_e_per_dn
+    limit = 9 * max(np.hypot(made.pattern_sigma_dn, made.noise_dn / np.sqrt(24)), 0.3) + 1
+    sure = {divmod(int(i), SIZE[1])[::-1] for i in chip.hot[excess_dn > limit]}
+    found = set(map(tuple, made.hot.tolist()))
+    assert sure <= found
+    assert found <= {divmod(int(i), SIZE[1])[::-1] for i in chip.hot}
+    assert list(made.hot_excess_dn) == sorted(made.hot_excess_dn, reverse=True)
+    pattern = np.hypot(
+        own.defects.offset_sigma_dn,
+        own.defects.dark_sigma * own.sensor.dark_current_e_s * exposure_s / own.sensor.gain_e_per_dn,
+    )
+    assert made.pattern_sigma_dn == pytest.approx(pattern, rel=0.2, abs=0.05)
+    assert made.column_sigma_dn == pytest.approx(own.defects.column_sigma_dn, rel=0.25, abs=0.03)
+    dark_e_s = own.sensor.dark_current_e_s + own.sensor.background_e_s
+    assert made.dark_e_s(own.sensor.bias_dn, own.sensor.gain_e_per_dn) == pytest.approx(
+        dark_e_s, abs=1.2 * own.sensor.gain_e_per_dn / exposure_s * 0.3
+    )
+    noise = own.sensor.noise_e(exposure_s) / own.sensor.gain_e_per_dn
+    assert made.noise_dn == pytest.approx(noise, rel=0.1, abs=0.1)
+    assert made.warnings == ()
+
+
+def test_dark_frames_with_light_or_drift_are_told(known: Known) -> None:
+    """A light leak, a warming camera, and too few frames are said."""
+    own = known("far_mst")
+    rng = np.random.default_rng(1)
+    frames = [_expose(0.0, own.sensor, 0.1, rng, None) for _ in range(6)]
+    leak = np.linspace(0, 40, SIZE[1]) * np.ones(SIZE)
+    lit = [f + leak * np.linspace(0, 1, SIZE[0])[:, None] for f in frames]
+    assert "light" in {w.code for w in calibrate_dark(lit, 0.1).warnings}
+    warming = [f + 5 * k for k, f in enumerate(frames)]
+    assert "drift" in {w.code for w in calibrate_dark(warming, 0.1).warnings}
+    assert {w.code for w in calibrate_dark(frames[:3], 0.1).warnings} == {"few-frames"}
+    with pytest.raises(BadInput, match="stack"):
+        calibrate_dark([frames[0], frames[1][:20], frames[2]], 0.1)
+
+
+def test_dead_pixels_and_response_come_from_flats(known: Known) -> None:
+    """Exactly the chip's dead pixels, its spread of response, and a warning where the lamp is uneven."""
+    own = known("cubestar")
+    chip, rng = _chip(own, dead_share=5e-4), np.random.default_rng(4)
+    flats = [_expose(600.0, own.sensor, 1e-4, rng, chip) for _ in range(40)]
+    made = pixel_response(flats, own.sensor.bias_dn + chip.offset_dn)
+    assert {tuple(p) for p in made.dead.tolist()} == {divmod(int(i), SIZE[1])[::-1] for i in chip.dead}
+    assert made.response_sigma == pytest.approx(own.defects.response_sigma, rel=0.4)
+    slope = [f * np.linspace(0.3, 1.0, SIZE[1]) for f in flats]
+    assert {w.code for w in pixel_response(slope, 0.0).warnings} == {"uneven"}
+    with pytest.raises(BadInput, match="no light"):
+        pixel_response([_expose(0.0, own.sensor, 1e-4, rng, None) for _ in range(4)], 8.0)
+
+
+def test_dark_current_follows_the_diode_law() -> None:
+    """Points of eq. H.2 give its exponent, its gap of 1.1 V, and the document's 44-fold fall from 60 °C to 5 °C."""
+    t = np.array([278.0, 290.0, 305.0, 320.0, 333.0])
+    truth = 50.0 * np.exp(EXPONENT_K * (1 / 333.0 - 1 / t))
+    made = dark_against_temperature(t, truth)
+    assert made.exponent_k == pytest.approx(EXPONENT_K, rel=1e-9)
+    assert made.band_gap_ev == pytest.approx(1.1, rel=0.002)
+    assert made.dark_e_s(278.0) == pytest.approx(1.133, abs=0.001)
+    assert made.dark_e_s(made.reference_k + made.doubling_k) / made.dark_e_s(made.reference_k) == pytest.approx(
+        2, rel=0.03
+    )
+    rng = np.random.default_rng(0)
+    scatter = np.array(
+        [
+            (m.exponent_k - EXPONENT_K) / m.exponent_sigma_k
+            for m in (dark_against_temperature(t, truth * np.exp(0.05 * rng.normal(size=5))) for _ in range(200))
+        ]
+    )
+    assert 0.7 < np.median(np.abs(scatter)) / 0.6745 < 1.6
+    with pytest.raises(BadInput):
+        dark_against_temperature(t[:2], truth[:2])
+    with pytest.raises(BadInput):
+        dark_against_temperature(t - 273, truth)
+    assert {w.code for w in dark_against_temperature(t, np.full(5, 20.0) + t / 100).warnings} == {"law"}
+
+
+def _starfield(sigma_of: Callable[[float, float], tuple[float, float]], rng: np.random.Generator) -> np.ndarray:
+    """400 x 300 with stars on a loose grid, each with its own widths (σ along col and row)."""
+    image = np.full((300, 400), 20.0)
+    for col in range(25, 380, 45):
+        for row in range(25, 280, 45):
+            x, y = col + rng.uniform(-8, 8), row + rng.uniform(-8, 8)
+            wide, high = sigma_of(x, y)
+            image += _elliptical(x, y, wide, high, 6000.0)
+    return np.rint(rng.poisson(image)).astype(np.uint16)
+
+
+def _elliptical(x: float, y: float, wide: float, high: float, light: float) -> np.ndarray:
+    row = spots(1, 400, np.array([[x, 0.0]]), np.array([1.0]), wide)[0]
+    across = row / row.sum()
+    column = spots(300, 1, np.array([[0.0, y]]), np.array([1.0]), high)[:, 0]
+    return light * np.outer(column / column.sum(), across)
+
+
+def test_width_of_stars_is_measured_over_the_field() -> None:
+    """Even, curved and tilted fields are told apart, and σ is that of the optics, without the pixel."""
+    camera, rng = Camera(400, 300, 800.0, 800.0, 199.5, 149.5), np.random.default_rng(6)
+    even = psf_over_field([_starfield(lambda x, y: (1.3, 1.3), rng)], camera, e_per_dn=1.0)
+    assert even.typical_sigma_px == pytest.approx(1.3, rel=0.02)
+    assert even.warnings == ()
+    assert np.median(even.ratio) < 1.1
+    assert np.nanmax(even.map.rms_px) == pytest.approx(1.3, rel=0.1)
+
+    def curved(x: float, y: float) -> tuple[float, float]:
+        s = float(np.sqrt(1.0 + 2.0 * ((x - 199.5) ** 2 + (y - 149.5) ** 2) / 250**2))
+        return s, s
+
+    bowl = psf_over_field([_starfield(curved, rng) for _ in range(2)], camera, e_per_dn=1.0)
+    assert bowl.centre_sigma_px == pytest.approx(1.0, rel=0.05)
+    assert bowl.corner_sigma_px == pytest.approx(np.sqrt(3.0), rel=0.07)
+    assert {w.code for w in bowl.warnings} == {"curvature"}
+
+    def leaning(x: float, _: float) -> tuple[float, float]:
+        s = float(np.sqrt(1.5 + (x - 199.5) / 250))
+        return s, s
+
+    assert {w.code for w in psf_over_field([_starfield(leaning, rng)], camera, e_per_dn=1.0).warnings} == {"tilt"}
+    trailed = psf_over_field([_starfield(lambda x, y: (1.9, 1.1), rng)], camera, e_per_dn=1.0)
+    assert "streaks" in {w.code for w in trailed.warnings}
+    assert np.median(trailed.ratio) == pytest.approx(1.9 / 1.1, rel=0.05)
+    assert np.median(np.abs((trailed.direction_rad + 0.5) % np.pi - 0.5)) < 0.1
+    with pytest.raises(BadInput, match="too few bright stars"):
+        psf_over_field([rng.poisson(20, (300, 400)).astype(np.uint16)], camera)
+
+
+def test_focus_advice_agrees_with_the_documents() -> None:
+    """Moniteq's sampling errors and range of pixel over σ, and Huffman's flat bottom that moves out with noise."""
+    assert interpolation_error_px(1 / 2.35, 3) == pytest.approx(0.0107, abs=0.001)  # dossier 3.8: best rms of N = 3
+    assert interpolation_error_px(1 / 1.96, 4) < 0.005
+    assert 0.23 < interpolation_error_px(0.05, 3) < 1 / np.sqrt(12)  # a point: all in one pixel
+    assert focus_advice(0.43).verdict == "good"
+    assert focus_advice(0.2).verdict == "sharp"
+    assert "defocus" in focus_advice(0.2).hint
+    assert focus_advice(2.5).verdict == "soft"
+    bright, faint = focus_advice(1.0, 100.0), focus_advice(1.0, 2.0)
+    assert bright.error_px < faint.error_px
+    assert faint.best_sigma_px < bright.best_sigma_px
+    assert centroid_error_px(5.0, 3.0)[0] > 3 * centroid_error_px(0.6, 3.0)[0]
+    with pytest.raises(BadInput):
+        focus_advice(0.0)
+
+
+def test_best_focus_is_the_bottom_of_a_parabola() -> None:
+    """Widths against the focus ring give its best place with its error, and where stars are as wide as wished."""
+    rng = np.random.default_rng(2)
+    x = np.linspace(-3, 4, 15)
+    sigma = np.sqrt(0.36 + 0.25 * (x - 0.7) ** 2) * (1 + 0.01 * rng.normal(size=15))
+    made = best_focus(x, sigma, 0.9)
+    assert made.position == pytest.approx(0.7, abs=0.05)
+    assert made.smallest_sigma_px == pytest.approx(0.6, rel=0.05)
+    assert made.wished_positions[1] - made.position == pytest.approx(np.sqrt((0.81 - 0.36) / 0.25), rel=0.05)
+    assert np.isnan(best_focus(x, sigma, 0.2).wished_positions).all()
+    with pytest.raises(BadInput):
+        best_focus(x, 10 - sigma)
+
+
+def test_a_perfect_chip_has_no_pattern(known: Known) -> None:
+    """No hot pixel and no pattern where there is none: noise is not taken for a map."""
+    own = known("far_mst")
+    rng, chip = np.random.default_rng(2), make_chip(Defects(), own.sensor, _small(own), 1)
+    made = calibrate_dark([_expose(0.0, own.sensor, 0.1, rng, chip) for _ in range(20)], 0.1)
+    assert len(made.hot) == 0
+    assert len(made.noisy) == 0
+    assert made.pattern_sigma_dn < 0.3
+    assert made.column_sigma_dn < 0.1

@@ -1,0 +1,194 @@
+"""Bad nights: what is wrong is found, named and, where possible, left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.pipeline.calibration.apply import camera_difference
+from gss.pipeline.calibration.result import CameraCalibration
+from gss.pipeline.calibration.screening import is_mirrored, plate_scale, screen
+from gss.pipeline.calibration.self_calibrate import calibrate_camera
+from gss.pipeline.calibration.sightings import FrameStars
+
+Known = Callable[[str], CameraProfile]
+Night = Callable[..., list[FrameStars]]
+
+
+def _codes(made: CameraCalibration) -> set[str]:
+    return {w.code for w in made.warnings}
+
+
+def _excluded(made: CameraCalibration) -> dict[str, str]:
+    return {f.name: f.excluded for f in made.frames if f.excluded}
+
+
+def _mirrored(frame: FrameStars) -> FrameStars:
+    return replace(frame, pixels=frame.pixels * [-1, 1] + [frame.columns - 1, 0])
+
+
+def _with_light(frame: FrameStars, zero: float, loss_mag: float = 0.0) -> FrameStars:
+    return replace(frame, flux_dn=10 ** (0.4 * (zero - loss_mag - frame.v_mag)), peak_dn=np.ones(len(frame)))
+
+
+def test_a_good_night_has_no_warning(night: Night, known: Known) -> None:
+    """Nothing is said where nothing is wrong."""
+    camera = known("cubestar").camera
+    made = calibrate_camera([_with_light(f, 20.0) for f in night(camera, limit_mag=5.0)], camera, models=["brown-4"])
+    assert made.warnings == ()
+    assert not _excluded(made)
+
+
+def test_too_few_stars_are_refused_with_advice(night: Night, known: Known) -> None:
+    """Fewer equations than unknowns: what was expected, what came, what to do."""
+    camera = known("cubestar").camera
+    frames = [f.take(np.arange(2)) for f in night(camera, frames=6)]
+    with pytest.raises(BadInput) as told:
+        calibrate_camera(frames, camera)
+    assert told.value.expected
+    assert "0 in 0 of 6 frames" in told.value.got
+    assert told.value.hint
+    with pytest.raises(BadInput):
+        calibrate_camera([], camera)
+
+
+def test_few_stars_freeze_what_they_cannot_tell(night: Night, known: Known) -> None:
+    """Two frames of five stars: a focal length perhaps, but nobody is told of distortion."""
+    camera = known("cubestar").camera
+    made = calibrate_camera([f.take(np.arange(5)) for f in night(camera, frames=2)], camera)
+    assert {"few-stars", "few-frames"} <= _codes(made)
+    assert any(w.severe for w in made.warnings)
+    assert len(made.parameters) < 10
+
+
+def test_stars_in_one_part_of_the_field_are_told(night: Night, known: Known) -> None:
+    """A corner only: severe, with the share of the field."""
+    camera = known("far_mst").camera
+    corner = [f.take((f.pixels < [640, 500]).all(axis=1)) for f in night(camera, limit_mag=6.0)]
+    made = calibrate_camera(corner, camera)
+    told = next(w for w in made.warnings if w.code == "one-part")
+    assert told.severe
+    assert "%" in told.text
+
+
+def test_wrong_plate_scale_is_told_and_corrected(night: Night, known: Known) -> None:
+    """A focal length 8 % off: said, and the right one found."""
+    camera = known("far_mst").camera
+    made = calibrate_camera(night(camera), camera.with_focal_scaled(1 / 1.08))
+    told = next(w for w in made.warnings if w.code == "plate-scale")
+    assert "1.0800" in told.text
+    assert camera_difference(made.camera, camera).rms_px < 0.05
+    scale, _ = plate_scale(night(camera)[0], camera.with_focal_scaled(0.5))
+    assert scale == pytest.approx(2, rel=0.005)
+
+
+def test_trails_leave_frames_out(night: Night, known: Known) -> None:
+    """A camera that moved in some exposures: those are left out; in all: used, and severe."""
+    camera = known("cubestar").camera
+    frames = night(camera, frames=12)
+    some = [replace(f, streak_px=9.0) if k < 3 else f for k, f in enumerate(frames)]
+    made = calibrate_camera(some, camera, models=["brown-4"])
+    assert "streaks" in _codes(made)
+    assert list(_excluded(made)) == ["frame 0", "frame 1", "frame 2"]
+    every = calibrate_camera([replace(f, streak_px=9.0) for f in frames], camera, models=["brown-4"])
+    assert next(w for w in every.warnings if w.code == "streaks").severe
+
+
+def test_mirrored_frames_are_recognised(night: Night, known: Known) -> None:
+    """One reversed file among others is left out; a night of them is refused."""
+    camera = known("oersted").camera
+    frames = night(camera, frames=10)
+    assert not any(is_mirrored(f, camera) for f in frames)
+    one = [_mirrored(frames[0]), *frames[1:]]
+    made = calibrate_camera(one, camera)
+    assert _excluded(made) == {"frame 0": "mirrored"}
+    assert "mirrored" in _codes(made)
+    with pytest.raises(BadInput, match="do not suffice") as told:
+        calibrate_camera([_mirrored(f) for f in frames], camera)
+    assert "right way round" in told.value.hint
+
+
+def test_frames_of_another_lens_are_left_out(night: Night, known: Known) -> None:
+    """Four frames at another focal length do not spoil sixteen."""
+    camera = known("far_mst").camera
+    mixed = night(camera, frames=16) + [
+        replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.1), frames=4, seed=7))
+    ]
+    made = calibrate_camera(mixed, camera)
+    assert "mixed-cameras" in _codes(made)
+    assert sorted(_excluded(made)) == [f"other {k}" for k in range(4)]
+    assert camera_difference(made.camera, camera).rms_px < 0.05
+
+
+def test_a_slightly_different_camera_is_found_by_its_misfit(night: Night, known: Known) -> None:
+    """Refocused by two parts in a thousand: too little for the plate scale's gap, seen by residuals."""
+    camera = known("far_mst").camera
+    mixed = night(camera, frames=16) + [
+        replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.004), frames=2, seed=7))
+    ]
+    made = calibrate_camera(mixed, camera, models=["pinhole"])
+    assert sorted(_excluded(made)) == ["other 0", "other 1"]
+    assert camera_difference(made.camera, camera).rms_px < 0.05
+
+
+def test_frames_of_another_size_are_left_out(night: Night, known: Known) -> None:
+    """A binned frame among the others is named."""
+    camera = known("oersted").camera
+    frames = night(camera, frames=8)
+    small = replace(frames[0], name="binned", columns=302, rows=288, pixels=frames[0].pixels / 2)
+    made = calibrate_camera([*frames, small], camera)
+    assert "mixed-sizes" in _codes(made)
+    assert "302 x 288" in _excluded(made)["binned"]
+
+
+def test_clouds_are_told(night: Night, known: Known) -> None:
+    """A magnitude of light lost, or half the stars gone: both are clouds."""
+    camera = known("cubestar").camera
+    frames = [_with_light(f, 20.0) for f in night(camera, frames=12, limit_mag=5.0)]
+    dim = [_with_light(f, 20.0, 1.0) if k == 4 else f for k, f in enumerate(frames)]
+    assert "frame 4" in next(w for w in screen(dim, camera).warnings if w.code == "clouds").text
+    few = [f.take(np.arange(4)) if k in (2, 7, 9) else f for k, f in enumerate(frames)]
+    assert "clouds" in {w.code for w in screen(few, camera).warnings}
+    assert "clouds" not in {w.code for w in screen(frames, camera).warnings}
+
+
+def test_clipped_stars_take_no_part(night: Night, known: Known) -> None:
+    """Saturated stars are left out, and said where they are many."""
+    camera = known("cubestar").camera
+    rng = np.random.default_rng(1)
+    frames = []
+    for f in night(camera, limit_mag=5.0):
+        bright = rng.random(len(f)) < 0.3
+        place = f.pixels + bright[:, None] * rng.normal(0, 1.0, (len(f), 2))
+        frames.append(replace(f, pixels=place, peak_dn=np.where(bright, 255.0, 100.0), saturation_dn=255.0))
+    made = calibrate_camera(frames, camera, models=["brown-4"])
+    assert "saturated" in _codes(made)
+    assert made.residuals.noise_px == pytest.approx(0.1, rel=0.06)
+
+
+def test_places_that_are_no_numbers_are_refused(night: Night, known: Known) -> None:
+    """NaN, errors of nothing and arrays of unequal length are stopped at the door."""
+    frame = night(known("oersted").camera, frames=1)[0]
+    with pytest.raises(BadInput, match="not numbers"):
+        replace(frame, pixels=frame.pixels * np.nan)
+    with pytest.raises(BadInput, match="not numbers"):
+        replace(frame, sigma_px=frame.sigma_px * 0)
+    with pytest.raises(BadInput, match="wrong shape"):
+        replace(frame, v_mag=frame.v_mag[1:])
+
+
+def test_unknown_models_are_refused(night: Night, known: Known) -> None:
+    """A typing error is told with what there is; millimetres need a focal length."""
+    camera: Camera = known("oersted").camera
+    frames = night(camera, frames=6)
+    with pytest.raises(BadInput, match="unknown lens model"):
+        calibrate_camera(frames, camera, models=["fisheye"])
+    with pytest.raises(BadInput, match="millimetres"):
+        calibrate_camera(frames, camera, models=["radial-tilt"])
+    assert "radial-tilt" not in {m.model for m in calibrate_camera(frames, camera).comparison}
