@@ -55,7 +55,7 @@ def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     return parser
 
 
-def _services(arguments: argparse.Namespace) -> Services:
+def services_of(arguments: argparse.Namespace) -> Services:
     """The store's services; nothing is started, so that a running server is not disturbed."""
     from gss.domain.errors import NotFound
     from gss.settings import Settings
@@ -83,7 +83,7 @@ def export_telemetry(arguments: argparse.Namespace) -> int:
     from gss.domain.errors import BadInput
     from gss.operations.telemetry_export import export
 
-    services = _services(arguments)
+    services = services_of(arguments)
     if arguments.contact is not None:
         detail = services.contacts.detail(arguments.contact)
         start, end = detail.row.started, detail.end
@@ -116,7 +116,7 @@ def export_report(arguments: argparse.Namespace) -> int:
     from gss.api.present.contacts import report
     from gss.operations.contact_report import contact_report
 
-    services = _services(arguments)
+    services = services_of(arguments)
     found = report(contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact))
     text = contact_page(found) if arguments.format == "html" else found.model_dump_json(indent=1) + "\n"
     if arguments.out is None:
@@ -130,7 +130,7 @@ def check_record(arguments: argparse.Namespace) -> int:
     """Check and tell."""
     from gss.api.present.contacts import record
 
-    services = _services(arguments)
+    services = services_of(arguments)
     if arguments.contact is not None:
         ids = [arguments.contact]
     else:

@@ -1,4 +1,5 @@
-"""``gss replay``: a raw capture through the decoder of the live line, at any speed, onto the terminal."""
+"""``gss replay``: a raw capture through the decoder of the live line, at any speed, onto the terminal; or a stored frame through
+the chain of the sensor itself, stage by stage."""
 
 from __future__ import annotations
 
@@ -15,24 +16,70 @@ if TYPE_CHECKING:
     from gss.operations.capture_decoder import Replayed
 
 DESCRIPTION = """Decode the raw capture of a contact and print what was said: telemetry, events, commands and reports. Give all
-files of the contact in their order. Nothing is stored and no port is opened. Exit code 0: something was said; 3: nothing."""
-NOTHING_EXIT = 3
+files of the contact in their order. Nothing is stored and no port is opened. Exit code 0: something was said; 3: nothing.
+
+With --frame: run the sensor's own chain on a stored frame, with the bank and the parameters that were active, and print each stage
+as it was on board and as it is on the ground. Exit code 0: equal; 3: there is a difference."""
+NOTHING_EXIT = DIFFERENT_EXIT = 3
 
 
 def register(subparsers: Subparsers) -> None:
     """Add the command."""
-    p = subparsers.add_parser("replay", help="print a raw capture, decoded", description=DESCRIPTION)
-    p.add_argument("files", nargs="+", type=Path, metavar="FILE", help="captures/contact-000012-000.raw and on")
+    p = subparsers.add_parser(
+        "replay",
+        help="print a raw capture, decoded, or rerun the sensor's chain on a stored frame",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("files", nargs="*", type=Path, metavar="FILE", help="captures/contact-000012-000.raw and on")
     p.add_argument(
         "--speed", type=float, metavar="X", help="0.1 – 1000 times real time; as fast as possible without it"
     )
     p.add_argument("--framing", default="cobs", choices=("cobs", "slip"), help="of the line (default cobs)")
     p.add_argument("--json", action="store_true", help="one JSON object a line, with all values")
+    p.add_argument(
+        "--frame", type=int, metavar="ID", help="a stored frame, the number in its page's address, instead of files"
+    )
+    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
     p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay and tell."""
+    """Replay a frame or captures."""
+    from gss.domain.errors import BadInput
+
+    if (arguments.frame is None) == (not arguments.files):
+        raise BadInput("what shall be replayed?", expected="capture files, or --frame ID", got="both or neither")
+    return replay_captures(arguments) if arguments.frame is None else replay_frame(arguments)
+
+
+def replay_frame(arguments: argparse.Namespace) -> int:
+    """On board beside ground, stage by stage."""
+    from gss.api.present.frames import frame_replay
+    from gss.cli.records import services_of
+
+    found = frame_replay(arguments.frame, services_of(arguments).replay.again(arguments.frame))
+    if arguments.json:
+        print(found.model_dump_json(indent=1))
+    else:
+        rows = [("stage", "result", "on board", "ground", "px", "arcsec")]
+        rows += [
+            (s.name, s.verdict, s.on_board, s.ground, _figure(s.difference_px), _figure(s.difference_arcsec))
+            for s in found.stages
+        ]
+        widths = [min(40, max(len(row[k]) for row in rows)) for k in range(len(rows[0]))]
+        for row in rows:
+            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        print(f"\nframe {found.frame_id}: {found.text}")
+    return 0 if found.text == "equal" else DIFFERENT_EXIT
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
+
+
+def replay_captures(arguments: argparse.Namespace) -> int:
+    """Decode and tell."""
     from gss.device.dictionary_file import load_dictionary
     from gss.domain.errors import NotFound
     from gss.operations.capture_decoder import CaptureDecoder, decoded

@@ -19,6 +19,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frame_files import ImportedFrame, read_frame
 from gss.operations.onboard_results import OnboardRecord, onboard_result
+from gss.operations.onboard_told import told_of
 from gss.operations.solution_rows import solution_row, with_overlays
 from gss.operations.solve import Solver, SolveRequest
 from gss.pipeline.chains.systems import on_board
@@ -194,7 +195,9 @@ class FrameService:
             old = store.newest_solution(session, frame.id, "on board")
             if old is not None:
                 session.delete(old)
-        return self._keep(frame, result, "on board")
+        row = self._row(frame, result, "on board")
+        row.detail = row.detail | {"told": told_of(record, frame)}
+        return self._store(row)
 
     def set_replay(self, solution_id: int, text: str) -> Solution:
         """Note how the ground's rerun of the same chain compares."""
@@ -209,8 +212,14 @@ class FrameService:
         return self._keep(frame, result, "ground", replay=text)
 
     def _keep(self, frame: Frame, result: SolveResult, origin: str, replay: str | None = None) -> Solution:
-        row = solution_row(frame, result, self._stars, origin, self._now())
+        row = self._row(frame, result, origin)
         row.replay = replay
+        return self._store(row)
+
+    def _row(self, frame: Frame, result: SolveResult, origin: str) -> Solution:
+        return solution_row(frame, result, self._stars, origin, self._now())
+
+    def _store(self, row: Solution) -> Solution:
         with self._database.unit_of_work() as session:
             store.add_solution(session, row)
         self._bus.publish("solution", row)

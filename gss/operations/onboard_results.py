@@ -21,7 +21,8 @@ Rows = Sequence[Mapping[str, Any]]
 @dataclass(frozen=True)
 class OnboardRecord:
     """The packets of one frame as far as they have come. ``hip_of_row``: Hipparcos numbers of the active bank's rows,
-    None where the ground does not know that bank. ``prior``: what the sensor knew when it calculated the attitude."""
+    None where the ground does not know that bank. ``prior``: what the sensor knew when it calculated the attitude.
+    ``detected``: what came with the centroid list beside the list."""
 
     frame_number: int
     centroids: Rows = ()
@@ -30,11 +31,12 @@ class OnboardRecord:
     hip_of_row: Sequence[int] | None = None
     icrs_of_hip: StarTable | None = None
     prior: Known = field(default_factory=Known)
+    detected: Mapping[str, Any] = field(default_factory=dict)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
         """The record with one more packet; a new centroid list makes older matches and attitude void."""
         if packet == "centroids":
-            return replace(self, centroids=items, matches=(), attitude=None)
+            return replace(self, centroids=items, matches=(), attitude=None, detected=values)
         if packet == "matches":
             return replace(self, matches=items, attitude=None)
         return replace(self, attitude=values)

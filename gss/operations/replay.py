@@ -7,28 +7,25 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from gss.catalogue_tools.triplets import decode_triplets
 from gss.device.table_use import calibrated, chain_of, parameters_with
 from gss.device.tables import decode_table
-from gss.domain.errors import GssError
+from gss.domain.errors import GssError, NotFound
 from gss.domain.profiles import CameraProfile, profile
-from gss.domain.results import Outcome, SolveResult
+from gss.domain.results import SolveResult
 from gss.domain.stars import OnboardCatalogue
 from gss.operations.banks import BankService
 from gss.operations.clock import Monotonic
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.frames import FrameService
 from gss.operations.onboard_results import OnboardRecord
+from gss.operations.onboard_told import frame_as_used, record_from
+from gss.operations.replay_stages import Rerun, Stage, Verdict, first_difference, stages
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.trace import Trace
 from gss.store.models import Frame, Solution
-
-# Centroids and weights travel as 32-bit floats; the quaternion as 64-bit.
-WIRE_CENTROID_PX = 1e-4
-WIRE_QUATERNION = 1e-12
 
 
 class ReplayService:
@@ -51,8 +48,8 @@ class ReplayService:
 
     def _run(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
         try:
-            result = self.rerun(frame, record)
-            text = compare(record, result)
+            rerun = self.rerun(frame, record)
+            text = compare(record, rerun)
         except GssError as error:
             self._frames.set_replay(on_board.id, f"not replayed: {error}")
             return
@@ -60,9 +57,36 @@ class ReplayService:
             self._frames.set_replay(on_board.id, f"not replayed: defect, {type(error).__name__}: {error}")
             return
         self._frames.set_replay(on_board.id, text)
-        self._frames.keep_replay(frame, result, text)
+        self._frames.keep_replay(frame, rerun.result, text)
 
-    def rerun(self, frame: Frame, record: OnboardRecord) -> SolveResult:
+    def again(self, frame_id: int) -> list[Stage]:
+        """Replay a stored frame now, stage by stage. NotFound where the sensor told nothing of it; GssError where what it worked
+        with is not known on the ground."""
+        detail = self._frames.detail(frame_id)
+        told = None if detail.on_board is None else detail.on_board.detail.get("told")
+        if told is None:
+            raise NotFound(
+                "nothing to replay",
+                expected="a frame whose centroids and attitude the sensor told",
+                got=f"frame {frame_id}",
+                hint="results stored by an earlier version do not hold what the sensor started from",
+            )
+        frame = frame_as_used(detail.frame, told)
+        record = record_from(told, self._banks.hip_of_row(frame.bank_sha256 or ""))
+        return [*self._used(frame), *stages(record, self.rerun(frame, record))]
+
+    def _used(self, frame: Frame) -> list[Stage]:
+        """What the sensor worked with, and whether the ground holds it."""
+        bank, tables = frame.bank_sha256 or "", frame.parameters.get("tables", {})
+        rows = [("bank", bank)] + [(f"{kind} table", sha256) for kind, sha256 in sorted(tables.items())]
+        return [
+            Stage(name, Verdict.EQUAL, sha256[:12], sha256[:12])
+            if sha256
+            else Stage(name, Verdict.NOT_SENT, "not sent", "–")
+            for name, sha256 in rows
+        ]
+
+    def rerun(self, frame: Frame, record: OnboardRecord) -> Rerun:
         """The sensor's chain with the bank and the parameters that were active."""
         bank = self._banks.onboard(frame.bank_sha256 or "")
         if bank is None:
@@ -77,7 +101,10 @@ class ReplayService:
         if mode is not Mode.LOST_IN_SPACE and hint is None:
             raise GssError("the attitude that the sensor started from was not received")
         work = Work(known.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
-        return solve(chain, pixels, work, self._stopwatch_s)
+        trace = Trace(self._stopwatch_s)
+        result = solve(chain, pixels, work, trace=trace)
+        kept: Any = trace.kept
+        return Rerun(result, kept["detection"], kept["matching"])
 
     def _shelf(self, frame: Frame) -> Shelf:
         """The tables that were active when the frame was taken, from the store."""
@@ -133,24 +160,6 @@ def _frame_time_s(record: OnboardRecord) -> float:
     return float((record.attitude or {}).get("frame_time_s", 0.0))
 
 
-def compare(record: OnboardRecord, result: SolveResult) -> str:
-    """ "equal", or the first difference: centroids, then matches, then the quaternion."""
-    theirs = np.array([[row["col_px"], row["row_px"]] for row in record.centroids], float).reshape(-1, 2)
-    ours = result.centroids.pixels
-    if len(theirs) != len(ours):
-        return f"centroids differ: {len(theirs)} on board, {len(ours)} on the ground"
-    gap = np.abs(theirs - ours).max(axis=1) if len(ours) else np.zeros(0)
-    if (gap > WIRE_CENTROID_PX).any():
-        k = int(np.argmax(gap > WIRE_CENTROID_PX))
-        return f"centroid {k} differs by {gap[k]:.4f} px"
-    solved = record.attitude is not None and record.attitude.get("outcome") == "solved"
-    if solved != (result.outcome is Outcome.SOLVED):
-        return f"outcome differs: {'solved' if solved else 'none'} on board, {result.outcome} on the ground"
-    if not solved or result.attitude is None or record.attitude is None:
-        return "equal"
-    theirs_matched = {int(row["centroid"]): int(row["star"]) for row in record.matches}
-    if result.matches is not None and len(theirs_matched) != len(result.matches):
-        return f"matches differ: {len(theirs_matched)} on board, {len(result.matches)} on the ground"
-    quaternion = np.array([float(record.attitude[f"quaternion_{a}"]) for a in "xyzw"])
-    step = float(np.min([np.abs(quaternion - s * result.attitude.quaternion).max() for s in (1, -1)]))
-    return "equal" if step <= WIRE_QUATERNION else f"quaternion differs by {step:.1e}"
+def compare(record: OnboardRecord, rerun: Rerun | SolveResult) -> str:
+    """ "equal", or the first stage that differs."""
+    return first_difference(stages(record, rerun if isinstance(rerun, Rerun) else Rerun(rerun)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -179,7 +180,7 @@ def result(centroids: np.ndarray, attitude: Attitude | None) -> SolveResult:
 def on_board(centroids: np.ndarray, quaternion=None) -> OnboardRecord:
     """What the sensor said."""
     rows = [
-        {"col_px": np.float32(c), "row_px": np.float32(r), "flux_dn": 1.0, "peak_dn": 9, "area_px": 7}
+        {"col_px": np.float32(c), "row_px": np.float32(r), "flux_dn": 1.0, "peak_dn": 1, "area_px": 0}
         for c, r in centroids
     ]
     attitude = None
@@ -196,7 +197,8 @@ def test_replay_says_equal_or_the_first_difference():
     assert compare(on_board(c), result(c, None)) == "equal"
     assert "1 on board, 2 on the ground" in compare(on_board(c[:1], q), result(c, ATTITUDE))
     assert "centroid 1 differs" in compare(on_board(c + np.array([[0, 0], [0.01, 0]]), q), result(c, ATTITUDE))
-    assert "outcome differs" in compare(on_board(c), result(c, ATTITUDE))
+    none = replace(on_board(c), attitude={"outcome": "none"})
+    assert "outcome differs" in compare(none, result(c, ATTITUDE))
     assert "quaternion differs" in compare(on_board(c, q + 1e-9), result(c, ATTITUDE))
 
 
@@ -208,8 +210,6 @@ def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
     )
     camera = profile("cubestar").camera
     assert "does not know" in onboard_result(record, camera, "cubestar").notes[0]
-    from dataclasses import replace
-
     named = onboard_result(replace(record, hip_of_row=[11, 22]), camera, "cubestar")
     assert named.matches.hip.tolist() == [22]
     assert named.outcome is Outcome.NONE, "new matches make an older attitude void"

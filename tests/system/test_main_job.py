@@ -41,6 +41,11 @@ def test_operator_takes_an_image_and_the_ground_agrees_with_the_sensor(console):
     assert detail["comparison"]["agree"], detail["comparison"]
     assert detail["comparison"]["cross_arcsec"] < 60
     assert detail["on_board"]["replay"] == "equal"
+    replay = console.get(f"/frames/{detail['id']}/replay")
+    assert replay["text"] == "equal"
+    verdicts = {s["name"]: s["verdict"] for s in replay["stages"]}
+    assert {name for name, verdict in verdicts.items() if verdict != "equal"} == {"unit vectors"}
+    assert {"bank", "places", "matches", "weights", "quaternion"} <= set(verdicts)
     assert {s["verdict"] for s in detail["solutions"]} <= {"correct", "imprecise"}
     assert detail["ground"]["error_axis_arcsec"] < 20
     names = {s["name"] for s in detail["ground"]["stars"] if s["hip"]}
@@ -89,6 +94,7 @@ def test_manager_builds_a_catalogue_and_the_sensor_matches_with_it(console):
 
     detail = console.wait("the replay from the new bank", replayed)
     assert detail["on_board"]["replay"] == "equal"
+    assert console.get(f"/frames/{detail['id']}/replay")["text"] == "equal", "again, from what was stored"
     assert all(s["v_mag"] <= 3.6 for s in detail["on_board"]["stars"] if s["hip"])
 
 

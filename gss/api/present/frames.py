@@ -20,10 +20,12 @@ from gss.api.schemas.frames import (
     SolutionOut,
     StarOut,
 )
+from gss.api.schemas.replays import FrameReplayOut, ReplayStageOut
 from gss.domain.angles import wrap_pi_rad
 from gss.domain.frames import pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames import FrameDetail
+from gss.operations.replay_stages import Stage, first_difference
 from gss.store.models import Frame, Solution
 
 AGREE_CROSS_ARCSEC = 120.0
@@ -126,6 +128,12 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
         north=detail["north"],
         field=[(math.degrees(a), math.degrees(d)) for a, d in detail["field"]],
     )
+
+
+def frame_replay(frame_id: int, found: list[Stage]) -> FrameReplayOut:
+    """A replay's stages."""
+    rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in found]
+    return FrameReplayOut(frame_id=frame_id, text=first_difference(found), stages=rows)
 
 
 def comparison(on_board: Solution | None, ground: Solution | None) -> ComparisonOut | None:

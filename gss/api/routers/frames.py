@@ -19,6 +19,7 @@ from gss.api.schemas.frames import (
     SolutionDetailOut,
     SolveIn,
 )
+from gss.api.schemas.replays import FrameReplayOut
 from gss.api.schemas.transfers import FrameUploadIn, TransferOut
 from gss.domain.errors import BadInput
 from gss.operations import pictures
@@ -158,6 +159,12 @@ def fits_file(app: App, frame_id: RowId) -> Response:
 def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
     return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
+
+
+@router.get("/{frame_id}/replay")
+def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
+    """The sensor's own chain on its own frame, bank and parameters, now, laid beside what it said."""
+    return present.frames.frame_replay(frame_id, app.replay.again(frame_id))
 
 
 @router.post("/{frame_id}/upload", status_code=201)

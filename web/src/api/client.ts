@@ -110,6 +110,7 @@ export const api = {
   },
   frames: (filters: Record<string, string | number | undefined>) => get<T.FramePage>(`/frames${query(filters)}`),
   frame: (id: number, signal?: AbortSignal) => get<T.FrameDetail>(`/frames/${id}`, signal),
+  frameReplay: (id: number, signal?: AbortSignal) => get<T.FrameReplay>(`/frames/${id}/replay`, signal),
   raw,
   histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
   solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),
@@ -171,4 +172,7 @@ export const api = {
   contacts: () => get<T.Contact[]>('/contacts'),
   sky: (mag = 4.5) => get<T.Sky>(`/sky?mag=${mag}`),
   profiles: () => get<T.Profile[]>('/profiles'),
+  designCameras: () => get<T.DesignCameras>('/design/cameras'),
+  design: (body: T.DesignIn, signal?: AbortSignal) => post<T.Design>('/design', body, signal),
+  runDesign: (body: T.DesignIn) => post<T.Job>('/design/run', body),
 };

@@ -1432,6 +1432,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/frames/{frame_id}/replay": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Replay Frame
+         * @description The sensor's own chain on its own frame, bank and parameters, now, laid beside what it said.
+         */
+        get: operations["replay_frame_api_frames__frame_id__replay_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/frames/{frame_id}/upload": {
         parameters: {
             query?: never;
@@ -1610,6 +1630,210 @@ export interface paths {
          * @description Send it to an inactive bank.
          */
         post: operations["upload_api_catalogues__catalogue_id__upload_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/design/cameras": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Cameras
+         * @description The documents' cameras to start from.
+         */
+        get: operations["list_cameras_api_design_cameras_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/design": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Quick Look
+         * @description The quick look while numbers change: about two thousand pointings.
+         */
+        post: operations["quick_look_api_design_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/design/run": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Full Count
+         * @description A million pointings and the lens trade, as a job; ``design`` in its result is what the quick look answers.
+         */
+        post: operations["full_count_api_design_run_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Calibrations
+         * @description Newest first; of one camera where it is named.
+         */
+        get: operations["list_calibrations_api_calibrations_get"];
+        put?: never;
+        /**
+         * Calibrate
+         * @description Calibrate as a job; its result names the calibration.
+         */
+        post: operations["calibrate_api_calibrations_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/diff": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Compare
+         * @description What changed from one version to another.
+         */
+        get: operations["compare_api_calibrations_diff_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/documented": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Use Documented
+         * @description Rerun frames of this camera with its documented values again.
+         */
+        post: operations["use_documented_api_calibrations_documented_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/{calibration_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read Calibration
+         * @description A version with maps and figures.
+         */
+        get: operations["read_calibration_api_calibrations__calibration_id__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/{calibration_id}/use": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Use
+         * @description Rerun frames with this camera from now on.
+         */
+        post: operations["use_api_calibrations__calibration_id__use_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/{calibration_id}/table": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Make Table
+         * @description The calibration as a table for the sensor; it is sent from /tables.
+         */
+        post: operations["make_table_api_calibrations__calibration_id__table_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/calibrations/{calibration_id}/export": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Export
+         * @description A version for other programs, or its report to read and print.
+         */
+        get: operations["export_api_calibrations__calibration_id__export_get"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -2271,6 +2495,35 @@ export interface components {
             choices: components["schemas"]["gss__api__schemas__commands__ChoiceOut"][];
         };
         /**
+         * ArrowsOut
+         * @description Little vectors over the detector, drawn ``scale`` times too long.
+         */
+        ArrowsOut: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "arrows";
+            /** Title */
+            title: string;
+            /** Columns */
+            columns: number;
+            /** Rows */
+            rows: number;
+            /** Col */
+            col: number[];
+            /** Row */
+            row: number[];
+            /** D Col */
+            d_col: (number | null)[];
+            /** D Row */
+            d_row: (number | null)[];
+            /** Scale */
+            scale: number;
+            /** Note */
+            note: string;
+        };
+        /**
          * AttitudeOut
          * @description Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null where not known).
          */
@@ -2333,6 +2586,31 @@ export interface components {
             mine: boolean;
             /** History */
             history: components["schemas"]["TenureOut"][];
+        };
+        /**
+         * BaffleOut
+         * @description Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r).
+         */
+        BaffleOut: {
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "one" | "two";
+            /** Lens Radius Mm */
+            lens_radius_mm: number;
+            /** Half Fov Deg */
+            half_fov_deg: number;
+            /** Exclusion Deg */
+            exclusion_deg: number;
+            /** Length Mm */
+            length_mm: number;
+            /** Front Radius Mm */
+            front_radius_mm: number;
+            /** Edges Mm */
+            edges_mm: number[][];
+            /** Walls Mm */
+            walls_mm: number[][];
         };
         /**
          * BankOut
@@ -2403,6 +2681,121 @@ export interface components {
             hex: string;
             /** Argument */
             argument: boolean;
+        };
+        /**
+         * CalibrationDetailOut
+         * @description A version with everything that was found.
+         */
+        CalibrationDetailOut: {
+            /** Id */
+            id: number;
+            /** Profile */
+            profile: string;
+            /** Kind */
+            kind: string;
+            /** Name */
+            name: string;
+            /** Created */
+            created: string;
+            /** Author */
+            author: string;
+            /** Tool */
+            tool: string;
+            /** Note */
+            note: string;
+            /** Frames */
+            frames: number;
+            /** In Use */
+            in_use: boolean;
+            /** Sendable */
+            sendable: boolean;
+            /** Table Id */
+            table_id: number | null;
+            /** Places */
+            places: string[];
+            /** Warnings */
+            warnings: number;
+            /** Model */
+            model: string | null;
+            /** Rms Px */
+            rms_px: number | null;
+            /** Rms Before Px */
+            rms_before_px: number | null;
+            /** Focal Px */
+            focal_px: number | null;
+            /** Request */
+            request: {
+                [key: string]: unknown;
+            };
+            /** Values */
+            values: {
+                [key: string]: unknown;
+            };
+            /** Result */
+            result: {
+                [key: string]: unknown;
+            };
+            report: components["schemas"]["ReportViewOut"];
+        };
+        /**
+         * CalibrationDiffOut
+         * @description Two versions side by side; the geometry over the detector after the best common rotation.
+         */
+        CalibrationDiffOut: {
+            /** Older */
+            older: number;
+            /** Newer */
+            newer: number;
+            /** Rms Px */
+            rms_px: number;
+            /** Max Px */
+            max_px: number;
+            /** Rotation Arcsec */
+            rotation_arcsec: number[];
+            /** Changed */
+            changed: components["schemas"]["ChangeOut"][];
+        };
+        /**
+         * CalibrationOut
+         * @description One version. ``in_use``: reruns take this camera. ``places``: where the sensor holds it, "a (active)".
+         */
+        CalibrationOut: {
+            /** Id */
+            id: number;
+            /** Profile */
+            profile: string;
+            /** Kind */
+            kind: string;
+            /** Name */
+            name: string;
+            /** Created */
+            created: string;
+            /** Author */
+            author: string;
+            /** Tool */
+            tool: string;
+            /** Note */
+            note: string;
+            /** Frames */
+            frames: number;
+            /** In Use */
+            in_use: boolean;
+            /** Sendable */
+            sendable: boolean;
+            /** Table Id */
+            table_id: number | null;
+            /** Places */
+            places: string[];
+            /** Warnings */
+            warnings: number;
+            /** Model */
+            model: string | null;
+            /** Rms Px */
+            rms_px: number | null;
+            /** Rms Before Px */
+            rms_before_px: number | null;
+            /** Focal Px */
+            focal_px: number | null;
         };
         /**
          * CameraOut
@@ -2639,6 +3032,27 @@ export interface components {
             banks: string[];
         };
         /**
+         * CellsOut
+         * @description A map over the detector.
+         */
+        CellsOut: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "cells";
+            /** Title */
+            title: string;
+            /** Columns */
+            columns: number;
+            /** Rows */
+            rows: number;
+            /** Values */
+            values: (number | null)[][];
+            /** Unit */
+            unit: string;
+        };
+        /**
          * ChainRecordOut
          * @description Results of one chain and version over the stored frames; medians over the solved ones.
          */
@@ -2661,6 +3075,18 @@ export interface components {
             median_rms_px: number | null;
             /** Median Time Ms */
             median_time_ms: number | null;
+        };
+        /**
+         * ChangeOut
+         * @description A value before and after.
+         */
+        ChangeOut: {
+            /** Name */
+            name: string;
+            /** Older */
+            older: number | string | null;
+            /** Newer */
+            newer: number | string | null;
         };
         /**
          * ChartStarOut
@@ -3062,6 +3488,30 @@ export interface components {
             received: components["schemas"]["DirectionCountersOut"];
         };
         /**
+         * CurveOut
+         * @description Lines over one axis, labels with their units.
+         */
+        CurveOut: {
+            /** Key */
+            key: string;
+            /** Title */
+            title: string;
+            /** X Label */
+            x_label: string;
+            /** Y Label */
+            y_label: string;
+            /** Log X */
+            log_x: boolean;
+            /** Log Y */
+            log_y: boolean;
+            /** Lines */
+            lines: components["schemas"]["LineOut"][];
+            /** Uprights */
+            uprights: components["schemas"]["UprightOut"][];
+            /** Marks */
+            marks: components["schemas"]["MarkOut"][];
+        };
+        /**
          * CycleOut
          * @description Timing of one on-board iteration, milliseconds by stage.
          */
@@ -3082,6 +3532,245 @@ export interface components {
             attitude_ms: number;
             /** Total Ms */
             total_ms: number;
+        };
+        /**
+         * DesignCameraOut
+         * @description A documents' camera as the design desk has it; the units are in the names of its fields.
+         */
+        DesignCameraOut: {
+            /** Name */
+            name: string;
+            /** Title */
+            title: string;
+            /** Values */
+            values: {
+                [key: string]: number;
+            };
+            /** Sources */
+            sources: {
+                [key: string]: string;
+            };
+        };
+        /**
+         * DesignCamerasOut
+         * @description Cameras to start from, and the limits of what can be edited.
+         */
+        DesignCamerasOut: {
+            /** Cameras */
+            cameras: components["schemas"]["DesignCameraOut"][];
+            /** Rows */
+            rows: components["schemas"]["TradeRowOut"][];
+            /** Limits */
+            limits: {
+                [key: string]: components["schemas"]["FieldLimitOut"];
+            };
+        };
+        /**
+         * DesignFigureOut
+         * @description One number. ``paper``: what the camera's own document prints, with its place.
+         */
+        DesignFigureOut: {
+            /** Group */
+            group: string;
+            /** Key */
+            key: string;
+            /** Label */
+            label: string;
+            /** Value */
+            value: number | null;
+            /** Unit */
+            unit: string;
+            /** Source */
+            source: string;
+            /** Paper */
+            paper: number | null;
+            /** Paper Source */
+            paper_source: string;
+        };
+        /**
+         * DesignIn
+         * @description A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
+         *     radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees.
+         */
+        DesignIn: {
+            /**
+             * Profile
+             * @default cubestar
+             */
+            profile: string;
+            /** Columns */
+            columns?: number | null;
+            /** Rows */
+            rows?: number | null;
+            /** Pitch Col Um */
+            pitch_col_um?: number | null;
+            /** Pitch Row Um */
+            pitch_row_um?: number | null;
+            /** Focal Mm */
+            focal_mm?: number | null;
+            /** F Number */
+            f_number?: number | null;
+            /** Transmission */
+            transmission?: number | null;
+            /** Efficiency */
+            efficiency?: number | null;
+            /** Bandwidth Nm */
+            bandwidth_nm?: number | null;
+            /** Exposure S */
+            exposure_s?: number | null;
+            /** Psf Sigma Px */
+            psf_sigma_px?: number | null;
+            /** Bits */
+            bits?: number | null;
+            /** Gain E Per Dn */
+            gain_e_per_dn?: number | null;
+            /** Bias Dn */
+            bias_dn?: number | null;
+            /** Full Well E */
+            full_well_e?: number | null;
+            /** Read Noise E */
+            read_noise_e?: number | null;
+            /** Dark Current E S */
+            dark_current_e_s?: number | null;
+            /** Background E S */
+            background_e_s?: number | null;
+            /** Response Sigma */
+            response_sigma?: number | null;
+            /** Threshold Snr */
+            threshold_snr?: number | null;
+            /** Mag Limit */
+            mag_limit?: number | null;
+            /** Exclusion Deg */
+            exclusion_deg?: number | null;
+            /**
+             * Spare Mm
+             * @default 0
+             */
+            spare_mm: number;
+            /**
+             * Sky
+             * @default whole
+             * @enum {string}
+             */
+            sky: "whole" | "orbit";
+            /**
+             * Inclination Deg
+             * @default 97.6
+             */
+            inclination_deg: number;
+            /**
+             * Raan Deg
+             * @default [
+             *       0,
+             *       360
+             *     ]
+             */
+            raan_deg: number[];
+            /**
+             * Pointing
+             * @default zenith
+             */
+            pointing: string;
+            /**
+             * Roll Deg
+             * @default [
+             *       -5,
+             *       5
+             *     ]
+             */
+            roll_deg: number[];
+            /**
+             * Pitch Deg
+             * @default [
+             *       -5,
+             *       5
+             *     ]
+             */
+            pitch_deg: number[];
+            /**
+             * Yaw Deg
+             * @default [
+             *       -5,
+             *       5
+             *     ]
+             */
+            yaw_deg: number[];
+            /**
+             * Seed
+             * @default 1
+             */
+            seed: number;
+        };
+        /**
+         * DesignOut
+         * @description A design report. ``looks``: pointings behind curves and accuracy; ``full`` false: the quick look, without lens trade.
+         */
+        DesignOut: {
+            /** Profile */
+            profile: string;
+            /** Camera */
+            camera: {
+                [key: string]: unknown;
+            };
+            /** Base */
+            base: {
+                [key: string]: unknown;
+            };
+            /** Changed */
+            changed: string[];
+            /** Sky */
+            sky: string;
+            /** Figures */
+            figures: components["schemas"]["DesignFigureOut"][];
+            histogram: components["schemas"]["FieldCountOut"];
+            /** Curves */
+            curves: components["schemas"]["CurveOut"][];
+            /** Baffles */
+            baffles: components["schemas"]["BaffleOut"][];
+            /** Baffle Problem */
+            baffle_problem: string;
+            /** Trade */
+            trade: components["schemas"]["TradeRowOut"][];
+            /** Cameras */
+            cameras: components["schemas"]["TradeRowOut"][];
+            /** Notes */
+            notes: string[];
+            /** Looks */
+            looks: number;
+            /** Full */
+            full: boolean;
+            /** Elapsed Ms */
+            elapsed_ms: number;
+        };
+        /**
+         * DetectorCalibrationIn
+         * @description Calibrate the detector from dark frames and pairs of flat fields.
+         */
+        DetectorCalibrationIn: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "detector";
+            /** Profile */
+            profile: string;
+            /** Dark Ids */
+            dark_ids: number[];
+            /**
+             * Flat Pairs
+             * @default []
+             */
+            flat_pairs: number[][];
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
         };
         /**
          * DictionaryOut
@@ -3148,6 +3837,14 @@ export interface components {
             frames: number;
             /** Bad */
             bad: number;
+        };
+        /**
+         * DocumentedIn
+         * @description The camera whose documented values are used again.
+         */
+        DocumentedIn: {
+            /** Profile */
+            profile: string;
         };
         /**
          * DownloadIn
@@ -3282,6 +3979,42 @@ export interface components {
             sources: string[];
         };
         /**
+         * FactOut
+         * @description One figure.
+         */
+        FactOut: {
+            /** Label */
+            label: string;
+            /** Value */
+            value: string;
+            /** Unit */
+            unit: string;
+            /** Note */
+            note: string;
+        };
+        /**
+         * FieldCountOut
+         * @description Pointings with 0, 1, 2 … stars; the boresight of the first with the fewest.
+         */
+        FieldCountOut: {
+            /** Pointings */
+            pointings: number;
+            /** Counts */
+            counts: number[];
+            /** Mean */
+            mean: number;
+            /** P Fewer Than 3 */
+            p_fewer_than_3: number;
+            /** P Fewer Than 5 */
+            p_fewer_than_5: number;
+            /** Worst Stars */
+            worst_stars: number;
+            /** Worst Ra Deg */
+            worst_ra_deg: number;
+            /** Worst Dec Deg */
+            worst_dec_deg: number;
+        };
+        /**
          * FieldDefinitionOut
          * @description One telemetry field.
          */
@@ -3315,6 +4048,18 @@ export interface components {
             ];
             /** Stale After S */
             stale_after_s: number;
+        };
+        /**
+         * FieldLimitOut
+         * @description What a field of a camera takes.
+         */
+        FieldLimitOut: {
+            /** Min */
+            min: number;
+            /** Max */
+            max: number;
+            /** Unit */
+            unit: string;
         };
         /**
          * FrameDetailOut
@@ -3480,6 +4225,18 @@ export interface components {
             rows: number;
         };
         /**
+         * FrameReplayOut
+         * @description All stages in the order of the work. ``text``: "equal", or the first difference.
+         */
+        FrameReplayOut: {
+            /** Frame Id */
+            frame_id: number;
+            /** Text */
+            text: string;
+            /** Stages */
+            stages: components["schemas"]["ReplayStageOut"][];
+        };
+        /**
          * FrameUploadIn
          * @description Send a stored frame into image memory, and have it solved on board.
          */
@@ -3583,7 +4340,7 @@ export interface components {
             /** End */
             end: string;
             /** Series */
-            series: components["schemas"]["SeriesOut"][];
+            series: components["schemas"]["gss__api__schemas__telemetry__SeriesOut"][];
         };
         /**
          * JobOut
@@ -3620,6 +4377,18 @@ export interface components {
         LatestOut: {
             /** Values */
             values: components["schemas"]["ValueOut"][];
+        };
+        /**
+         * LevelOut
+         * @description A marked value.
+         */
+        LevelOut: {
+            /** Value */
+            value: number;
+            /** Label */
+            label: string;
+            /** Vertical */
+            vertical: boolean;
         };
         /**
          * LimitIn
@@ -3743,6 +4512,18 @@ export interface components {
             fields: components["schemas"]["LimitOut"][];
         };
         /**
+         * LineOut
+         * @description A line of a curve; null is a gap.
+         */
+        LineOut: {
+            /** Label */
+            label: string;
+            /** X */
+            x: number[];
+            /** Y */
+            y: (number | null)[];
+        };
+        /**
          * LinkOpenIn
          * @description Where the device is: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port.
          */
@@ -3800,6 +4581,20 @@ export interface components {
             utc: string;
         };
         /**
+         * MarkOut
+         * @description A point that a document prints.
+         */
+        MarkOut: {
+            /** X */
+            x: number;
+            /** Y */
+            y: number;
+            /** Label */
+            label: string;
+            /** Source */
+            source: string;
+        };
+        /**
          * NoteIn
          * @description A word for the record.
          */
@@ -3809,6 +4604,20 @@ export interface components {
              * @default
              */
             note: string;
+        };
+        /**
+         * NoteOut
+         * @description What the reader should know and do.
+         */
+        NoteOut: {
+            /** Text */
+            text: string;
+            /** Hint */
+            hint: string;
+            /** Severe */
+            severe: boolean;
+            /** Code */
+            code: string;
         };
         /**
          * OnBoardTableOut
@@ -3875,6 +4684,31 @@ export interface components {
             rows: number;
             /** Values */
             values: (number | null)[][];
+        };
+        /**
+         * PlotOut
+         * @description Axes with series. ``time``: x are Unix seconds.
+         */
+        PlotOut: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "plot";
+            /** Title */
+            title: string;
+            /** X Label */
+            x_label: string;
+            /** Y Label */
+            y_label: string;
+            /** Series */
+            series: components["schemas"]["gss__api__schemas__reports__SeriesOut"][];
+            /** Levels */
+            levels: components["schemas"]["LevelOut"][];
+            /** Log Y */
+            log_y: boolean;
+            /** Time */
+            time: boolean;
         };
         /**
          * PreconditionOut
@@ -4116,6 +4950,30 @@ export interface components {
             reason: string;
         };
         /**
+         * ReplayStageOut
+         * @description One stage. ``difference``: in words, empty where there is none; ``difference_px`` on the detector, ``difference_arcsec`` on
+         *     the sky, null where that has no meaning.
+         */
+        ReplayStageOut: {
+            /** Name */
+            name: string;
+            /**
+             * Verdict
+             * @enum {string}
+             */
+            verdict: "equal" | "differs" | "not sent" | "not compared";
+            /** On Board */
+            on_board: string;
+            /** Ground */
+            ground: string;
+            /** Difference */
+            difference: string;
+            /** Difference Px */
+            difference_px: number | null;
+            /** Difference Arcsec */
+            difference_arcsec: number | null;
+        };
+        /**
          * ReportOut
          * @description The pass report. ``quality``: (Unix seconds, share of damaged packets).
          */
@@ -4129,12 +4987,26 @@ export interface components {
             attitude: components["schemas"]["AttitudeSummaryOut"];
             record: components["schemas"]["RecordOut"];
             /** Series */
-            series: components["schemas"]["SeriesOut"][];
+            series: components["schemas"]["gss__api__schemas__telemetry__SeriesOut"][];
             /** Quality */
             quality: [
                 number,
                 number
             ][];
+        };
+        /**
+         * ReportViewOut
+         * @description The whole.
+         */
+        ReportViewOut: {
+            /** Title */
+            title: string;
+            /** Subtitle */
+            subtitle: string;
+            /** Sections */
+            sections: components["schemas"]["SectionOut"][];
+            /** Notes */
+            notes: components["schemas"]["NoteOut"][];
         };
         /**
          * ReprocessIn
@@ -4282,34 +5154,20 @@ export interface components {
             clock: components["schemas"]["ClockOut"] | null;
         };
         /**
-         * SeriesOut
-         * @description History of one field, thinned to at most the asked number of points (min and max of each bin kept).
-         *     ``choices``: words of an enumeration or a yes/no value, whose numbers are in ``y``.
+         * SectionOut
+         * @description A heading with what belongs to it.
          */
-        SeriesOut: {
-            /** Name */
-            name: string;
-            /** Unit */
-            unit: string;
-            /** T */
-            t: number[];
-            /** Y */
-            y: (number | null)[];
-            /** Packet */
-            packet: string;
+        SectionOut: {
             /** Title */
             title: string;
-            /**
-             * Kind
-             * @enum {string}
-             */
-            kind: "number" | "enum" | "bool" | "text" | "bytes";
-            /** Choices */
-            choices: components["schemas"]["gss__api__schemas__telemetry__ChoiceOut"][];
-            /** Samples */
-            samples: number;
-            /** Thinned */
-            thinned: boolean;
+            /** Text */
+            text: string;
+            /** Facts */
+            facts: components["schemas"]["FactOut"][];
+            /** Drawings */
+            drawings: (components["schemas"]["PlotOut"] | components["schemas"]["ArrowsOut"] | components["schemas"]["CellsOut"])[];
+            /** Tables */
+            tables: components["schemas"]["TableViewOut"][];
         };
         /**
          * ShelveIn
@@ -4669,6 +5527,51 @@ export interface components {
             at: string | null;
         };
         /**
+         * StarCalibrationIn
+         * @description Calibrate from frames of stars. ``profile`` "": a camera that nobody described. ``fov_deg``: its width, where known.
+         */
+        StarCalibrationIn: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "stars";
+            /**
+             * Profile
+             * @default
+             */
+            profile: string;
+            /** Frame Ids */
+            frame_ids: number[];
+            /**
+             * Models
+             * @default []
+             */
+            models: string[];
+            /**
+             * Photometry
+             * @default true
+             */
+            photometry: boolean;
+            /**
+             * Psf
+             * @default true
+             */
+            psf: boolean;
+            /** Fov Deg */
+            fov_deg?: number | null;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+        };
+        /**
          * StarOut
          * @description A centroid, with its match where there is one. ``dx/dy_arcsec``: measured − predicted.
          */
@@ -4900,6 +5803,18 @@ export interface components {
             bank: string;
         };
         /**
+         * TableViewOut
+         * @description Columns and rows of text.
+         */
+        TableViewOut: {
+            /** Title */
+            title: string;
+            /** Columns */
+            columns: string[];
+            /** Rows */
+            rows: string[][];
+        };
+        /**
          * TenureOut
          * @description One holder, from taking to the end.
          */
@@ -4914,6 +5829,40 @@ export interface components {
             ended_by: string;
             /** Reason */
             reason: string;
+        };
+        /**
+         * TradeRowOut
+         * @description A camera's line in a table; accuracies are medians, 1σ, one axis.
+         */
+        TradeRowOut: {
+            /** Name */
+            name: string;
+            /** Focal Mm */
+            focal_mm: number;
+            /** F Number */
+            f_number: number;
+            /** Pupil Mm */
+            pupil_mm: number;
+            /** Fov Deg */
+            fov_deg: number[];
+            /** Pixel Arcsec */
+            pixel_arcsec: number;
+            /** Limit Mag */
+            limit_mag: number;
+            /** Saturation Mag */
+            saturation_mag: number | null;
+            /** Stars */
+            stars: number;
+            /** P Fewer 3 */
+            p_fewer_3: number;
+            /** Pointings */
+            pointings: number;
+            /** Cross Arcsec */
+            cross_arcsec: number | null;
+            /** Roll Arcsec */
+            roll_arcsec: number | null;
+            /** Blur Rate Deg S */
+            blur_rate_deg_s: number;
         };
         /**
          * TransferIn
@@ -5022,6 +5971,16 @@ export interface components {
             bank: string;
         };
         /**
+         * UprightOut
+         * @description A place on the x axis.
+         */
+        UprightOut: {
+            /** Label */
+            label: string;
+            /** X */
+            x: number;
+        };
+        /**
          * ValueOut
          * @description Latest value of one field. ``state`` already includes persistence and staleness; the page never computes it.
          *     ``sample_state``: of this sample alone. ``raw_text``: as on the wire, in hexadecimal.
@@ -5101,6 +6060,23 @@ export interface components {
             note: string;
         };
         /**
+         * SeriesOut
+         * @description Numbers of a plot.
+         */
+        gss__api__schemas__reports__SeriesOut: {
+            /** Label */
+            label: string;
+            /** X */
+            x: number[];
+            /** Y */
+            y: (number | null)[];
+            /**
+             * Style
+             * @enum {string}
+             */
+            style: "line" | "dots" | "bars";
+        };
+        /**
          * ChoiceOut
          * @description What a number of a series means.
          */
@@ -5109,6 +6085,36 @@ export interface components {
             name: string;
             /** Value */
             value: number;
+        };
+        /**
+         * SeriesOut
+         * @description History of one field, thinned to at most the asked number of points (min and max of each bin kept).
+         *     ``choices``: words of an enumeration or a yes/no value, whose numbers are in ``y``.
+         */
+        gss__api__schemas__telemetry__SeriesOut: {
+            /** Name */
+            name: string;
+            /** Unit */
+            unit: string;
+            /** T */
+            t: number[];
+            /** Y */
+            y: (number | null)[];
+            /** Packet */
+            packet: string;
+            /** Title */
+            title: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "number" | "enum" | "bool" | "text" | "bytes";
+            /** Choices */
+            choices: components["schemas"]["gss__api__schemas__telemetry__ChoiceOut"][];
+            /** Samples */
+            samples: number;
+            /** Thinned */
+            thinned: boolean;
         };
     };
     responses: never;
@@ -11105,6 +12111,82 @@ export interface operations {
             };
         };
     };
+    replay_frame_api_frames__frame_id__replay_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                frame_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FrameReplayOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
     upload_frame_api_frames__frame_id__upload_post: {
         parameters: {
             query?: never;
@@ -11828,6 +12910,858 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["TransferOut"];
                 };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    list_cameras_api_design_cameras_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DesignCamerasOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    quick_look_api_design_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DesignIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DesignOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    full_count_api_design_run_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DesignIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    list_calibrations_api_calibrations_get: {
+        parameters: {
+            query?: {
+                profile?: string;
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CalibrationOut"][];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    calibrate_api_calibrations_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StarCalibrationIn"] | components["schemas"]["DetectorCalibrationIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    compare_api_calibrations_diff_get: {
+        parameters: {
+            query: {
+                older: number;
+                newer: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CalibrationDiffOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    use_documented_api_calibrations_documented_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DocumentedIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": unknown;
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    read_calibration_api_calibrations__calibration_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                calibration_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CalibrationDetailOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    use_api_calibrations__calibration_id__use_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path: {
+                calibration_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CalibrationDetailOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    make_table_api_calibrations__calibration_id__table_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path: {
+                calibration_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TableDetailOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    export_api_calibrations__calibration_id__export_get: {
+        parameters: {
+            query?: {
+                kind?: "json" | "ecsv" | "html" | "pdf";
+            };
+            header?: never;
+            path: {
+                calibration_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description Bad Request */
             400: {

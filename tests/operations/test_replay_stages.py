@@ -1,0 +1,215 @@
+"""Replay stage by stage: every system's chain against what its sensor would have sent, and each thing that can be different."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.device.simulator.reports import attitude_report, centroid_report, match_report
+from gss.domain.angles import ra_dec_from_unit
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.domain.results import SolveResult
+from gss.operations.onboard_results import OnboardRecord
+from gss.operations.onboard_told import record_from, told_of
+from gss.operations.replay_stages import Rerun, Stage, Verdict, first_difference, stages
+from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, Work, solve
+from gss.pipeline.chains.systems import SYSTEMS, system
+from gss.pipeline.experiments.never_wrong_campaign import OWN, setting_of
+from gss.pipeline.experiments.never_wrong_sky import works_of
+from gss.pipeline.render import render
+from gss.pipeline.trace import Trace
+from gss.store.models import Frame
+
+STARS = load_stars(8.0)
+# Where each camera sees enough stars.
+ATTITUDES = {name: cam_from_icrs(1.4, 0.05, 0.3) for name in SYSTEMS} | {"aim": cam_from_icrs(0.98, 0.42, 0.3)}
+
+
+def _single(values: dict[str, Any]) -> dict[str, Any]:
+    """As the wire carries reals that are no quaternion."""
+    return {
+        k: float(np.float32(v)) if isinstance(v, float) and not k.startswith("quaternion") else v
+        for k, v in values.items()
+    }
+
+
+def _run(name: str, change: Callable[[Work], Work] = lambda w: w) -> tuple[Rerun, Work]:
+    known = profile(name)
+    rng = np.random.default_rng(12)
+    attitude = ATTITUDES[name]
+    frame = render(STARS, known.camera, known.sensor, attitude, known.sensor.exposure_s, rng)
+    work, chain, trace = change(_work(name)), system(name), Trace()
+    result = solve(chain, frame.pixels, work, trace=trace)
+    kept: dict[str, Any] = trace.kept
+    return Rerun(result, kept["detection"], kept["matching"]), work
+
+
+@lru_cache(maxsize=8)
+def _work(name: str) -> Work:
+    return works_of(setting_of(name, OWN), profile(name), STARS)[Mode.LOST_IN_SPACE]
+
+
+@lru_cache(maxsize=8)
+def _honest(name: str) -> tuple[OnboardRecord, Rerun]:
+    """What the unit would have sent of a frame, as it arrives, and the ground's run of the same."""
+    rerun, work = _run(name)
+    return _sent(rerun, work), rerun
+
+
+def _sent(rerun: Rerun, work: Work) -> OnboardRecord:
+    detection, matching, result = rerun.detection, rerun.matching, rerun.result
+    assert detection is not None
+    _, values, lists = centroid_report(5, detection)
+    _, _, match_lists = match_report(5, matching)
+    _, told, _ = attitude_report({"frame_number": 5, "mode": str(work.mode)}, result.attitude, result.reason)
+    record = OnboardRecord(5).with_packet("centroids", _single(values), [_single(r) for r in lists["items"]])
+    record = record.with_packet("matches", {}, [_single(r) for r in match_lists["items"]])
+    return record.with_packet("attitude", _single(told), ())
+
+
+def _verdicts(found: list[Stage]) -> dict[str, Verdict]:
+    return {s.name: s.verdict for s in found}
+
+
+@pytest.mark.parametrize("name", sorted(SYSTEMS))
+def test_every_system_replays_equal(name: str) -> None:
+    """The packets of a unit that ran this chain are equal in every stage; only what is never sent is not compared."""
+    record, rerun = _honest(name)
+    found = stages(record, rerun)
+    assert first_difference(found) == "equal"
+    assert rerun.result.attitude is not None, rerun.result.reason
+    assert [s.name for s in found if s.verdict is not Verdict.EQUAL] == ["unit vectors"]
+
+
+@pytest.mark.parametrize("name", sorted(SYSTEMS))
+def test_another_threshold_shows_first_in_detection(name: str) -> None:
+    """With a threshold that was not the one on board the first difference is one of detection, none of matching or attitude."""
+    record, _ = _honest(name)
+
+    def higher(work: Work) -> Work:
+        known = profile(name)
+        own = system(name).parameters(known, None, Commanded(), work.mode)
+        threshold_dn = 1.7 * (own.threshold_dn or 30.0)  # far_mst takes it from the noise
+        other = system(name).parameters(known, None, Commanded(threshold_dn=threshold_dn), work.mode)
+        return replace(work, parameters=other)
+
+    found = stages(record, _run(name, higher)[0])
+    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    assert first.name in ("regions rejected", "centroids", "places", "light")
+    assert first.difference == first_difference(found) != "equal"
+
+
+def test_another_bank_shows_first_in_the_matches() -> None:
+    """Same pixels and parameters, rows in another order: centroids are equal, matches are not, and both stars are named."""
+    record, _ = _honest("cubestar")
+
+    def other_bank(work: Work) -> Work:
+        setting = replace(setting_of("cubestar", OWN), bank_mag=3.4)
+        return replace(work, catalogue=works_of(setting, profile("cubestar"), STARS)[work.mode].catalogue)
+
+    found = stages(record, _run("cubestar", other_bank)[0])
+    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    assert first.name == "matches"
+    assert "on board" in first.difference
+    assert _verdicts(found)["places"] is Verdict.EQUAL
+
+
+def _spoilt(record: OnboardRecord, stage: str) -> OnboardRecord:
+    rows, matches, told = (
+        [dict(r) for r in record.centroids],
+        [dict(r) for r in record.matches],
+        dict(record.attitude or {}),
+    )
+    detected = dict(record.detected)
+    if stage == "regions rejected":
+        detected["regions_invalid"] += 1
+    elif stage == "black level":
+        detected["background_dn"] += 0.01
+    elif stage == "centroids":
+        rows.pop()
+    elif stage == "places":
+        rows[2]["row_px"] += 0.001
+    elif stage == "light":
+        rows[1]["flux_dn"] *= 1.001
+    elif stage == "matches":
+        matches[0]["star"] += 1
+    elif stage == "weights":
+        matches[1]["weight"] += 1.0
+    elif stage == "mode":
+        told["mode"] = "tracking"
+    elif stage == "outcome":
+        told |= {"outcome": "none", "reason": "no"}
+    elif stage == "quaternion":
+        told["quaternion_x"] += 1e-9
+    elif stage == "standard deviations":
+        told["sigma_cross_arcsec"] *= 1.01
+    return replace(record, centroids=rows, matches=matches, attitude=told, detected=detected)
+
+
+STAGES = (
+    *("regions rejected", "black level", "centroids", "places", "light"),
+    *("matches", "weights", "mode", "outcome", "quaternion", "standard deviations"),
+)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_each_stage_is_the_first_to_differ(stage: str) -> None:
+    """A difference planted in one stage is shown there first, with both sides."""
+    record, rerun = _honest("cubestar")
+    found = stages(_spoilt(record, stage), rerun)
+    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    assert first.name == stage
+    assert first.on_board != first.ground
+    if stage == "places":
+        assert first.difference_px == pytest.approx(0.001, rel=0.1)
+        assert first.difference_arcsec == pytest.approx(0.001 * 183.9, rel=0.1)  # 5.6 µm behind 6.28 mm
+    if stage == "quaternion":
+        assert first.difference_arcsec == pytest.approx(2e-9 * 206265, rel=1.0)
+
+
+def test_what_was_not_sent_is_said() -> None:
+    """Without attitude and without the packet's head those stages are not sent, and that is no difference."""
+    record, rerun = _honest("cubestar")
+    found = stages(replace(record, attitude=None, detected={}), rerun)
+    verdicts = _verdicts(found)
+    for name in ("regions rejected", "black level", "unit vectors", "mode", "outcome", "quaternion"):
+        assert verdicts[name] is Verdict.NOT_SENT, name
+    assert first_difference(found) == "equal"
+
+
+def test_a_result_without_intermediates_is_compared_as_far_as_it_goes() -> None:
+    """Only the count of matches can be held against a bare result."""
+    record, rerun = _honest("cubestar")
+    bare: SolveResult = rerun.result
+    verdicts = _verdicts(stages(record, Rerun(bare)))
+    assert verdicts["matches"] is Verdict.EQUAL
+    assert verdicts["weights"] is Verdict.NOT_COMPARED
+
+
+def test_what_was_told_survives_the_store() -> None:
+    """A record goes through JSON and back, with the prior it started from."""
+    record, rerun = _honest("cubestar")
+    quaternion = np.array([0.1, 0.2, 0.3, math.sqrt(0.86)])
+    prior = Known(
+        quaternion, (quaternion,), None, 0.05, KnownOrbit(1.0, 1.7, 0.2, 6e5, 100.0), Apriori(0.0, 0.1, 0.2, 0.09)
+    )
+    frame = Frame(number=5, profile="cubestar", exposure_s=0.25, bank_sha256="ab", parameters={"threshold_dn": 13})
+    told = told_of(replace(record, prior=prior), frame)
+    back = record_from(told)
+    assert first_difference(stages(back, rerun)) == "equal"
+    hint = back.prior.hint(Mode.TRACKING, 0.0)
+    assert hint is not None
+    assert np.allclose(hint.boresight_icrs, Hint.from_quaternion(quaternion).boresight_icrs)
+    assert (back.prior.orbit, back.prior.apriori) == (prior.orbit, prior.apriori)
+    assert ra_dec_from_unit(hint.boresight_icrs)[1] is not None
+    assert told["frame"]["parameters"] == {"threshold_dn": 13}
