@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +18,7 @@ from gss.catalogue_tools.envelope import BandEnvelope, Envelope
 from gss.catalogue_tools.orbits import Range, from_elements
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
+from gss.operations.design_curves import short
 from gss.operations.design_record import record_of
 from gss.operations.jobs import JobService, Progress
 from gss.store.models import Job
@@ -76,59 +77,76 @@ def _envelope(camera: DesignCamera, along: Along | None) -> Envelope | None:
     return BandEnvelope(camera.shape, limits, from_elements(along.inclination_rad, along.raan_rad))
 
 
+def answer(
+    question: Question,
+    stars: StarTable,
+    *,
+    quick: bool = False,
+    documents: tuple[TradeRow, ...] | None = None,
+    progress: Progress = lambda *_: None,
+) -> dict[str, Any]:
+    """The record of one question: the quick look, or a million pointings and the lens trade. ``documents``: the documents'
+    cameras' lines where they are known already."""
+    start_s = time.perf_counter()
+    request = request_of(question)
+    if quick:
+        report = design(request, stars, QUICK)
+    else:
+        with ThreadPoolExecutor(WORKERS, thread_name_prefix="design") as pool:
+            report = design(request, stars, FULL, each=pool.map, progress=_by_percent(progress))
+    fixed = document_rows(stars) if documents is None else documents
+    mine = () if request.camera in [r.camera for r in fixed] else (_row(request.camera, stars),)
+    record = record_of(report, question.profile, (*mine, *fixed))
+    return record | {"elapsed_ms": short(1000 * (time.perf_counter() - start_s))}
+
+
+def document_rows(stars: StarTable) -> tuple[TradeRow, ...]:
+    """The documents' cameras, each as its profile has it."""
+    return tuple(_row(c, stars) for c in document_cameras())
+
+
+def _row(camera: DesignCamera, stars: StarTable) -> TradeRow:
+    return camera_row(camera, stars, CAMERA_LOOKS, CAMERA_PAIRS)
+
+
 class DesignService:
     """Answers questions about cameras; the documents' own lines are reckoned once."""
 
     def __init__(self, jobs: JobService, stars: StarTable) -> None:
         self._jobs, self._stars = jobs, stars
-        self._rows: dict[DesignCamera, TradeRow] = {}
+        self._rows: tuple[TradeRow, ...] = ()
+
+    def document_rows(self) -> tuple[TradeRow, ...]:
+        """The documents' cameras, each as its profile has it."""
+        self._rows = self._rows or document_rows(self._stars)
+        return self._rows
 
     def quick(self, question: Question) -> dict[str, Any]:
-        """The quick look: a record with fewer pointings and no lens trade."""
-        start_s = time.perf_counter()
-        report = design(request_of(question), self._stars, QUICK)
-        record = record_of(report, question.profile, self._cameras(report.request.camera))
-        return record | {"elapsed_ms": 1000 * (time.perf_counter() - start_s)}
-
-    def full(self, question: Question, progress: Progress = lambda *_: None) -> dict[str, Any]:
-        """A million pointings and the lens trade."""
-        start_s = time.perf_counter()
-        with ThreadPoolExecutor(WORKERS, thread_name_prefix="design") as pool:
-            report = design(
-                request_of(question),
-                self._stars,
-                FULL,
-                each=pool.map,
-                progress=lambda share: progress(round(share * STEPS), STEPS, "counting stars in fields"),
-            )
-        record = record_of(report, question.profile, self._cameras(report.request.camera))
-        return record | {"elapsed_ms": 1000 * (time.perf_counter() - start_s)}
+        """The quick look: fewer pointings and no lens trade."""
+        return answer(question, self._stars, quick=True, documents=self.document_rows())
 
     def start(self, question: Question, asked: Mapping[str, Any]) -> Job:
         """The full count as a job; its result is the record. An impossible camera is told at once."""
         request_of(question)
 
         def work(progress: Progress) -> dict[str, Any]:
-            return {"design": self.full(question, progress)}
+            return {"design": answer(question, self._stars, documents=self.document_rows(), progress=progress)}
 
         return self._jobs.submit("design", f"design {question.profile}", dict(asked), work)
 
-    def document_rows(self) -> tuple[TradeRow, ...]:
-        """The documents' cameras, each as its profile has it."""
-        return tuple(self._row(c) for c in document_cameras())
 
-    def _cameras(self, edited: DesignCamera) -> tuple[TradeRow, ...]:
-        """The documents' cameras, and this one first unless it is one of them."""
-        fixed = self.document_rows()
-        return fixed if edited in document_cameras() else (self._row(edited), *fixed)
+def _by_percent(progress: Progress) -> Callable[[float], None]:
+    """Tells a share only when another percent is done: every word is a row in the store."""
+    told = -1
 
-    def _row(self, camera: DesignCamera) -> TradeRow:
-        if camera not in self._rows:
-            row = camera_row(camera, self._stars, CAMERA_LOOKS, CAMERA_PAIRS)
-            if camera not in document_cameras():
-                return row
-            self._rows[camera] = row
-        return self._rows[camera]
+    def tell(share: float) -> None:
+        nonlocal told
+        done = int(share * STEPS)
+        if done > told:
+            told = done
+            progress(done, STEPS, "counting stars in fields")
+
+    return tell
 
 
 def radians(limits: tuple[float, float] | list[float]) -> Range:

@@ -50,6 +50,7 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
             SHARE,
             by_circle,
             [_upright("equal area", circle)],
+            log_y=True,
         ),
         _curve(
             "p_by_focal",
@@ -57,7 +58,8 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
             "focal length, mm",
             SHARE,
             by_focal,
-            [_upright(f"{math.degrees(across):.1f}° × {math.degrees(down):.1f}°", c.focal_mm)],
+            [_upright(f"{math.degrees(across):.1f}° × {math.degrees(down):.1f}°,", c.focal_mm)],
+            log_y=True,
         ),
         _curve(
             "snr",

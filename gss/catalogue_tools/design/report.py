@@ -53,6 +53,8 @@ NEED = (3, 5)
 EXPOSURE_FACTORS = np.geomspace(0.1, 10.0, 9)
 FOCAL_FACTORS = np.geomspace(0.6, 2.0, 13)
 LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
+MOST_COUNTED = 40.0
+"""The histogram may go through this many times the stars of a curve: it is only counted."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
 
@@ -68,7 +70,7 @@ class Effort:
 
 
 QUICK = Effort(0, 2_000, 6e4, 0)
-FULL = Effort(1_000_000, 50_000, 3e6, 4_000)
+FULL = Effort(1_000_000, 20_000, 1e6, 2_000)
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed
 
 def _count(request: DesignRequest, unit: Array, effort: Effort, each: Each, progress: Progress) -> InView:
     c = request.camera
-    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * 20)
+    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MOST_COUNTED)
 
     def portion(k: int, m: int) -> Array:
         # Seeds that no other portion and no curve has, whatever the size of the portions.
