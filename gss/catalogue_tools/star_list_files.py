@@ -154,8 +154,25 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
     ).slice(1)
     count = table.num_rows + len(broken)
     rows = np.setdiff1d(np.arange(1, count + 1), [number for number, _, _ in broken])
-    columns = {name: table.column(name).to_numpy() for name in names}
-    return RawList(columns, rows, broken=broken)
+    return RawList({name: _numbers_or_text(table.column(name)) for name in names}, rows, broken=broken)
+
+
+def _numbers_or_text(column: Any) -> NDArray[Any]:
+    """Whole numbers, numbers with NaN where empty, or text: the first that all values of a column of text can be."""
+    import pyarrow as pa
+    import pyarrow.compute as arrow_compute
+
+    trimmed = arrow_compute.utf8_trim_whitespace(column)
+    for kind in (pa.int64(), pa.float64()):
+        filled = trimmed
+        if kind == pa.float64():
+            empty = arrow_compute.equal(trimmed, "")
+            filled = arrow_compute.if_else(empty, pa.scalar(None, pa.string()), trimmed)
+        try:
+            return np.asarray(arrow_compute.cast(filled, kind).to_numpy())
+        except pa.ArrowInvalid:
+            continue
+    return np.asarray(column.to_numpy(), object)
 
 
 def _fits(data: bytes) -> RawList:

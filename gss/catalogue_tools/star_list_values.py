@@ -18,7 +18,7 @@ from gss.catalogue_tools.star_list_mapping import (
     plain_unit,
     unit_in_name,
 )
-from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.angles import ARCSEC_RAD, TWO_PI_RAD, Array
 from gss.domain.errors import BadInput
 
 # Sirius is the brightest star; nothing that a star camera sees is fainter.
@@ -141,17 +141,18 @@ def ask_for_unit(
     ra, dec = np.degrees(values["ra"]), np.degrees(values["dec"])
     if np.count_nonzero(np.isfinite(ra)) < TELLING_ROWS:
         return
-    ra_end, dec_end = float(np.nanmax(np.abs(ra))), float(np.nanmax(np.abs(dec)))
-    if ra_end <= 24 and (dec_end > np.pi / 2 or ra_end > 2 * np.pi):
+    low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
+    # A whole circle in hours or in radians, not a small field in degrees.
+    if 20 < high <= 24 and 0 <= low < 4:
         guess = "hourangle"
-    elif ra_end <= 2 * np.pi + 1e-6 and dec_end <= np.pi / 2 + 1e-6:
+    elif 5 < high <= TWO_PI_RAD + 1e-6 and 0 <= low < 1.3 and dec_end <= np.pi / 2 + 1e-6:
         guess = "rad"
     else:
         return
     raise BadInput(
         f"the unit of column {columns['ra']} is not clear",
         expected=f"right ascensions up to 360 when they are degrees; {guess}?",
-        got=f"values up to {ra_end:g}, declinations up to {dec_end:g}",
+        got=f"values from {low:g} to {high:g}, declinations up to {dec_end:g}",
         hint=f'state it: units = {{"ra": "{guess}", …}}, or "deg" if they are',
     )
 
@@ -182,31 +183,35 @@ def numbering_of(
 ) -> tuple[NDArray[np.int32], list[str]]:
     """Numbers of the stars and names, "" for none. Numbers that fit are kept; text and longer numbers become names."""
     count = len(raw.rows)
-    names = [str(v).strip() for v in raw.columns[columns["name"]]] if "name" in columns else [""] * count
+    names = [_text(v) for v in raw.columns[columns["name"]]] if "name" in columns else [""] * count
     serial = np.arange(1, count + 1, dtype=np.int32)
     if "id" not in columns:
         notes.append("no column of numbers: stars are numbered by row")
         return serial, names
     column = raw.columns[columns["id"]]
-    texts = [str(v).strip() for v in column]
-    numbers = np.array([number_of(t) for t in texts]) if _is_text(column) else column.astype(float)
+    numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
     whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
     if not whole.any() or np.nanmax(numbers) > LARGEST_NUMBER:
         notes.append(
             f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by it"
         )
+        texts = [_text(v) for v in column]
         names = [name or text for name, text in zip(names, texts, strict=True)]
-        bad.mark(_repeated(np.array(texts, object), bad.good()), "id", "named twice")
+        bad.mark(_repeated(np.array(texts, np.str_), bad.good()), "id", "named twice")
         return serial, names
     bad.mark(~whole, "id", "not a number of a star")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
     return np.where(whole, numbers, 0).astype(np.int32), names
 
 
+def _text(value: object) -> str:
+    return "" if value != value else str(value).strip()
+
+
 def _repeated(values: NDArray[Any], among: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """All but the first of equal values among the good rows."""
     rows = np.flatnonzero(among)
-    _, first = np.unique(values[rows].astype(str) if values.dtype == object else values[rows], return_index=True)
+    _, first = np.unique(values[rows], return_index=True)
     again = np.zeros(len(values), bool)
     again[np.delete(rows, first)] = True
     return again

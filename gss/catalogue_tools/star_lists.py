@@ -76,7 +76,10 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     stars = _table({name: value[good] for name, value in values.items()}, numbers[good], epoch, frame, mapping)
     if "flags" in columns:
         stars = _flagged(stars, raw.columns[columns["flags"]][good])
-    stars.names.update({int(n): names[i] for n, i in zip(numbers[good], np.flatnonzero(good), strict=True) if names[i]})
+    if any(names):
+        stars.names.update(
+            {int(n): names[i] for n, i in zip(numbers[good], np.flatnonzero(good), strict=True) if names[i]}
+        )
     if "pm_ra" not in values or "pm_dec" not in values:
         notes.append(f"no proper motions: places stay those of J{epoch:g}")
     return ImportedList(stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes))

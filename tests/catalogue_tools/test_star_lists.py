@@ -1,0 +1,345 @@
+"""A user's star list: what is understood, what is asked for, and what each bad row is told."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import replace
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import FK4, FK5, SkyCoord
+from astropy.table import Table
+from astropy.time import Time
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.star_list_export import write_star_list
+from gss.catalogue_tools.star_list_mapping import KINDS, ListMapping, plain_unit
+from gss.catalogue_tools.star_lists import read_star_list
+from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit, separation_rad, unit_from_ra_dec
+from gss.domain.errors import BadInput
+from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
+
+MAS_RAD = ARCSEC_RAD / 1000
+SAID = ListMapping(epoch_jyear=2000.0, frame="icrs")
+NANOARCSEC_RAD = 1e-6 * MAS_RAD
+
+
+def _csv(*rows: str, head: str = "hip,ra,dec,v") -> bytes:
+    return "\n".join([head, *rows, ""]).encode()
+
+
+def _same(a: StarTable, b: StarTable, names: bool = True) -> None:
+    for name in ("hip", "v_mag", "b_v", "flags"):
+        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=name == "b_v"), name
+    assert separation_rad(a.icrs, b.icrs).max() < NANOARCSEC_RAD
+    assert np.abs(a.proper_motion_rad_yr - b.proper_motion_rad_yr).max() < NANOARCSEC_RAD
+    assert np.abs(a.parallax_rad - b.parallax_rad).max() < NANOARCSEC_RAD
+    assert a.epoch_jyear == b.epoch_jyear
+    if names:
+        assert {n: a.names[n] for n in a.hip.tolist() if n in a.names} == b.names
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_written_is_read_again(kind: str) -> None:
+    """Every kind of file gives back the table: all columns, epoch, flags and names (ASCII in FITS)."""
+    stars = load_stars(4.5)
+    found = read_star_list(write_star_list(stars, kind), kind)
+    _same(stars, found.stars, names=kind != "fits")
+    assert (found.dropped_count, found.frame, found.epoch_jyear) == (0, "icrs", 1991.25)
+    if kind == "fits":
+        assert found.stars.names[30867] == "bet Mon"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    ra=st.lists(st.floats(0, 359.999999), min_size=2, max_size=12),
+    seed=st.integers(0, 1000),
+    kind=st.sampled_from(("csv", "fits")),
+    epoch=st.floats(1900, 2100),
+)
+def test_any_table_survives_the_way_out_and_in(ra: list[float], seed: int, kind: str, epoch: float) -> None:
+    """Places anywhere, poles included, negative parallaxes and unknown colours come back to a nanoarcsecond."""
+    rng = np.random.default_rng(seed)
+    n = len(ra)
+    dec = rng.choice([-90.0, 90.0, 0.0, 89.9999999, *rng.uniform(-90, 90, 5)], n)
+    unit = unit_from_ra_dec(np.radians(ra), np.radians(dec))
+    motion = np.cross(unit, rng.normal(size=(n, 3))) * 1e-7
+    stars = StarTable(
+        rng.choice(np.arange(1, 10_000), n, replace=False).astype(np.int32),
+        unit,
+        rng.uniform(-1, 12, n).round(3),
+        np.where(rng.random(n) < 0.3, np.nan, rng.uniform(-0.3, 2, n)),
+        motion,
+        rng.normal(size=n) * 1e-7,
+        rng.integers(0, 16, n).astype(np.uint16),
+        epoch,
+    )
+    found = read_star_list(write_star_list(stars, kind), kind)
+    _same(replace(stars, names={}), found.stars)
+
+
+def test_foreign_columns_and_units_are_understood() -> None:
+    """Names as catalogues have them, units in the name, any order, other columns left alone."""
+    data = b"Vmag;comment;DE_ICRS;RA_ICRS;pmDE;pmRA;Plx;HIP;B-V\n3.76;x;-7.033;97.204;-4.66;-7.02;4.78;30867;-0.1\n"
+    found = read_star_list(data, "csv", ListMapping(epoch_jyear=1991.25))
+    assert found.frame == "icrs"
+    assert found.columns == {
+        "id": "HIP", "ra": "RA_ICRS", "dec": "DE_ICRS", "v": "Vmag", "b_v": "B-V",
+        "pm_ra": "pmRA", "pm_dec": "pmDE", "parallax": "Plx",
+    }  # fmt: skip
+    ra, dec = ra_dec_from_unit(found.stars.icrs)
+    assert np.degrees([ra[0], dec[0]]) == pytest.approx([97.204, -7.033])
+    assert np.linalg.norm(found.stars.proper_motion_rad_yr) == pytest.approx(np.hypot(4.66, 7.02) * MAS_RAD)
+
+
+@pytest.mark.parametrize(
+    ("ra", "dec", "units"),
+    [
+        ("6.4802889", "-7.0330", {"ra": "hourangle"}),
+        ("1.69653566", "-0.12274901", {"ra": "rad", "dec": "radians"}),
+        ("06:28:49.04", "-07:01:58.8", {}),
+        ("06 28 49.04", "-07 01 58.8", {}),
+        ("6h28m49.04s", "-7d01m58.8s", {}),
+        ("97.2043333", "-421.98", {"dec": "arcmin"}),
+    ],
+)
+def test_places_in_any_unit(ra: str, dec: str, units: dict[str, str]) -> None:
+    """Degrees, hours, radians and sexagesimal text give one place."""
+    found = read_star_list(_csv(f"1,{ra},{dec},3.76"), "csv", replace(SAID, units=units))
+    expected = unit_from_ra_dec(np.radians(97.2043333), np.radians(-7.0330))
+    assert separation_rad(found.stars.icrs[0], expected) < 0.05 * ARCSEC_RAD
+
+
+def test_small_negative_declinations_keep_their_sign() -> None:
+    """−00:30 is south of the equator."""
+    found = read_star_list(_csv("1,00:00:01,-00:30:00,3"), "csv", SAID)
+    assert np.degrees(ra_dec_from_unit(found.stars.icrs)[1][0]) == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("mas/yr", "mas/yr"),
+        ("mas / yr", "mas/yr"),
+        ("mas.yr-1", "mas/yr"),
+        ("mas yr-1", "mas/yr"),
+        ("arcsec/a", "arcsec/yr"),
+        ("deg/year", "deg/yr"),
+        ("arcsec/cy", "arcsec/century"),
+    ],
+)
+def test_units_of_motion_in_many_spellings(text: str, unit: str) -> None:
+    """CDS, astropy and people write units differently."""
+    assert plain_unit("pm_ra", text) == unit
+
+
+def test_motion_along_the_circle_or_along_the_sky() -> None:
+    """A motion in right ascension without cos δ is shortened by it."""
+    head, row = "hip,ra,dec,v,pm_ra,pm_dec", "1,10,60,3,100,0"
+    sky = read_star_list(_csv(row, head=head), "csv", SAID).stars
+    circle = read_star_list(_csv(row, head=head), "csv", replace(SAID, pm_ra_has_cos_dec=False)).stars
+    assert np.linalg.norm(circle.proper_motion_rad_yr) == pytest.approx(np.linalg.norm(sky.proper_motion_rad_yr) / 2)
+
+
+@pytest.mark.parametrize(("frame", "tolerance_mas"), [("fk5", 0.001), ("b1950", 0.001)])
+def test_other_frames_become_icrs_as_in_astropy(frame: str, tolerance_mas: float) -> None:
+    """Places in FK5 and in the FK4 of B1950 are astropy's in ICRS."""
+    rng = np.random.default_rng(2)
+    ra, dec = rng.uniform(0, 360, 40), rng.uniform(-90, 90, 40)
+    rows = [f"{i + 1},{a!r},{d!r},3" for i, (a, d) in enumerate(zip(ra.tolist(), dec.tolist(), strict=True))]
+    found = read_star_list(_csv(*rows), "csv", ListMapping(epoch_jyear=1975.0, frame=frame))
+    at = Time(1975.0, format="jyear", scale="tt")
+    kind = FK5(equinox="J2000") if frame == "fk5" else FK4(equinox="B1950", obstime=at)
+    expected = SkyCoord(ra * u.deg, dec * u.deg, frame=kind).icrs.cartesian.xyz.value.T
+    assert separation_rad(found.stars.icrs, expected).max() < tolerance_mas * MAS_RAD
+
+
+def test_a_files_own_words_are_believed() -> None:
+    """Epoch and frame in comments of a CSV, in the meta of an ECSV, the header of a FITS file, or a VOTable's COOSYS."""
+    csv = b"# epoch = J2016.0\n# frame: ICRS\n" + _csv("1,10,20,3")
+    assert read_star_list(csv, "csv").epoch_jyear == 2016.0
+    table = Table({"id": [7, 8], "ra": [10.0, 11] * u.deg, "dec": [0.3, 0.4] * u.rad, "mag": [3.0, 4.0]})
+    table.meta = {"EPOCH": 1980.5, "RADESYS": "FK5"}
+    for kind, writer in (("fits", "fits"), ("ecsv", "ascii.ecsv")):
+        file = io.BytesIO() if kind == "fits" else io.StringIO()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table.write(file, format=writer)
+        data = file.getvalue()
+        found = read_star_list(data if isinstance(data, bytes) else data.encode(), kind)
+        assert (found.epoch_jyear, found.frame, found.stars.hip.tolist()) == (1980.5, "fk5", [7, 8])
+        assert found.units["dec"] == "rad"
+    votable = write_star_list(load_stars(2.0), "votable").replace(b"J1991.25", b"B1950.0 ")
+    besselian = read_star_list(votable, "votable")
+    assert besselian.epoch_jyear == pytest.approx(Time("B1950").jyear, abs=1e-6)
+
+
+def test_masked_values_are_no_zeros() -> None:
+    """Empty cells of integer and float columns in FITS and VOTable are unknown, not 0."""
+    table = Table(
+        {"hip": [1, 2, 3], "ra": [1.0, 2, 3], "dec": [1.0, 2, 3], "v": [3, 4, 5], "plx": [1.0, 2, 3]}, masked=True
+    )
+    table["v"].mask = [False, True, False]
+    table["plx"].mask = [True, False, False]
+    file = io.BytesIO()
+    table.write(file, format="votable")
+    found = read_star_list(file.getvalue(), "votable", SAID)
+    assert found.stars.hip.tolist() == [1, 3]
+    assert found.stars.parallax_rad[0] == 0
+    (dropped,) = found.dropped
+    assert (dropped.row, dropped.column, dropped.reason) == (2, "v", "empty")
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "reason"),
+    [
+        ("2,nan,20,3", "ra", "empty"),
+        ("2,,20,3", "ra", "empty"),
+        ("2,10,inf,3", "dec", "empty"),
+        ("2,10,20,", "v", "empty"),
+        ("2,ten,20,3", "ra", "not a number"),
+        ("2,361,20,3", "ra", "right ascension out of range"),
+        ("2,-181,20,3", "ra", "right ascension out of range"),
+        ("2,10,-90.1,3", "dec", "declination beyond a pole"),
+        ("2,10,20,99.99", "v", "no star has this magnitude"),
+        ("2,10,20,-9", "v", "no star has this magnitude"),
+        ("1,10,20,3", "hip", "numbered twice"),
+        ("x,10,20,3", "hip", "not a number of a star"),
+        ("0,10,20,3", "hip", "not a number of a star"),
+        ("2.5,10,20,3", "hip", "not a number of a star"),
+        ("2,10,20", "", "3 values, the header names 4"),
+        ("2,10,20,3,4", "", "5 values, the header names 4"),
+    ],
+)
+def test_bad_row_is_dropped_with_row_column_and_reason(row: str, column: str, reason: str) -> None:
+    """A row that cannot be used is reported by its number, column, reason and value; the others stay."""
+    data = _csv("1,5,6,7", row, "3,8,9,2")
+    found = read_star_list(data, "csv", SAID)
+    assert found.stars.hip.tolist() == [1, 3]
+    assert found.dropped_count == 1
+    assert (found.dropped[0].row, found.dropped[0].column, found.dropped[0].reason) == (2, column, reason)
+    with pytest.raises(BadInput, match=r"row 2, column"):
+        read_star_list(data, "csv", replace(SAID, bad_rows="refuse"))
+
+
+def test_too_fast_and_too_near_stars_are_dropped() -> None:
+    """Proper motions in the wrong unit betray themselves."""
+    head = "hip,ra,dec,v,pm_ra,pm_dec,plx"
+    found = read_star_list(_csv("1,1,1,3,30000,0,1", "2,1,2,3,0,0,5000", "3,1,3,3,,,", head=head), "csv", SAID)
+    assert [d.reason for d in found.dropped] == ["no star moves so fast", "no star is so near"]
+    assert found.stars.flags[0] & FLAG_NO_PROPER_MOTION
+
+
+def test_broken_rows_do_not_shift_the_numbers_of_others() -> None:
+    """After a broken row and an empty line, rows still have the numbers a user counts."""
+    found = read_star_list(_csv("1,1,1,3", "2,2", "", "3,3,95,3", "4,4,4,3"), "csv", SAID)
+    assert [(d.row, d.column) for d in found.dropped] == [(2, ""), (3, "dec")]
+
+
+@pytest.mark.parametrize(
+    ("data", "kind", "mapping", "text"),
+    [
+        (b"", "csv", SAID, "empty"),
+        (b"  \n", "csv", SAID, "empty"),
+        (_csv(), "csv", SAID, "empty"),
+        (_csv("1,1,91,3"), "csv", SAID, "no row of the star list can be used"),
+        (_csv("1,1,1,3"), "csv", ListMapping(frame="icrs"), "does not state its epoch"),
+        (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=2000.0), "does not state its frame"),
+        (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=1066.0, frame="icrs"), "epoch is out of range"),
+        (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=float("nan"), frame="icrs"), "epoch is out of range"),
+        (b"# epoch = 1991.25\n" + _csv("1,1,1,3"), "csv", SAID, "of another epoch"),
+        (b"# epoch = now\n" + _csv("1,1,1,3"), "csv", ListMapping(frame="icrs"), "not a year"),
+        (b"# frame = fk4\n" + _csv("1,1,1,3"), "csv", SAID, "in another frame"),
+        (b"# frame = galactic\n" + _csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=2000.0), "frame is unknown"),
+        (_csv("1,1,1,3", head="hip,lon,lat,v"), "csv", SAID, "no column for ra, dec"),
+        (_csv("1,1,1,3", head="hip,ra,ra,v"), "csv", SAID, "two columns of the star list have one name"),
+        (_csv("1,1,1,3", head="ra,RA,dec,v"), "csv", SAID, "two columns could be ra"),
+        (_csv("1,1,1,3"), "csv", replace(SAID, columns={"ra": "alpha"}), "no column 'alpha'"),
+        (_csv("1,1,1,3"), "xlsx", SAID, "unknown kind"),
+        (_csv("1,1,1,3"), "fits", SAID, "not a fits table"),
+        (_csv("1,1,1,3"), "votable", SAID, "not a votable table"),
+        (_csv("1,1,1,3"), "ecsv", SAID, "not an ecsv table"),
+        (b"\xff\xfe\x00", "csv", SAID, "not text"),
+    ],
+)
+def test_list_that_cannot_be_read_is_refused(data: bytes, kind: str, mapping: ListMapping, text: str) -> None:
+    """What is wrong with a list as a whole is told before a row is looked at."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(BadInput, match=text):
+            read_star_list(data, kind, mapping)
+
+
+def test_hours_taken_for_degrees_are_asked_about() -> None:
+    """Right ascensions that all lie below 24, or declinations below π/2, are a question, not a sky."""
+    stars = load_stars(3.0)
+    ra, dec = ra_dec_from_unit(stars.icrs)
+    hours = [f"{i},{a},{d},3" for i, (a, d) in enumerate(zip(np.degrees(ra) / 15, np.degrees(dec), strict=True), 1)]
+    radians = [f"{i},{a},{d},3" for i, (a, d) in enumerate(zip(ra, dec, strict=True), 1)]
+    with pytest.raises(BadInput, match="unit of column ra is not clear") as caught:
+        read_star_list(_csv(*hours), "csv", SAID)
+    assert "hourangle" in caught.value.hint
+    with pytest.raises(BadInput, match="unit of column ra is not clear") as caught:
+        read_star_list(_csv(*radians), "csv", SAID)
+    assert '"rad"' in caught.value.hint
+    found = read_star_list(_csv(*hours), "csv", replace(SAID, units={"ra": "hourangle"}))
+    assert separation_rad(found.stars.icrs, stars.icrs).max() < NANOARCSEC_RAD
+    assert len(read_star_list(_csv(*hours), "csv", replace(SAID, units={"ra": "deg"})).stars) == len(stars)
+
+
+def test_long_and_verbal_numbers_become_names() -> None:
+    """Gaia's numbers and designations do not fit: rows are numbered and carry them as names; twice is still twice."""
+    long = read_star_list(_csv("4295806720,1,1,3", "34361129088,2,2,3", "4295806720,3,3,3"), "csv", SAID)
+    assert long.stars.hip.tolist() == [1, 2]
+    assert long.stars.name_of(1) == "4295806720"
+    assert long.dropped[0].reason == "named twice"
+    words = read_star_list(_csv("Foo 1,1,1,3", "Bar 2,2,2,3"), "csv", SAID)
+    assert words.stars.name_of(2) == "Bar 2"
+    assert any("numbered by row" in note for note in words.notes)
+
+
+def test_list_without_motions_says_so() -> None:
+    """Places without proper motions stay where they are, are flagged, and the report says for which year they hold."""
+    found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
+    assert found.notes == ("no proper motions: places stay those of J2000",)
+    assert np.all(found.stars.flags & FLAG_NO_PROPER_MOTION)
+
+
+def test_only_the_first_hundred_bad_rows_are_listed() -> None:
+    """All bad rows are counted, the first hundred told in the order of the file."""
+    found = read_star_list(_csv("1,1,1,3", *(f"{i},1,99,3" for i in range(2, 400))), "csv", SAID)
+    assert (found.dropped_count, len(found.dropped)) == (398, 100)
+    assert [d.row for d in found.dropped] == list(range(2, 102))
+
+
+def test_a_hundred_thousand_rows_are_no_trouble() -> None:
+    """A long list is read whole, with each bad row found."""
+    n = 100_000
+    rng = np.random.default_rng(0)
+    ra, dec, v = rng.uniform(0, 360, n).round(6), rng.uniform(-90, 90, n).round(6), rng.uniform(0, 12, n).round(2)
+    v[::1000] = 77
+    rows = "\n".join(f"{i + 1},{a},{d},{m}" for i, (a, d, m) in enumerate(zip(ra, dec, v, strict=True)))
+    found = read_star_list(("hip,ra,dec,v\n" + rows).encode(), "csv", SAID)
+    assert (len(found.stars), found.dropped_count) == (n - 100, 100)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        lambda: ListMapping(columns={"rigth": "ra"}),
+        lambda: ListMapping(units={"ra": "furlong"}),
+        lambda: ListMapping(units={"name": "deg"}),
+        lambda: ListMapping(frame="galactic"),
+        lambda: ListMapping(bad_rows="ignore"),
+        lambda: write_star_list(load_stars(2.0), "xlsx"),
+        lambda: write_star_list(load_stars(2.0).take(np.arange(0)), "csv"),
+    ],
+)
+def test_impossible_wishes_are_refused(bad) -> None:  # type: ignore[no-untyped-def]
+    """A mapping that means nothing is told at once."""
+    with pytest.raises(BadInput):
+        bad()
