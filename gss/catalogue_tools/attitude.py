@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.catalogue_tools.corrections import ICRS_FROM_ECLIPTIC
-from gss.catalogue_tools.orbits import Range, ordered
+from gss.catalogue_tools.orbits import EARTH_RADIUS_M, Range, ordered
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import rotation_x, rotation_z
 
-ORBIT_LAWS = ("sunsat", "zenith", "nadir")
-FREE_LAWS = ("inertial", "anti_sun")
+ORBIT_LAWS = ("sunsat", "zenith", "nadir", "target")
+SUN_LAWS = ("anti_sun", "sun_pointing")
+FREE_LAWS = ("inertial", *SUN_LAWS)
 # Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) seen from the camera axes (boresight +z).
 SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # Jacobs 1995 §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
@@ -23,8 +24,11 @@ BODY_FROM_CAM: dict[str, Array] = {
     "sunsat": SUNSAT_BODY_FROM_SS @ SS_FROM_CAM,
     "zenith": rotation_x(np.pi),
     "nadir": np.eye(3),
+    "target": rotation_x(np.pi),
     "inertial": np.eye(3),
     "anti_sun": np.eye(3),
+    # At a right angle to the Sun line: boresight along body +x.
+    "sun_pointing": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
 }
 
 
@@ -33,8 +37,11 @@ class AttitudeLimits:
     """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
 
     ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the
-    camera looks along Sunsat's mounting, to zenith or to nadir. inertial: base axes are a camera at ``ra_rad``,
-    ``dec_rad``, ``field_roll_rad``. anti_sun: base +z away from the Sun, +x to ecliptic north.
+    camera looks along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z follows a place on the
+    ground up to ``off_nadir_rad`` from nadir in any direction, body +x stays near the velocity; roll and pitch, which turn
+    the body to the target, are wider by that angle; the camera looks along body −z. inertial: base axes are a camera at
+    ``ra_rad``, ``dec_rad``, ``field_roll_rad``, which is also how a place in the sky is followed. anti_sun: base +z away
+    from the Sun, +x to ecliptic north. sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along body +x.
     ``body_from_cam``: nine numbers by rows, in place of the law's own mounting.
     """
 
@@ -46,6 +53,7 @@ class AttitudeLimits:
     dec_rad: float = 0.0
     field_roll_rad: float = 0.0
     body_from_cam: tuple[float, ...] | None = None
+    off_nadir_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if self.pointing not in ORBIT_LAWS + FREE_LAWS:
@@ -58,6 +66,12 @@ class AttitudeLimits:
                     expected="at most 360°",
                     got=f"{np.degrees(high - low):g}°",
                 )
+        if not 0 <= self.off_nadir_rad < np.pi / 2 or (self.off_nadir_rad and self.pointing != "target"):
+            raise BadInput(
+                "off-nadir angle is out of range or of another law",
+                expected="0° to 90°, with pointing target",
+                got=f"{np.degrees(self.off_nadir_rad):g}° with {self.pointing}",
+            )
         if self.body_from_cam is not None:
             m = np.asarray(self.body_from_cam, float)
             if m.shape != (9,) or not np.allclose(m.reshape(3, 3) @ m.reshape(3, 3).T, np.eye(3), atol=1e-6):
@@ -68,12 +82,14 @@ class AttitudeLimits:
     @property
     def low(self) -> Array:
         """(3,) smallest roll, pitch, yaw."""
-        return np.array([self.roll_rad[0], self.pitch_rad[0], self.yaw_rad[0]])
+        off = self.off_nadir_rad
+        return np.array([self.roll_rad[0] - off, self.pitch_rad[0] - off, self.yaw_rad[0]])
 
     @property
     def high(self) -> Array:
         """(3,) largest roll, pitch, yaw."""
-        return np.array([self.roll_rad[1], self.pitch_rad[1], self.yaw_rad[1]])
+        off = self.off_nadir_rad
+        return np.array([self.roll_rad[1] + off, self.pitch_rad[1] + off, self.yaw_rad[1]])
 
     @property
     def cam_from_body(self) -> Array:
@@ -111,9 +127,21 @@ def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
     if limits.pointing == "inertial":
         fixed = cam_from_icrs(limits.ra_rad, limits.dec_rad, limits.field_roll_rad)
         return np.broadcast_to(fixed, (len(longitude), 3, 3))
-    spin = np.stack([rotation_z(float(angle)) for angle in longitude])
-    return np.asarray(BASE_FROM_SUN @ spin @ ICRS_FROM_ECLIPTIC.T)
+    c, s, zero = np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)
+    rows = [[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]]
+    spin = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.asarray(BASE_FROM_SUN[limits.pointing] @ spin @ ICRS_FROM_ECLIPTIC.T)
 
 
-# Base axes of anti_sun from axes with +x to the Sun and +z to the ecliptic pole.
-BASE_FROM_SUN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+def off_nadir_rad(altitude_m: float, elevation_rad: float) -> float:
+    """Angle from nadir, at the satellite, of a place on the ground that sees it at ``elevation_rad``: sin η = R cos ε / (R + h)."""
+    return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) * np.cos(elevation_rad)))
+
+
+# Base axes of a law from axes with +x to the Sun and +z to the ecliptic pole.
+BASE_FROM_SUN = {
+    "anti_sun": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "sun_pointing": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+}
+# Orbit axes from axes with +x to the satellite, +y along its velocity and +z along the orbit normal.
+BASE_FROM_ORBIT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])

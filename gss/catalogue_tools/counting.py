@@ -13,11 +13,12 @@ from gss.catalogue_tools.healpix import centres, pixel_of, pixel_radius_rad
 from gss.domain.angles import Array
 
 Counts = NDArray[np.int64]
+Group = tuple[NDArray[np.intp], NDArray[np.intp]]
 # Fields and stars looked at in one step: fits the processor's cache.
 STEP = 131_072
 # Fewer fields than this in a place, or places much smaller than a field, cost more than they save.
-FIELDS_PER_PIXEL = 24
-PIXEL_OF_FIELD = 0.2
+FIELDS_PER_PIXEL = 100
+PIXEL_OF_FIELD = 0.3
 
 
 @dataclass(frozen=True)
@@ -38,22 +39,29 @@ def stars_per_field(
     """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how groups are worked off:
     ``map``, or that of a pool of threads, which the work inside lets run side by side. ``shadow``: stars behind it do not count.
     """
-    fields = len(attitudes)
-    counts = np.zeros(fields, np.int64)
-    if not len(unit) or not fields:
+    counts = np.zeros(len(attitudes), np.int64)
+    if not len(unit) or not len(attitudes):
         return counts
     groups = _groups(unit, attitudes[:, 2], shape)
 
-    def work(group: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Counts:
-        rows, stars = group
-        return _count(unit[stars], attitudes[rows], shape, shadow, rows)
+    def work(group: Group) -> Counts:
+        return np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=1).astype(np.int64)
 
     for (rows, _), found in zip(groups, each(work, groups), strict=True):
         counts[rows] = found
     return counts
 
 
-def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None = None) -> Counts:
+    """(n,) numbers of the fields of (m, 3, 3) cam_from_icrs that show each of (n, 3) ICRS directions."""
+    counts = np.zeros(len(unit), np.int64)
+    if len(unit) and len(attitudes):
+        for group in _groups(unit, attitudes[:, 2], shape):
+            counts[group[1]] += np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=0)
+    return counts
+
+
+def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Group]:
     """(rows of fields, rows of stars that these may show): by pixel of the sky, as fine as the number of fields pays for."""
     nside = 1
     while (
@@ -75,12 +83,14 @@ def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[tup
     return groups
 
 
-def _count(
-    unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, rows: NDArray[np.intp]
-) -> Counts:
-    m = len(attitudes)
-    v = (attitudes.reshape(3 * m, 3) @ unit.T).reshape(m, 3, len(unit))
+def _seen(
+    unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, group: Group
+) -> NDArray[np.bool_]:
+    """(fields of the group, stars of the group) which field shows which star."""
+    rows, stars = group
+    near = unit[stars].T
+    v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))
     seen = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
     if shadow is not None:
-        seen &= shadow.nadir[rows] @ unit.T <= np.cos(shadow.radius_rad)
-    return np.count_nonzero(seen, axis=1).astype(np.int64)
+        seen &= shadow.nadir[rows] @ near <= np.cos(shadow.radius_rad)
+    return seen

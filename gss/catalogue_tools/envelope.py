@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from gss.catalogue_tools.orbits import OrbitRanges, Range
 from gss.catalogue_tools.reach import TOLERANCE_RAD, cosine_range, polar_interval, reachable
 from gss.domain.angles import Array
 from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import matrix_from_quaternion
 
 EDGE_POINTS = 121
 FIELD_POINTS = 24
@@ -32,8 +33,26 @@ POLAR_BINS = 1440
 PLANES_PER_BIN = 24
 
 
+@dataclass(frozen=True)
+class Moments:
+    """n moments: (n, 3, 3) ``cam_from_icrs``, (n,) ``part`` of the validity that has passed, (n, 3) ICRS direction to the
+    Earth's centre where the law says so."""
+
+    cam_from_icrs: Array
+    part: Array
+    nadir: Array | None = None
+
+
 class Envelope(Protocol):
     """What the builder, the map and the quality report ask of an envelope. Directions are ICRS unit vectors."""
+
+    @property
+    def shape(self) -> FieldShape: ...
+
+    @property
+    def dimensions(self) -> int:
+        """How many numbers say what one moment is: see :meth:`at`."""
+        ...
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
         """Which (n, 3) directions are ever in the field."""
@@ -51,12 +70,18 @@ class Envelope(Protocol):
         """(count, 3, 3) random cam_from_icrs within the limits."""
         ...
 
+    def at(self, cube: Array) -> Moments:
+        """The moments of (n, ``dimensions``) places in the unit cube, which stand for everything that may vary; the first
+        is the share of the validity that has passed. Even over the cube is even over the limits."""
+        ...
+
 
 @dataclass(frozen=True)
 class WholeSky:
     """No limits at all."""
 
     shape: FieldShape
+    dimensions: ClassVar[int] = 4
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
         return np.ones(len(unit), bool)
@@ -68,14 +93,15 @@ class WholeSky:
         return []
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        q = rng.normal(size=(count, 4))
-        x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-        rows = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        return np.asarray(matrix_from_quaternion(rng.normal(size=(count, 4))))
+
+    def at(self, cube: Array) -> Moments:
+        """Shoemake's even rotations."""
+        part, u, v, w = cube.T
+        a, b = 2 * np.pi * v, 2 * np.pi * w
+        near, far = np.sqrt(1 - u), np.sqrt(u)
+        q = np.stack([near * np.sin(a), near * np.cos(a), far * np.sin(b), far * np.cos(b)], axis=-1)
+        return Moments(matrix_from_quaternion(q), part)
 
 
 @dataclass(frozen=True)
@@ -85,6 +111,7 @@ class BandEnvelope:
     shape: FieldShape
     limits: AttitudeLimits
     orbit: OrbitRanges
+    dimensions: ClassVar[int] = 6
 
     @cached_property
     def polar_interval(self) -> Range:
@@ -92,16 +119,9 @@ class BandEnvelope:
         return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """A star is in if its component along +y, over all planes, meets the interval that the camera covers.
-
-        The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω, then over i, have closed forms.
-        """
+        """A star is in if its component along +y, over all planes, meets the interval that the camera covers."""
         lowest, highest = self.polar_interval
-        u = np.asarray(unit, float)
-        rho, alpha = np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
-        across_low, across_high = cosine_range(rho, alpha + np.pi / 2, *self.orbit.raan_rad)
-        largest = -self._over_inclination(across_low, u[:, 2])[0]
-        smallest = -self._over_inclination(across_high, u[:, 2])[1]
+        smallest, largest = polar_range(self.orbit, unit)
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
 
     def time_fraction(self, unit: Array) -> Array:
@@ -135,13 +155,14 @@ class BandEnvelope:
         body_from_orbit = euler_123(rng.uniform(self.limits.low, self.limits.high, (count, 3)))
         return np.asarray(self.limits.cam_from_body @ body_from_orbit @ orbit_axes(raan, inclination, latitude))
 
-    @staticmethod
-    def _extremes(across: Array, z: Array, low_rad: float, high_rad: float) -> tuple[Array, Array]:
-        return cosine_range(np.hypot(across, z), np.arctan2(across, z), low_rad, high_rad)
-
-    def _over_inclination(self, across: Array, z: Array) -> tuple[Array, Array]:
-        """Extremes of sin i·across + cos i·z over the inclinations."""
-        return self._extremes(across, z, *self.orbit.inclination_rad)
+    def at(self, cube: Array) -> Moments:
+        """The node moves evenly from the start of validity to its end."""
+        part, tilt, place = cube[:, 0], cube[:, 1], cube[:, 2]
+        raan = self.orbit.raan_at(part)
+        low, high = self.orbit.inclination_rad
+        axes = orbit_axes(raan, low + (high - low) * tilt, 2 * np.pi * place)
+        body_from_orbit = euler_123(self.limits.low + (self.limits.high - self.limits.low) * cube[:, 3:])
+        return Moments(self.limits.cam_from_body @ body_from_orbit @ axes, part, axes[:, 2])
 
     def _planes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
         """Nodes evenly through their range, inclinations at random through theirs."""
@@ -167,11 +188,12 @@ class BandEnvelope:
 
 @dataclass(frozen=True)
 class PatchEnvelope:
-    """A camera whose base axes do not turn with the orbit: fixed among the stars, or facing away from the Sun."""
+    """A camera whose base axes do not turn with the orbit: fixed among the stars, or facing the Sun or away from it."""
 
     shape: FieldShape
     limits: AttitudeLimits
     sun_longitude_rad: Range = (0.0, 0.0)
+    dimensions: ClassVar[int] = 4
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
         return self._contains(np.asarray(unit, float), PATCH_TOLERANCE_RAD)
@@ -182,7 +204,8 @@ class PatchEnvelope:
             base = cam_from_icrs(self.limits.ra_rad, self.limits.dec_rad, self.limits.field_roll_rad)
             pivot, spin = u[near], np.zeros(2)
         else:
-            base, pivot, spin = BASE_FROM_SUN, u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
+            base = BASE_FROM_SUN[self.limits.pointing]
+            pivot, spin = u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
         low, high, mounting = self.limits.low, self.limits.high, self.limits.cam_from_body
         result = np.zeros(len(u), bool)
         if high[2] - low[2] >= 2 * np.pi - 1e-9 and abs(mounting[2, 2]) > 1 - 1e-12:
@@ -217,6 +240,12 @@ class PatchEnvelope:
         body_from_base = euler_123(rng.uniform(self.limits.low, self.limits.high, (count, 3)))
         return np.asarray(self.limits.cam_from_body @ body_from_base @ base)
 
+    def at(self, cube: Array) -> Moments:
+        """The Sun moves evenly along the ecliptic."""
+        sun = self.sun_longitude_rad[0] + np.ptp(self.sun_longitude_rad) * cube[:, 0]
+        body_from_base = euler_123(self.limits.low + (self.limits.high - self.limits.low) * cube[:, 1:])
+        return Moments(self.limits.cam_from_body @ body_from_base @ base_from_icrs(self.limits, sun), cube[:, 0])
+
     def _near(self, unit: Array) -> NDArray[np.bool_]:
         """A cheap first sieve: within reach of the middle boresight by any turn in the box."""
         sun = np.array([np.mean(self.sun_longitude_rad)])
@@ -225,6 +254,18 @@ class PatchEnvelope:
         turn = float(np.sum(self.limits.high - self.limits.low) + np.ptp(self.sun_longitude_rad)) / 2
         reach_rad = self.shape.half_diagonal_rad + turn
         return np.asarray(unit @ boresight >= np.cos(reach_rad)) if reach_rad < np.pi else np.ones(len(unit), bool)
+
+
+def polar_range(orbit: OrbitRanges, unit: Array) -> tuple[Array, Array]:
+    """(n,) smallest and largest component along orbit +y that (n, 3) directions have over all planes.
+
+    The component is −(sin i·ρ·sin(Ω − α) + cos i·z); its extremes over Ω, then over i, have closed forms.
+    """
+    u = np.asarray(unit, float)
+    z, rho, alpha = u[:, 2], np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
+    across = cosine_range(rho, alpha + np.pi / 2, *orbit.raan_rad)
+    low, high = (cosine_range(np.hypot(a, z), np.arctan2(a, z), *orbit.inclination_rad) for a in across)
+    return -high[1], -low[0]
 
 
 def field_outline(shape: FieldShape, cam_from_icrs: Array) -> Array:

@@ -17,6 +17,8 @@ Range = tuple[float, float]
 EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3_S2 = 3.986004418e14
 J2 = 1.08262668e-3
+# Below this an orbit does not last a turn.
+LOWEST_ORBIT_M = 100e3
 # Node prediction from mean elements is good to 0.1° for about this long in a low orbit.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
@@ -40,6 +42,10 @@ class OrbitRanges:
     raan_rad: Range
     raan_start_rad: float
     raan_end_rad: float
+
+    def raan_at(self, part: Array) -> Array:
+        """Node after (n,) shares of the validity."""
+        return np.asarray(self.raan_start_rad + (self.raan_end_rad - self.raan_start_rad) * np.asarray(part))
 
 
 def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:

@@ -89,20 +89,23 @@ def reachable(
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
     centre = np.concatenate([[np.mean(spin_rad)], (np.asarray(high) + low) / 2])
     who, centres = np.arange(len(unit)), np.broadcast_to(centre, (len(unit), 4))
+    off_axis = np.hypot(unit[:, 0], unit[:, 1])
     while len(who):
         if len(who) > MOST_BOXES:
             found[who] = True
             break
-        body = _turn(unit[who], centres, base_from_pivot)
+        body = _turned(_spun(unit[who], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
-        other = float(half[:3].sum())
+        # Spin comes first, about pivot z, and moves a direction by no more than its distance from that axis.
+        spun = half[0] * off_axis[who]
+        other = spun + half[1] + half[2]
         # Yaw comes last, about body z: a direction near that axis hardly moves.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
         found[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
         keep = near & ~found[who]
         who, centres = who[keep], centres[keep]
-        widest = int(np.argmax(half))
+        widest = int(np.argmax(half * [off_axis[who].max(initial=0.0), 1, 1, 1]))
         half[widest] /= 2
         step = np.zeros(4)
         step[widest] = half[widest]
@@ -110,12 +113,17 @@ def reachable(
     return found
 
 
-def _turn(unit: Array, angles: Array, base_from_pivot: Array) -> Array:
-    """(m, 3) body-frame vectors of (m, 3) pivot-frame ones at (m, 4) spin, roll, pitch, yaw."""
-    (cs, cf, ct, cp), (ss, sf, st, sp) = np.cos(angles).T, np.sin(angles).T
+def _spun(unit: Array, spin: Array, base_from_pivot: Array) -> Array:
+    """(m, 3) base-frame vectors of (m, 3) pivot-frame ones at (m,) spins."""
+    c, s = np.cos(spin), np.sin(spin)
     x, y, z = unit.T
-    x, y = cs * x + ss * y, cs * y - ss * x
-    x, y, z = base_from_pivot @ np.stack([x, y, z])
+    return np.asarray(np.stack([c * x + s * y, c * y - s * x, z], axis=-1) @ base_from_pivot.T)
+
+
+def _turned(unit: Array, angles: Array) -> Array:
+    """(m, 3) body-frame vectors of (m, 3) base-frame ones at (m, 3) roll, pitch, yaw."""
+    (cf, ct, cp), (sf, st, sp) = np.cos(angles).T, np.sin(angles).T
+    x, y, z = unit.T
     y, z = cf * y + sf * z, cf * z - sf * y
     x, z = ct * x - st * z, ct * z + st * x
     x, y = cp * x + sp * y, cp * y - sp * x
