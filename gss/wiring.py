@@ -10,6 +10,7 @@ from gss.catalogue_tools.orbits import jyear_of
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
 from gss.operations.alarms import AlarmService
+from gss.operations.analyses import AnalysisService
 from gss.operations.authority import AuthorityService
 from gss.operations.bank_history import BankHistoryService
 from gss.operations.bank_plans import activations, uploads
@@ -41,6 +42,7 @@ from gss.operations.schedule import ScheduleService
 from gss.operations.solve import Solver, SolverCache
 from gss.operations.stack_runs import StackRunner
 from gss.operations.stacks import StackService
+from gss.operations.star_lists import StarListService
 from gss.operations.status import StatusService
 from gss.operations.telemetry import TelemetryService
 from gss.operations.transfer_parts import PartStore
@@ -65,6 +67,7 @@ class Services:
     frames: FrameService
     banks: BankService
     bank_history: BankHistoryService
+    star_lists: StarListService
     catalogues: CatalogueService
     jobs: JobService
     status: StatusService
@@ -86,6 +89,7 @@ class Services:
     capture_replay: CaptureReplay
     design: DesignService
     calibrations: CalibrationService
+    analyses: AnalysisService
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -155,8 +159,9 @@ def build(settings: Settings) -> Services:
     jobs = JobService(database, bus, utc_now)
     epoch_jyear = jyear_of(utc_now())
     campaigns = CampaignService(database, jobs)
-    reprocessing = ReprocessService(database, settings.blobs_url, jobs, utc_now, epoch_jyear)
-    catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, stars, utc_now)
+    reprocessing = ReprocessService(database, settings.blobs_url, jobs, utc_now, epoch_jyear, profiles=book.profiles)
+    star_lists = StarListService(database, blobs, utc_now)
+    catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)
     replay = ReplayService(frames, banks, tables, stopwatch_s)
     images = UploadedImages(link, commands, transfers, frames, bus)
     reception = Reception(
@@ -177,6 +182,7 @@ def build(settings: Settings) -> Services:
     status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     shots = StoredShots(database, frames)
     calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now)
+    analyses = AnalysisService(database, jobs, shots, solver, book, contacts, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     return Services(
         settings,
@@ -189,6 +195,7 @@ def build(settings: Settings) -> Services:
         frames,
         banks,
         bank_history,
+        star_lists,
         catalogues,
         jobs,
         status,
@@ -210,4 +217,5 @@ def build(settings: Settings) -> Services:
         capture_replay=capture_replay,
         design=DesignService(jobs, stars),
         calibrations=calibrations,
+        analyses=analyses,
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from gss import __version__
 from gss.domain.errors import GssError
-from gss.domain.profiles import CameraProfile
+from gss.domain.profiles import CameraProfile, profile
 from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
 from gss.operations.solution_rows import solution_values
@@ -49,6 +49,11 @@ class _Kept:
     blobs: BlobStore
     solver: Solver
     stars: StarTable
+    profiles: dict[str, CameraProfile]
+
+    def profile(self, name: str) -> CameraProfile:
+        """The camera of that name as the order has it."""
+        return self.profiles.get(name) or profile(name)
 
 
 _kept: dict[tuple[str, float], _Kept] = {}
@@ -63,9 +68,10 @@ def run_batch(order: Order, tasks: Sequence[Task]) -> list[dict[str, Any]]:
 def _ready(order: Order) -> _Kept:
     key = (order.blobs_url, order.epoch_jyear)
     if key not in _kept:
-        cache = SolverCache()
-        solver = Solver(cache, stopwatch_s, order.epoch_jyear)
-        _kept[key] = _Kept(BlobStore(order.blobs_url), solver, cache.stars(order.epoch_jyear))
+        cache, profiles = SolverCache(), dict(order.profiles)
+        solver = Solver(cache, stopwatch_s, order.epoch_jyear, lambda name: _kept[key].profile(name))
+        _kept[key] = _Kept(BlobStore(order.blobs_url), solver, cache.stars(order.epoch_jyear), profiles)
+    _kept[key].profiles = dict(order.profiles)
     return _kept[key]
 
 

@@ -6,6 +6,8 @@ import os
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +15,12 @@ import pytest
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
+from gss.operations.reprocess_worker import Order, Task, run_batch
 from gss.operations.solution_rows import solution_values, with_overlays
 from gss.operations.solve import Solver, SolverCache, SolveRequest
 from gss.operations.warm_pool import WarmPool
 from gss.pipeline.render import render
+from gss.store.blobs import BlobStore
 from gss.store.models import Solution
 
 
@@ -63,3 +67,17 @@ def test_overlays_made_later_are_those_made_at_once() -> None:
     for name in ("predicted", "grid", "field", "regions"):
         assert made[name] == whole["detail"][name], name
     assert made["north"] == pytest.approx(whole["detail"]["north"])
+
+
+def test_a_worker_takes_the_camera_of_the_order(tmp_path: Path) -> None:
+    """Two orders of one process with different cameras under one name give results of these cameras."""
+    known = profile("cubestar")
+    longer = replace(known, camera=known.camera.with_focal_scaled(1.002))
+    blobs = BlobStore(str(tmp_path))
+    frame = render(
+        load_stars(6.5), known.camera, known.sensor, cam_from_icrs(1.4, 0.05, 0.3), 0.25, np.random.default_rng(2)
+    )
+    task = Task(1, blobs.put(frame.pixels.tobytes()), frame.pixels.dtype.str, 512, 1024, "cubestar", None)
+    for camera in (known, longer, known):
+        (row,) = run_batch(Order(str(tmp_path), 2026.5, "cubestar", {"cubestar": camera}), [task])
+        assert row["camera"]["focal_col_px"] == camera.camera.focal_col_px
