@@ -22,6 +22,7 @@ from gss.pipeline.experiments.huffman_detection import huffman_7_2
 from gss.pipeline.experiments.huffman_magnitudes import huffman_5_3
 from gss.pipeline.experiments.huffman_matching import huffman_8_2
 from gss.pipeline.experiments.jacobs_3_7 import jacobs_3_7
+from gss.pipeline.experiments.jacobs_calibration import jacobs_6
 from gss.pipeline.experiments.jacobs_tracking import jacobs_fig_2_7, jacobs_tracking
 from gss.pipeline.experiments.liebe_tables import liebe_2, liebe_3, liebe_18
 from gss.pipeline.experiments.moniteq_locator import moniteq_4_2, moniteq_nea, moniteq_noise
@@ -51,6 +52,7 @@ ENTRIES: dict[str, Entry] = {
         Entry("jacobs-5-1", "Stars in a Sunsat image", catalogue.jacobs_5_1, 1_000_000, 1991.25),
         Entry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", catalogue.jacobs_5_2, 1, 1991.25),
         Entry("jacobs-3-7", "Sunsat's matching: right, none, wrong", jacobs_3_7, 400, 1991.25),
+        Entry("jacobs-6", "Calibration of Sunsat's camera", jacobs_6, 20, 1991.25),
         Entry("jacobs-tracking", "Tracking among false stars", jacobs_tracking, 100, 1991.25),
         Entry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
         Entry("erlank-3-6", "Sky coverage against limiting magnitude", catalogue.erlank_3_6, 20_000),

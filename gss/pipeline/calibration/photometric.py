@@ -68,6 +68,7 @@ class PhotometricCalibration:
     frame: NDArray[np.intp]
     hip: Ids
     v_mag: Array
+    b_v: Array
     error_mag: Array
     used: NDArray[np.bool_]
     warnings: tuple[Advice, ...]
@@ -200,6 +201,7 @@ def _made(
         light.frame,
         light.hip,
         light.v_mag,
+        light.b_v,
         error,
         used,
         tuple(warnings),
