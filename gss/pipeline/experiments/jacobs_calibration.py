@@ -227,8 +227,8 @@ def _experiment(
             "left there is the centroids' error and the air.",
             "The document measures on the images that it calibrated with; ours does too, and on others.",
             "k_illum of the document would leave two thirds of one level of a star of V 6 (eq. C.4), whose brightness is a "
-            "sum over ten pixels or more: it must count in another unit. Ours is per level of summed brightness at the profile's gain and "
-            "exposure, which no document gives.",
+            "sum over ten pixels or more: it must count in another unit. Ours is per level of summed brightness at the "
+            "profile's gain and exposure, which no document gives.",
             "The document attributes part of its spread to the lens, which its polynomial does not describe (app. F.2); ours is "
             "drawn with that polynomial.",
         ),
