@@ -32,7 +32,14 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
     exposure = _upright("exposure", c.exposure_s)
     return [
         _curve(
-            "p_by_limit", "Too few stars, by limit", "limiting magnitude V", SHARE, by_limit, [limit], _points(papers)
+            "p_by_limit",
+            "Too few stars, by limit",
+            "limiting magnitude V",
+            SHARE,
+            by_limit,
+            [limit],
+            _points(papers),
+            log_y=True,
         ),
         _curve(
             "mean_by_limit",
