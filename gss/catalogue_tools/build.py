@@ -5,28 +5,33 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from gss import __version__
+from gss.catalogue_tools.assessment import MAP_NSIDE as MAP_NSIDE
+from gss.catalogue_tools.assessment import Assessment, assess_catalogue, envelope_map
+from gss.catalogue_tools.assessment import EnvelopeMap as EnvelopeMap
+from gss.catalogue_tools.correction_switches import Corrections
 from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hipparcos import propagate
-from gss.catalogue_tools.manifest import SOURCE, Manifest, profile_sha256
-from gss.catalogue_tools.onboard import HEADER_BYTES, PAIR_BYTES, STAR_BYTES, encode, image_bytes, quantisation_error
-from gss.catalogue_tools.quality import Quality, assess
-from gss.catalogue_tools.request import BuildRequest, Plan, parameters_of, plan
+from gss.catalogue_tools.manifest import Manifest, profile_sha256
+from gss.catalogue_tools.onboard import encode, format_of, image_bytes, part_bytes, quantisation_error, tables_for
+from gss.catalogue_tools.plan import Plan, plan
+from gss.catalogue_tools.quality import Quality
+from gss.catalogue_tools.request import BuildRequest, parameters_of
 from gss.catalogue_tools.selection import Fate, Selection, select
+from gss.catalogue_tools.sky_source import CorrectedSky, corrected
+from gss.catalogue_tools.sources import Source, hipparcos_of
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.stars import DistanceTable, StarTable
 
-MAP_NSIDE = 32
 FEWEST_STARS = 2
 PAIR_SAMPLE = 800
+# Coarser than the build's own maps, so that the page follows the hand.
+PREVIEW_NSIDE, COARSE_NSIDE = 32, 8
 # Room for the sampling error of the pair estimate before a build is refused without making the table.
 SURE_OVERFLOW = 1.25
 
@@ -34,29 +39,21 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class EnvelopeMap:
-    """``fraction``: (12·nside²,) share of time in the field by HEALPix ring pixel. Edges: lines of (k, 3) ICRS directions."""
-
-    nside: int
-    fraction: Array
-    edges_start: tuple[Array, ...]
-    edges_end: tuple[Array, ...]
-
-
-@dataclass(frozen=True)
 class Preview:
-    """The quick look: everything but the tables. ``pairs`` is an estimate above 800 stars."""
+    """The quick look: everything but the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``: coarse, None where it
+    was not asked for."""
 
     plan: Plan
     selection: Selection
     pairs: int
     bytes: int
     map: EnvelopeMap
+    ambiguity: None = None
 
 
 @dataclass(frozen=True)
 class BuiltCatalogue:
-    """A finished catalogue. ``stars``: the rows of the image, ``distances`` at full width."""
+    """A finished catalogue. ``stars``: the rows of the image in its frame, ``distances`` at full width."""
 
     plan: Plan
     image: bytes
@@ -64,49 +61,59 @@ class BuiltCatalogue:
     selection: Selection
     stars: StarTable
     distances: DistanceTable
-    quality: Quality
-    map: EnvelopeMap
+    assessment: Assessment
 
     @property
     def sha256(self) -> str:
         """Hash of the image."""
         return self.manifest.image_sha256
 
+    @property
+    def quality(self) -> Quality:
+        """How well the fields are filled."""
+        return self.assessment.quality
 
-def preview(request: BuildRequest, stars: StarTable) -> Preview:
-    """Counts, funnel and map of a request, for a page that answers while parameters change."""
+    @property
+    def map(self) -> EnvelopeMap:
+        """The envelope as a map."""
+        return self.assessment.map
+
+
+def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool = False) -> Preview:
+    """Counts, funnel and map of a request, for a page that answers while parameters change. ``mistakes``: with a coarse map
+    of where stars can be mistaken."""
     p = plan(request)
-    selection = _select(p, stars)
+    _, selection = _select(p, _source(source))
     kept = selection.kept
     pairs = estimate_pairs(kept.icrs, request.pair_min_rad, p.pair_max_rad)
     size = image_bytes(request.format_name, len(kept), pairs)
-    return Preview(p, selection, pairs, size, _map(p))
+    return Preview(p, selection, pairs, size, envelope_map(p, PREVIEW_NSIDE))
 
 
-def build(request: BuildRequest, stars: StarTable, progress: Progress | None = None) -> BuiltCatalogue:
+def build(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
     """The bank image of a request, its manifest and its quality. ``progress`` gets (stage, share done) before each
     stage and may raise to cancel; nothing is left behind then."""
     tell = progress or (lambda stage, share: None)
     tell("envelope", 0.0)
-    p = plan(request)
+    p, origin = plan(request), _source(source)
     tell("selection", 0.1)
-    selection = _select(p, stars)
-    kept = selection.kept
+    sky, selection = _select(p, origin)
     _check_kept(p, selection)
+    kept = sky.in_frame(selection.kept)
     tell("distances", 0.3)
-    distances = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
+    pairs = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
+    camera, name = p.profile.camera, request.format_name
+    own = tables_for(name, kept, pairs, camera, limit_mag=request.rules.faint_mag, index=request.k_vector)
     tell("image", 0.5)
-    image = encode(kept, distances, request.format_name, p.profile.name, bytes.fromhex(profile_sha256(p.profile))[:8])
+    key = bytes.fromhex(profile_sha256(p.profile))[:8]
+    image = encode(kept, own.distances, name, p.profile.name, key, own.tables)
     _check_size(p, len(image))
     tell("quality", 0.6)
-    tolerance_rad = request.query_tolerance_px * p.profile.camera.pixel_rad
-    rng = np.random.default_rng(request.seed)
-    quality = assess(kept.icrs, p.envelope, p.shape, request.pointings, rng, distances, tolerance_rad)
-    tell("map", 0.9)
-    envelope_map = _map(p)
-    manifest = _manifest(p, selection, kept, distances, image, quality)
+    assessment = assess_catalogue(p, selection.kept, pairs)
+    tell("manifest", 0.95)
+    manifest = _manifest(p, origin, sky, selection, kept, own.distances, image, assessment)
     tell("done", 1.0)
-    return BuiltCatalogue(p, image, manifest, selection, kept, distances, quality, envelope_map)
+    return BuiltCatalogue(p, image, manifest, selection, kept, own.distances, assessment)
 
 
 def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
@@ -124,10 +131,29 @@ def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
     return round(float(within.sum()) * n / len(sample) / 2)
 
 
-def _select(p: Plan, stars: StarTable) -> Selection:
-    rules = p.request.rules
-    at_epoch = propagate(stars.take(stars.v_mag <= rules.faint_mag) if len(stars) else stars, p.epoch_jyear)
-    return select(at_epoch, p.envelope, rules, p.shape.equal_circle_rad)
+def _source(source: Source | StarTable) -> Source:
+    return hipparcos_of(source) if isinstance(source, StarTable) else source
+
+
+def _select(p: Plan, source: Source) -> tuple[CorrectedSky, Selection]:
+    rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
+    if rules.faint_mag > source.faintest_v_mag:
+        raise BadInput(
+            "the star table is not that deep",
+            expected=f"V ≤ {source.faintest_v_mag:g}",
+            got=f"{rules.faint_mag:g}",
+            hint="a brighter limit or a deeper source",
+        )
+    if not _looks_deeper(corrections) and len(stars):
+        stars = stars.take(stars.v_mag <= rules.faint_mag)
+    sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
+    selection = select(sky.icrs_stars, p.envelope, rules, p.shape.equal_circle_rad)
+    return sky, selection.from_source(source.title, source.count, len(sky.rejected))
+
+
+def _looks_deeper(c: Corrections) -> bool:
+    """Do stars beyond the limit count, as companions or because their magnitude changes?"""
+    return c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
 
 
 def _check_kept(p: Plan, selection: Selection) -> None:
@@ -143,9 +169,9 @@ def _check_kept(p: Plan, selection: Selection) -> None:
         raise BadInput(
             "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(kept), hint="looser rules"
         )
-    pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
-    sure = image_bytes(p.request.format_name, kept, int(pairs / SURE_OVERFLOW))
-    _check_size(p, sure)
+    if format_of(p.request.format_name).pair_bytes:
+        pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
+        _check_size(p, image_bytes(p.request.format_name, kept, int(pairs / SURE_OVERFLOW)))
 
 
 def _check_size(p: Plan, size: int) -> None:
@@ -158,15 +184,18 @@ def _check_size(p: Plan, size: int) -> None:
         )
 
 
-def _map(p: Plan) -> EnvelopeMap:
-    fraction = p.envelope.time_fraction(centres(MAP_NSIDE))
-    return EnvelopeMap(MAP_NSIDE, fraction, tuple(p.envelope.edges(at_end=False)), tuple(p.envelope.edges(at_end=True)))
-
-
 def _manifest(
-    p: Plan, selection: Selection, kept: StarTable, distances: DistanceTable, image: bytes, quality: Quality
+    p: Plan,
+    source: Source,
+    sky: CorrectedSky,
+    selection: Selection,
+    kept: StarTable,
+    distances: DistanceTable,
+    image: bytes,
+    assessment: Assessment,
 ) -> Manifest:
     request, error = p.request, quantisation_error(kept, distances, image)
+    hidden = request.occultation
     return Manifest(
         name=request.name,
         author=request.author,
@@ -174,21 +203,17 @@ def _manifest(
         format_name=request.format_name,
         profile_name=p.profile.name,
         profile_sha256=profile_sha256(p.profile),
-        source=SOURCE,
-        star_table_sha256=_star_table_sha256(),
-        frame="ICRS",
+        source=str(source.facts.get("source", source.title)),
+        star_table_sha256=source.sha256,
+        frame=sky.frame,
         epoch_jyear=p.epoch_jyear,
         valid_from=p.valid_from.isoformat() if p.valid_from else "",
         valid_to=p.valid_to.isoformat() if p.valid_to else "",
         parameters=parameters_of(request),
         envelope=_envelope_facts(p),
         counts={"stars": len(kept), "pairs": len(distances)} | {f.label: f.stars for f in selection.funnel},
-        bytes_by_part={
-            "header": HEADER_BYTES,
-            "stars": len(kept) * STAR_BYTES[request.format_name],
-            "distances": len(distances) * PAIR_BYTES,
-        },
-        quality=_quality_facts(quality),
+        bytes_by_part=part_bytes(image),
+        quality=_quality_facts(assessment.quality),
         quantisation={
             "position_rad": error.position_rad,
             "distance_rad": error.distance_rad,
@@ -196,11 +221,16 @@ def _manifest(
         },
         hip=tuple(int(h) for h in kept.hip),
         image_sha256=hashlib.sha256(image).hexdigest(),
+        corrections=sky.facts,
+        source_facts={"name": source.name} | source.facts,
+        occultation=dict(vars(hidden)) if hidden.active else {},
+        method=request.method,
+        assessment=assessment.facts(),
     )
 
 
 def _envelope_facts(p: Plan) -> dict[str, Any]:
-    facts: dict[str, Any] = {"kind": type(p.envelope).__name__, "pair_max_rad": p.pair_max_rad}
+    facts: dict[str, Any] = {"kind": type(p.base).__name__, "pair_max_rad": p.pair_max_rad}
     if p.planes is not None:
         facts["inclination_rad"] = list(p.planes.inclination_rad)
         facts["raan_rad"] = list(p.planes.raan_rad)
@@ -220,7 +250,3 @@ def _quality_facts(quality: Quality) -> dict[str, Any]:
         "worst_roll_rad": quality.worst_roll_rad,
         "candidates_per_query": quality.candidates_per_query,
     }
-
-
-def _star_table_sha256() -> str:
-    return hashlib.sha256((files("gss.catalogue_tools") / "data" / "stars.npz").read_bytes()).hexdigest()

@@ -6,19 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from gss.catalogue_tools.healpix import centres
 from gss.domain.angles import Array, separation_rad
+from gss.domain.errors import BadInput
 from gss.domain.stars import Ids, OnboardCatalogue
 
 # Below both formats' own number widths nothing has moved.
 MOVED_RAD = 5e-7
 MAGNITUDE_CHANGED_MAG = 0.005
+COVERAGE_NSIDE = 16
 
 
 @dataclass(frozen=True)
 class CatalogueDiff:
     """``added``, ``dropped``: Hipparcos numbers, ascending. ``moved``: common stars that moved more than the number widths,
-    with ``moved_rad``; ``magnitude_changed``: common stars whose V changed. ``pairs``: old and new number."""
+    with ``moved_rad``; ``magnitude_changed``: common stars whose V changed, with ``magnitude_change_mag`` (new − old).
+    ``pairs``: old and new number. ``unknown``: rows of old and new whose star nobody knows; they are not compared."""
 
     added: Ids
     dropped: Ids
@@ -26,24 +31,75 @@ class CatalogueDiff:
     moved: Ids
     moved_rad: Array
     magnitude_changed: Ids
+    magnitude_change_mag: Array
     pairs: tuple[int, int]
+    unknown: tuple[int, int] = (0, 0)
+
+    @property
+    def nothing(self) -> bool:
+        """Are both the same sky with the same number of distances?"""
+        changed = len(self.added) + len(self.dropped) + len(self.moved) + len(self.magnitude_changed)
+        return not changed and self.pairs[0] == self.pairs[1] and self.unknown == (0, 0)
+
+
+@dataclass(frozen=True)
+class CoverageChange:
+    """``old``, ``new``: (12·nside²,) stars within a circle of ``radius_rad`` round each HEALPix ring pixel."""
+
+    nside: int
+    radius_rad: float
+    old: NDArray[np.int64]
+    new: NDArray[np.int64]
+
+    def poorer(self, stars: int) -> int:
+        """Circles that had at least so many stars and have fewer now."""
+        return int(np.count_nonzero((self.old >= stars) & (self.new < stars)))
 
 
 def compare(old: OnboardCatalogue, new: OnboardCatalogue) -> CatalogueDiff:
     """The difference of two decoded bank images; both need their Hipparcos numbers."""
-    common, at_old, at_new = np.intersect1d(old.hip, new.hip, assume_unique=True, return_indices=True)
-    shift = separation_rad(_unit(old.icrs[at_old]), _unit(new.icrs[at_new]))
+    known_old, known_new = _known(old), _known(new)
+    common, at_old, at_new = np.intersect1d(old.hip[known_old], new.hip[known_new], return_indices=True)
+    row_old, row_new = known_old[at_old], known_new[at_new]
+    shift = separation_rad(_unit(old.icrs[row_old]), _unit(new.icrs[row_new]))
     moved = shift > MOVED_RAD
-    change = np.abs(new.v_mag[at_new].astype(float) - old.v_mag[at_old].astype(float))
+    change = new.v_mag[row_new].astype(float) - old.v_mag[row_old].astype(float)
+    brighter = np.abs(change) > MAGNITUDE_CHANGED_MAG
     return CatalogueDiff(
-        added=np.setdiff1d(new.hip, old.hip).astype(np.int32),
-        dropped=np.setdiff1d(old.hip, new.hip).astype(np.int32),
+        added=np.setdiff1d(new.hip[known_new], old.hip).astype(np.int32),
+        dropped=np.setdiff1d(old.hip[known_old], new.hip).astype(np.int32),
         same=common[~moved].astype(np.int32),
         moved=common[moved].astype(np.int32),
         moved_rad=shift[moved],
-        magnitude_changed=common[change > MAGNITUDE_CHANGED_MAG].astype(np.int32),
+        magnitude_changed=common[brighter].astype(np.int32),
+        magnitude_change_mag=change[brighter],
         pairs=(len(old.distances), len(new.distances)),
+        unknown=(len(old) - len(known_old), len(new) - len(known_new)),
     )
+
+
+def coverage_change(
+    old: OnboardCatalogue, new: OnboardCatalogue, radius_rad: float, nside: int = COVERAGE_NSIDE
+) -> CoverageChange:
+    """How many stars each part of the sky has before and after, in circles as large as a field."""
+    if not 0 < radius_rad <= np.pi:
+        raise BadInput(
+            "a circle of that radius holds no sky", expected="more than 0°, at most 180°", got=f"{radius_rad}"
+        )
+    chord, where = 2 * np.sin(radius_rad / 2), centres(nside)
+    counts = [
+        np.asarray(cKDTree(_unit(c.icrs)).query_ball_point(where, chord, return_length=True), np.int64)
+        if len(c)
+        else np.zeros(len(where), np.int64)
+        for c in (old, new)
+    ]
+    return CoverageChange(nside, radius_rad, counts[0], counts[1])
+
+
+def _known(catalogue: OnboardCatalogue) -> NDArray[np.intp]:
+    """Rows with a star of their own: the first of each number, none without one."""
+    numbers, first = np.unique(catalogue.hip, return_index=True)
+    return np.sort(first[numbers >= 0])
 
 
 def _unit(vectors: NDArray[np.floating]) -> Array:

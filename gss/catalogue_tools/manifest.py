@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from gss.catalogue_tools.onboard import BankHeader
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import CameraProfile
 
-MANIFEST_VERSION = 1
+MANIFEST_VERSION = 2
+# What version 2 added; a paper of version 1 says nothing of these.
+SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
 SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and names from d3-celestial (BSD-3)"
 
 
@@ -20,7 +23,9 @@ class Manifest:
     """All that is needed to read, check and repeat a build. Angles in radians; times ISO 8601, UTC.
 
     ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" where nothing drifts.
-    ``candidates_per_query`` and quantisation figures are None where the format has none.
+    ``candidates_per_query`` and quantisation figures are None where the format has none. ``corrections``: what was applied to
+    the stars, with how much it moved them; ``source_facts``: where they come from; ``occultation``: what hides the sky, {}
+    for nothing; ``method``: how the envelope was found; ``assessment``: lifetime and mistakability.
     """
 
     name: str
@@ -43,11 +48,19 @@ class Manifest:
     quantisation: dict[str, float | None]
     hip: tuple[int, ...]
     image_sha256: str
+    corrections: dict[str, Any] = field(default_factory=dict)
+    source_facts: dict[str, Any] = field(default_factory=dict)
+    occultation: dict[str, Any] = field(default_factory=dict)
+    method: str = "exact"
+    assessment: dict[str, Any] = field(default_factory=dict)
     version: int = MANIFEST_VERSION
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, with the manifest's own hash."""
-        content = json.loads(_canonical(asdict(self)))
+        plain = asdict(self)
+        if self.version == 1:
+            plain = {name: value for name, value in plain.items() if name not in SINCE_2}
+        content = json.loads(_canonical(plain))
         return {**content, "manifest_sha256": hashlib.sha256(_canonical(content)).hexdigest()}
 
     def as_json(self) -> str:
@@ -66,11 +79,18 @@ def read_manifest(text: str) -> Manifest:
     if claimed != found:
         raise CorruptData("the manifest was changed after it was written", expected=str(claimed), got=found)
     names = {f.name for f in fields(Manifest)}
-    if set(content) != names or content["version"] != MANIFEST_VERSION:
-        raise CorruptData(
-            "a manifest of another version", expected=str(MANIFEST_VERSION), got=str(content.get("version", "none"))
-        )
+    version = content.get("version", "none")
+    wanted = {"1": names - set(SINCE_2), str(MANIFEST_VERSION): names}.get(str(version))
+    if wanted is None or set(content) != wanted:
+        raise CorruptData("a manifest of another version", expected=f"1 or {MANIFEST_VERSION}", got=str(version))
     return Manifest(**{**content, "hip": tuple(content["hip"])})
+
+
+def manifest_of(content: Mapping[str, Any]) -> Manifest:
+    """The manifest of plain values as a store keeps them; what is missing, as of a bank that was read back, is empty."""
+    empty: dict[str, Any] = {"str": "", "dict": {}, "tuple": (), "float": float("nan"), "int": MANIFEST_VERSION}
+    values = {f.name: content.get(f.name, empty[str(f.type).partition("[")[0]]) for f in fields(Manifest)}
+    return Manifest(**{**values, "hip": tuple(values["hip"])})
 
 
 def check_image(manifest: Manifest, image: bytes) -> None:

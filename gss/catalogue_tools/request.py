@@ -1,38 +1,50 @@
-"""What a catalogue manager asks for, and what it means: the checked parameters of one build."""
+"""What a catalogue manager asks for: the checked parameters of one build, and as plain values for the manifest."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import ORBIT_LAWS, AttitudeLimits
-from gss.catalogue_tools.corrections import sun_longitude_rad
-from gss.catalogue_tools.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
-from gss.catalogue_tools.field import FieldShape, widened
+from gss.catalogue_tools.attitude import AttitudeLimits
+from gss.catalogue_tools.correction_switches import Corrections, corrections_of
+from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG
+from gss.catalogue_tools.occultation import Occultation
 from gss.catalogue_tools.onboard import check_format
-from gss.catalogue_tools.orbits import OrbitRanges, Range, from_elements, from_tle, jyear_of
+from gss.catalogue_tools.orbits import Range, jyear_of
 from gss.catalogue_tools.selection import Rules
-from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile, profile
+from gss.domain.errors import BadInput, CorruptData
+from gss.domain.profiles import profile
 
-# Chosen: the documents' 1 MiB of flash holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013 §4.2).
-BANK_BYTES = {"cubestar": 256 * 1024, "sunsat": 512 * 1024}
 PAIR_MIN_RAD = np.radians(0.25)
 EPOCH_WITHOUT_DATES_JYEAR = 2000.0
 # In ten years the fastest stars move a pixel of a wide camera.
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
+SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
+METHODS = ("exact",)
 
 
 @dataclass(frozen=True)
 class ElementsOrbit:
-    """Limits of inclination and node, ICRS; circular, all arguments of latitude (Jacobs 1995 Table 5-2)."""
+    """Limits of inclination and node, ICRS; circular, all arguments of latitude (Jacobs 1995 Table 5-2).
+
+    With ``altitude_m`` the node's limits are those of the first day, and the Earth's flattening moves them through the days
+    of use (Moniteq 1983 §2.5).
+    """
 
     inclination_rad: Range
     raan_rad: Range
+    altitude_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.altitude_m is not None and not 100e3 <= self.altitude_m <= 1e9:
+            raise BadInput(
+                "altitude is out of range", expected="100 km to 1 000 000 km", got=f"{self.altitude_m / 1000:g} km"
+            )
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,8 @@ class BuildRequest:
     ``margin_rad`` widens the field on every side. ``pair_max_rad`` None: the field's diagonal. ``start``: UTC with a
     time zone. ``epoch_jyear`` None: the middle of the validity, J2000 without dates. ``bank_bytes`` None: the format's
     usual bank. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
+    ``source``: hipparcos, hipparcos_all, gaia, or list with the ``star_list`` it names. ``method``: exact, or blocks for
+    Jacobs' own steps of 1°. ``k_vector``: an index of the distances goes on board too.
     """
 
     profile_name: str
@@ -68,6 +82,12 @@ class BuildRequest:
     query_tolerance_px: float = 1.0
     seed: int = 1
     pointings: int = POINTINGS
+    corrections: Corrections = field(default_factory=Corrections)
+    source: str = "hipparcos"
+    star_list: int | None = None
+    occultation: Occultation = field(default_factory=Occultation)
+    method: str = "exact"
+    k_vector: bool = False
 
     def __post_init__(self) -> None:
         check_format(self.format_name)
@@ -82,114 +102,88 @@ class BuildRequest:
             )
         if self.pointings < 1:
             raise BadInput("no pointings to judge the quality by", expected="at least 1", got=str(self.pointings))
+        _check_source(self)
         _check_epoch(self)
 
+    @property
+    def end(self) -> datetime | None:
+        """End of the dates of use."""
+        return self.start + timedelta(days=self.days) if self.start else None
 
-@dataclass(frozen=True)
-class Plan:
-    """A request with everything worked out. ``shape``: the field itself; the envelope's is wider by the margin."""
-
-    request: BuildRequest
-    profile: CameraProfile
-    shape: FieldShape
-    envelope: Envelope
-    planes: OrbitRanges | None
-    epoch_jyear: float
-    valid_from: datetime | None
-    valid_to: datetime | None
-    pair_max_rad: float
-    bank_bytes: int
-
-
-def plan(request: BuildRequest) -> Plan:
-    """Work a request out. Fails on anything that cannot be built."""
-    chosen = profile(request.profile_name)
-    planes = _planes(request)
-    wide = FieldShape(widened(chosen.camera, request.margin_rad))
-    envelope = _envelope(request, wide, planes)
-    drifts = isinstance(envelope, BandEnvelope) or (
-        request.attitude is not None and request.attitude.pointing == "anti_sun"
-    )
-    return Plan(
-        request,
-        chosen,
-        FieldShape(chosen.camera),
-        envelope,
-        planes,
-        epoch_of(request),
-        request.start,
-        _end(request) if drifts else None,
-        chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad,
-        BANK_BYTES[request.format_name] if request.bank_bytes is None else request.bank_bytes,
-    )
+    @property
+    def middle(self) -> datetime | None:
+        """Middle of the dates of use."""
+        return self.start + timedelta(days=self.days / 2) if self.start else None
 
 
 def epoch_of(request: BuildRequest) -> float:
     """Julian year of the star positions."""
     if request.epoch_jyear is not None:
         return request.epoch_jyear
-    middle = _middle(request)
-    return EPOCH_WITHOUT_DATES_JYEAR if middle is None else jyear_of(middle)
+    return EPOCH_WITHOUT_DATES_JYEAR if request.middle is None else jyear_of(request.middle)
 
 
 def parameters_of(request: BuildRequest) -> dict[str, Any]:
     """The request as plain values, for the manifest."""
     content = asdict(request)
     content["start"] = request.start.isoformat() if request.start else None
+    content["corrections"] = request.corrections.as_dict()
     return content
 
 
-def _end(request: BuildRequest) -> datetime | None:
-    return request.start + timedelta(days=request.days) if request.start else None
+def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
+    """The request of a manifest's parameters; those of version 1 lack what came later, which then rests at its default."""
+    known = {f.name for f in fields(BuildRequest)}
+    values = {name: value for name, value in parameters.items() if name in known}
+    try:
+        values["rules"] = Rules(**values["rules"])
+        values["orbit"] = _orbit_from(values.get("orbit"))
+        if values.get("attitude") is not None:
+            values["attitude"] = AttitudeLimits(**{k: _pair(v) for k, v in values["attitude"].items()})
+        if values.get("start"):
+            values["start"] = datetime.fromisoformat(values["start"])
+        values["corrections"] = corrections_of(values.get("corrections") or {})
+        values["occultation"] = Occultation(**(values.get("occultation") or {}))
+        return BuildRequest(**values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CorruptData("the manifest's parameters are no request", got=f"{type(error).__name__}: {error}") from None
 
 
-def _middle(request: BuildRequest) -> datetime | None:
-    return request.start + timedelta(days=request.days / 2) if request.start else None
+def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | None:
+    if values is None:
+        return None
+    if "text" in values:
+        return TleOrbit(str(values["text"]))
+    return ElementsOrbit(_pair(values["inclination_rad"]), _pair(values["raan_rad"]), values.get("altitude_m"))
 
 
-def _planes(request: BuildRequest) -> OrbitRanges | None:
-    if isinstance(request.orbit, TleOrbit):
-        if request.start is None:
-            raise BadInput("a TLE needs dates", expected="a start and a number of days", got="no start")
-        return from_tle(request.orbit.text, request.start, request.days)
-    if isinstance(request.orbit, ElementsOrbit):
-        return from_elements(request.orbit.inclination_rad, request.orbit.raan_rad)
-    return None
+def _pair(value: Any) -> Any:
+    """JSON has no tuples."""
+    return tuple(value) if isinstance(value, list) else value
 
 
-def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None) -> Envelope:
-    limits = request.attitude
-    if limits is None:
-        if planes is None:
-            return WholeSky(shape)
-        raise BadInput("an orbit without attitude limits says nothing", expected="a pointing law with its limits")
-    if limits.pointing in ORBIT_LAWS:
-        if planes is None:
-            raise BadInput(
-                f"pointing {limits.pointing} follows the orbit",
-                expected="orbital elements or a TLE",
-                got="no orbit",
-                hint="leave the attitude limits away for the whole sky",
-            )
-        return BandEnvelope(shape, limits, planes)
-    if limits.pointing == "inertial":
-        return PatchEnvelope(shape, limits)
-    end = _end(request)
-    if request.start is None or end is None:
+def _check_source(request: BuildRequest) -> None:
+    if request.source not in SOURCES:
+        raise BadInput("unknown source of stars", expected=" | ".join(SOURCES), got=request.source)
+    if request.method not in METHODS:
+        raise BadInput("unknown method of the envelope", expected=" | ".join(METHODS), got=request.method)
+    if request.source != "list" and request.star_list is not None:
+        raise BadInput("a star list is named but not used", expected="source list", got=request.source)
+    if request.source == "hipparcos" and request.rules.faint_mag > FAINTEST_V_MAG:
         raise BadInput(
-            "pointing away from the Sun needs dates", expected="a start and a number of days", got="no start"
+            "the star table is not that deep",
+            expected=f"V ≤ {FAINTEST_V_MAG:g}",
+            got=f"{request.rules.faint_mag:g}",
+            hint="the source hipparcos_all or gaia for fainter cameras",
         )
-    sun = sun_longitude_rad(jyear_of(request.start)), sun_longitude_rad(jyear_of(end))
-    return PatchEnvelope(shape, limits, (sun[0], min(sun[1], sun[0] + 2 * np.pi)))
 
 
 def _check_epoch(request: BuildRequest) -> None:
-    middle = _middle(request)
-    if middle is None or request.epoch_jyear is None:
+    if request.middle is None or request.epoch_jyear is None:
         return
-    if not abs(request.epoch_jyear - jyear_of(middle)) <= EPOCH_TOLERANCE_YR:
+    if not abs(request.epoch_jyear - jyear_of(request.middle)) <= EPOCH_TOLERANCE_YR:
         raise BadInput(
             "the epoch of the positions is far from the dates of use",
-            expected=f"within {EPOCH_TOLERANCE_YR:g} years of {jyear_of(middle):.1f}",
+            expected=f"within {EPOCH_TOLERANCE_YR:g} years of {jyear_of(request.middle):.1f}",
             got=f"{request.epoch_jyear:g}",
         )

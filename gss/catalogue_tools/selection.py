@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from gss.catalogue_tools.envelope import Envelope
 from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, HIP2_STARS
+from gss.catalogue_tools.hipparcos import HIP2_STARS
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_VARIABLE, StarTable
@@ -56,10 +56,6 @@ class Rules:
                 expected=f"below {self.faint_mag:g}",
                 got=f"{self.bright_mag:g}",
             )
-        if self.faint_mag > FAINTEST_V_MAG:
-            raise BadInput(
-                "the star table is not that deep", expected=f"V ≤ {FAINTEST_V_MAG:g}", got=f"{self.faint_mag:g}"
-            )
         if not 0 <= self.min_separation_rad < np.pi or self.brightest_per_field < 0:
             raise BadInput("separation and stars per field cannot be negative", expected="0 or more")
 
@@ -75,11 +71,20 @@ class FunnelStep:
 
 @dataclass(frozen=True)
 class Selection:
-    """``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each."""
+    """``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each. ``source`` and
+    ``source_stars``: the catalogue they are of; ``blends``: stars that were no longer there to choose from, because their
+    light mixes."""
 
     candidates: StarTable
     fate: NDArray[np.int8]
     rules: Rules
+    source: str = "Hipparcos"
+    source_stars: int = HIP2_STARS
+    blends: int = 0
+
+    def from_source(self, source: str, stars: int, blends: int) -> Selection:
+        """The same choice with the name and size of the catalogue it was made from."""
+        return replace(self, source=source, source_stars=stars, blends=blends)
 
     @property
     def kept(self) -> StarTable:
@@ -92,10 +97,12 @@ class Selection:
 
     @property
     def funnel(self) -> tuple[FunnelStep, ...]:
-        """From the Hipparcos catalogue to the bank."""
+        """From the source to the bank."""
         n, rules = len(self.candidates), self.rules
+        blends = (FunnelStep("blends rejected", self.blends, True),) if self.blends else ()
         return (
-            FunnelStep("Hipparcos", HIP2_STARS, False),
+            FunnelStep(self.source, self.source_stars, False),
+            *blends,
             FunnelStep(f"V ≤ {rules.faint_mag:.2f}", n, False),
             FunnelStep("inside the envelope", n - self.count(Fate.OUTSIDE), False),
             FunnelStep("close doubles", self.count(Fate.DOUBLE), True),

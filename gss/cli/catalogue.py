@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 from collections.abc import Callable
@@ -16,18 +15,15 @@ import numpy as np
 
 from gss.catalogue_tools.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.build import BuiltCatalogue, build
-from gss.catalogue_tools.diff import compare
-from gss.catalogue_tools.exports import export
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.manifest import Manifest, check_image, read_manifest
-from gss.catalogue_tools.onboard import FORMATS, decode
+from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.orbits import Range
-from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
+from gss.catalogue_tools.request import METHODS, BuildRequest, ElementsOrbit, TleOrbit
 from gss.catalogue_tools.selection import Rules
-from gss.cli import catalogue_upload
+from gss.catalogue_tools.terms import altitude_m
+from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
+from gss.cli.catalogue_files import print_facts, write_file
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
-from gss.domain.stars import OnboardCatalogue
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -44,20 +40,7 @@ def register(subparsers: Subparsers) -> None:
     group = subparsers.add_parser("catalogue", help="build star catalogues for a sensor's flash banks")
     commands = group.add_subparsers(dest="catalogue_command", required=True, metavar="COMMAND")
     _register_build(commands)
-    show = commands.add_parser("show", help="check a bank image with its manifest and say what is in it")
-    show.add_argument("image", type=Path, help="bank image; its manifest is IMAGE.json")
-    show.add_argument("--json", action="store_true", help="print one JSON object")
-    show.set_defaults(run=run_show)
-    diff = commands.add_parser("diff", help="what changes from one bank image to another")
-    diff.add_argument("old", type=Path)
-    diff.add_argument("new", type=Path)
-    diff.add_argument("--json", action="store_true", help="print one JSON object")
-    diff.set_defaults(run=run_diff)
-    export_ = commands.add_parser("export", help="write a bank image as a table for other programs")
-    export_.add_argument("image", type=Path)
-    export_.add_argument("--kind", default="csv", help="csv | ecsv | fits")
-    export_.add_argument("--out", type=Path, required=True, metavar="FILE")
-    export_.set_defaults(run=run_export)
+    catalogue_files.register(commands)
     catalogue_upload.register(commands)
 
 
@@ -72,6 +55,7 @@ def _register_build(commands: Subparsers) -> None:
     p.add_argument("--format", help=f"{' | '.join(FORMATS)} (default: the profile's own, else cubestar)")
     p.add_argument("--inclination-deg", type=_range, help="orbit by elements: inclination, ICRS")
     p.add_argument("--raan-deg", type=_range, help="orbit by elements: right ascension of the ascending node, ICRS")
+    p.add_argument("--altitude-km", type=float, help="with elements: the node drifts through the days of use")
     p.add_argument("--tle", type=Path, metavar="FILE", help="orbit by a two-line element set")
     p.add_argument("--from", dest="start", metavar="DATE", help="first day of use, UTC (default: today)")
     p.add_argument("--days", type=float, default=14.0, help="days of use (default 14)")
@@ -80,6 +64,11 @@ def _register_build(commands: Subparsers) -> None:
         p.add_argument(f"--{name}-deg", type=_range, help=f"limits of {name}")
     for name in ("ra", "dec", "field-roll"):
         p.add_argument(f"--{name}-deg", type=float, default=0.0, help="inertial pointing")
+    p.add_argument("--off-nadir-deg", type=float, default=0.0, help="how far a target law looks aside")
+    p.add_argument(
+        "--body-from-cam", type=_nine, metavar="R", help="mounting: nine numbers by rows with commas, for the law's own"
+    )
+    p.add_argument("--method", default="exact", help=" | ".join(METHODS) + " (Jacobs' steps of 1°)")
     p.add_argument("--margin-deg", type=float, default=0.0, help="widen the field on every side")
     p.add_argument("--mag-limit", type=float, help="faint limit in V (default: the profile's)")
     p.add_argument("--bright-limit", type=float, default=-2.0, help="bright limit in V")
@@ -88,11 +77,14 @@ def _register_build(commands: Subparsers) -> None:
     p.add_argument("--drop-variables", action="store_true", help="reject variable stars")
     p.add_argument("--pair-min-deg", type=float, default=0.25, help="smallest tabulated distance")
     p.add_argument("--pair-max-deg", type=float, help="largest tabulated distance (default: the field's diagonal)")
+    catalogue_sky.register(p)
     p.add_argument("--epoch", type=float, help="Julian year of the positions (default: middle of use)")
     p.add_argument("--bank-bytes", type=int, help="capacity of the bank")
+    p.add_argument("--k-vector", action="store_true", help="an index of the distances goes on board too")
     p.add_argument("--name", default="", help="name in the manifest")
     p.add_argument("--author", default="", help="who is responsible for it")
     p.add_argument("--out", type=Path, metavar="FILE", help="write the image here and the manifest to FILE.json")
+    p.add_argument("--report", type=Path, metavar="FILE", help="write the quality report here, one HTML page")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_build)
 
@@ -100,87 +92,26 @@ def _register_build(commands: Subparsers) -> None:
 def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> int:
     """Build, write, print."""
     begin = perf_counter()
-    built = build(request_of(arguments, now()), load_stars())
+    request = request_of(arguments, now())
+    built = build(request, catalogue_sky.source_of(arguments, request))
     if arguments.out is not None:
-        _write(arguments.out, built.image)
-        _write(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
+        write_file(arguments.out, built.image)
+        write_file(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
+    if arguments.report is not None:
+        catalogue_files.write_report(arguments.report, built)
     facts = facts_of(built) | {"elapsed_s": round(perf_counter() - begin, 3)}
-    _print(facts if arguments.json else facts | facts.pop("funnel"), arguments.json)
+    print_facts(facts if arguments.json else facts | facts.pop("funnel"), arguments.json)
     if arguments.out is None and not arguments.json:
         print("nothing was saved: give --out FILE to keep image and manifest", file=sys.stderr)
     return 0
-
-
-def run_show(arguments: argparse.Namespace) -> int:
-    """Check, print."""
-    catalogue, manifest = _read(arguments.image)
-    facts = {
-        "name": manifest.name,
-        "author": manifest.author,
-        "tool": manifest.tool,
-        "profile": manifest.profile_name,
-        "format": manifest.format_name,
-        "frame": manifest.frame,
-        "epoch_jyear": manifest.epoch_jyear,
-        "valid_from": manifest.valid_from or None,
-        "valid_to": manifest.valid_to or None,
-        "stars": len(catalogue),
-        "pairs": len(catalogue.distances),
-        "bytes": sum(manifest.bytes_by_part.values()),
-        "sha256": manifest.image_sha256,
-    }
-    _print(facts, arguments.json)
-    return 0
-
-
-def run_diff(arguments: argparse.Namespace) -> int:
-    """Compare, print."""
-    d = compare(_read(arguments.old)[0], _read(arguments.new)[0])
-    lists = {"added": d.added, "dropped": d.dropped, "moved": d.moved, "magnitude_changed": d.magnitude_changed}
-    if arguments.json:
-        whole = {name: hip.tolist() for name, hip in lists.items()}
-        _print(whole | {"same": len(d.same), "pairs_old": d.pairs[0], "pairs_new": d.pairs[1]}, True)
-    else:
-        counts: dict[str, Any] = {name: len(hip) for name, hip in lists.items()}
-        _print(counts | {"same": len(d.same), "pairs": f"{d.pairs[0]} to {d.pairs[1]}"}, False)
-    return 0
-
-
-def run_export(arguments: argparse.Namespace) -> int:
-    """Convert, write."""
-    catalogue, manifest = _read(arguments.image)
-    _write(arguments.out, export(catalogue, manifest, arguments.kind))
-    return 0
-
-
-def _read(path: Path) -> tuple[OnboardCatalogue, Manifest]:
-    """A bank image and its manifest, checked against each other."""
-    paper = path.with_name(path.name + ".json")
-    try:
-        image, text = path.read_bytes(), paper.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput("the catalogue cannot be read", expected=f"{path} and {paper}", got=str(error)) from None
-    manifest = read_manifest(text)
-    check_image(manifest, image)
-    return decode(image, np.array(manifest.hip, np.int32)), manifest
-
-
-def _print(facts: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(facts, indent=1, allow_nan=False))
-    else:
-        _print_lines(facts)
-
-
-def _print_lines(facts: dict[str, Any]) -> None:
-    width = max(map(len, facts))
-    print("\n".join(f"{name:<{width}}  {'-' if value in (None, '') else value}" for name, value in facts.items()))
 
 
 def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
     """The request of parsed arguments: degrees become radians here."""
     camera = profile(a.profile)
     orbit = _orbit(a)
+    attitude, start = _attitude(a, orbit is not None), _start(a.start, now)
+    height_m = altitude_m(orbit, None if a.altitude_km is None else 1000 * a.altitude_km)
     return BuildRequest(
         profile_name=camera.name,
         format_name=a.format or (camera.name if camera.name in FORMATS else "cubestar"),
@@ -194,14 +125,19 @@ def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
         name=a.name,
         author=a.author,
         orbit=orbit,
-        attitude=_attitude(a, orbit is not None),
-        start=_start(a.start, now),
+        attitude=attitude,
+        start=start,
         days=a.days,
         margin_rad=float(np.radians(a.margin_deg)),
         pair_min_rad=float(np.radians(a.pair_min_deg)),
         pair_max_rad=None if a.pair_max_deg is None else float(np.radians(a.pair_max_deg)),
         epoch_jyear=a.epoch,
         bank_bytes=a.bank_bytes,
+        corrections=catalogue_sky.corrections(a, orbit, attitude, start, height_m),
+        source="list" if a.list is not None else a.source,
+        occultation=catalogue_sky.occultation(a, height_m),
+        method=a.method,
+        k_vector=a.k_vector,
     )
 
 
@@ -224,6 +160,9 @@ def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
         "p_fewer_than_3": q.p_fewer_than(3),
         "p_fewer_than_5": q.p_fewer_than(5),
         "candidates_per_query": round(q.candidates_per_query, 2),
+        "lifetime_days": m.assessment.get("lifetime_days"),
+        "corrections": [c["name"] for c in m.corrections.get("applied", [])],
+        "source": m.source_facts.get("name"),
         "bytes": len(built.image),
         "bank_bytes": built.plan.bank_bytes,
         "sha256": built.sha256,
@@ -243,6 +182,16 @@ def _range(text: str) -> Range:
     return values[0], values[-1]
 
 
+def _nine(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 9:
+        raise argparse.ArgumentTypeError(f"expected nine numbers with commas, got {text!r}")
+    return values
+
+
 def _radians(limits: Range) -> Range:
     return float(np.radians(limits[0])), float(np.radians(limits[1]))
 
@@ -259,7 +208,8 @@ def _orbit(a: argparse.Namespace) -> ElementsOrbit | TleOrbit | None:
         return None
     if a.inclination_deg is None:
         raise BadInput("a node without an inclination is no orbit", expected="--inclination-deg with --raan-deg")
-    return ElementsOrbit(_radians(a.inclination_deg), _radians(a.raan_deg or (0.0, 360.0)))
+    height_m = None if a.altitude_km is None else 1000 * a.altitude_km
+    return ElementsOrbit(_radians(a.inclination_deg), _radians(a.raan_deg or (0.0, 360.0)), height_m)
 
 
 def _attitude(a: argparse.Namespace, has_orbit: bool) -> AttitudeLimits | None:
@@ -274,7 +224,8 @@ def _attitude(a: argparse.Namespace, has_orbit: bool) -> AttitudeLimits | None:
     usual = USUAL_DEG.get(law, OTHER_USUAL_DEG)
     roll, pitch, yaw = (_radians(mine or default) for mine, default in zip(given, usual, strict=True))
     ra, dec, field_roll = (float(np.radians(angle)) for angle in (a.ra_deg, a.dec_deg, a.field_roll_deg))
-    return AttitudeLimits(law, roll, pitch, yaw, ra, dec, field_roll)
+    aside = float(np.radians(a.off_nadir_deg)) if law == "target" else 0.0
+    return AttitudeLimits(law, roll, pitch, yaw, ra, dec, field_roll, a.body_from_cam, off_nadir_rad=aside)
 
 
 def _start(text: str | None, now: datetime) -> datetime:
@@ -285,10 +236,3 @@ def _start(text: str | None, now: datetime) -> datetime:
     except ValueError:
         raise BadInput("the first day cannot be read", expected="2026-12-01 or 2026-12-01T12:00Z", got=text) from None
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise BadInput("the file cannot be written", got=f"{path}: {error}") from None

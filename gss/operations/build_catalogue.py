@@ -1,4 +1,4 @@
-"""The catalogue manager's work: preview, build as a job, keep, upload to a bank."""
+"""The catalogue manager's work: preview, build as a job, keep, compare, export, upload to a bank."""
 
 from __future__ import annotations
 
@@ -10,21 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.build import BuiltCatalogue, EnvelopeMap, Preview, build, preview
-from gss.catalogue_tools.onboard import HEADER_VERSION, read_header
-from gss.catalogue_tools.quality import Quality
+from gss.catalogue_tools.build import BuiltCatalogue, build, preview
+from gss.catalogue_tools.diff import CatalogueDiff, CoverageChange, compare, coverage_change
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.catalogue_tools.request import BuildRequest
-from gss.catalogue_tools.selection import Fate, Selection
+from gss.catalogue_tools.sources import Source
 from gss.device.dictionary import Dictionary
 from gss.device.session import Compatibility
 from gss.device.session_events import HelloReceived
-from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import BadInput, Conflict
-from gss.domain.stars import StarTable
+from gss.domain.profiles import profile
+from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.operations.banks import BankService
+from gss.operations.catalogue_files import ExportFile, export_file
+from gss.operations.catalogue_report import preview_report, report_of
 from gss.operations.clock import Now
 from gss.operations.jobs import JobService, Progress
 from gss.operations.link import LinkService
+from gss.operations.star_lists import StarListService
 from gss.operations.transfer_rows import TransferView
 from gss.operations.transfers import TransferService
 from gss.store import catalogues as store
@@ -32,7 +36,6 @@ from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import Catalogue, Job
 
-MOST_ON_MAP = 4000
 STEPS = 100
 
 
@@ -43,8 +46,22 @@ class TimedPreview:
     stars: int
     pairs: int
     size: int
+    bank_bytes: int
     report: dict[str, Any]
     elapsed_s: float
+
+
+@dataclass(frozen=True)
+class StoredDiff:
+    """What changes from one stored catalogue to another. ``same_camera`` False: they are not for the same instrument."""
+
+    old: Catalogue
+    new: Catalogue
+    before: OnboardCatalogue
+    after: OnboardCatalogue
+    diff: CatalogueDiff
+    coverage: CoverageChange
+    same_camera: bool
 
 
 class CatalogueService:
@@ -58,29 +75,39 @@ class CatalogueService:
         transfers: TransferService,
         banks: BankService,
         link: LinkService,
+        lists: StarListService,
         stars: StarTable,
         now: Now,
     ) -> None:
         self._database, self._blobs, self._jobs = database, blobs, jobs
-        self._transfers, self._banks, self._link = transfers, banks, link
+        self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
         self._stars, self._now = stars, now
 
-    def preview(self, request: BuildRequest) -> TimedPreview:
+    def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
         """The quick look while parameters change."""
         start_s = time.perf_counter()
-        quick: Preview = preview(request, self._stars)
-        report = report_of(quick.selection, quick.map, None)
-        return TimedPreview(len(quick.selection.kept), quick.pairs, quick.bytes, report, time.perf_counter() - start_s)
+        quick = preview(request, self._source(request), mistakes=mistakes)
+        report = preview_report(quick)
+        elapsed_s = time.perf_counter() - start_s
+        return TimedPreview(
+            len(quick.selection.kept), quick.pairs, quick.bytes, quick.plan.bank_bytes, report, elapsed_s
+        )
 
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
         """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again."""
+        source = self._source(request)
 
         def work(progress: Progress) -> dict[str, Any]:
-            built = build(request, self._stars, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
+            built = build(request, source, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
             row = self._keep(built, asked, user)
             return {"catalogue_id": row.id}
 
         return self._jobs.submit("catalogue", f"build {request.name or 'catalogue'}", dict(asked), work)
+
+    def _source(self, request: BuildRequest) -> Source | StarTable:
+        if request.source == "hipparcos":
+            return self._stars
+        return self._lists.source(request.source, request.star_list, request.rules.faint_mag, request.profile_name)
 
     def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str) -> Catalogue:
         self._blobs.put(built.image)
@@ -99,7 +126,7 @@ class CatalogueService:
             valid_to=p.valid_to,
             request=dict(asked),
             manifest=json.loads(built.manifest.as_json()),
-            report=report_of(built.selection, built.map, built.quality),
+            report=report_of(built),
         )
         with self._database.unit_of_work() as session:
             return store.add(session, row)
@@ -117,6 +144,22 @@ class CatalogueService:
     def image(self, catalogue_id: int) -> bytes:
         """The bytes for the bank."""
         return self._blobs.get(self.get(catalogue_id).sha256)
+
+    def diff(self, old_id: int, new_id: int) -> StoredDiff:
+        """What would change on board; circles of coverage are as large as the new catalogue's field."""
+        old, new = self.get(old_id), self.get(new_id)
+        before, after = self._decoded(old), self._decoded(new)
+        radius_rad = FieldShape(profile(new.profile).camera).equal_circle_rad
+        coverage = coverage_change(before, after, radius_rad)
+        return StoredDiff(old, new, before, after, compare(before, after), coverage, old.profile == new.profile)
+
+    def export(self, catalogue_id: int, kind: str) -> ExportFile:
+        """A stored catalogue as a file of another kind."""
+        row = self.get(catalogue_id)
+        return export_file(self._blobs.get(row.sha256), row.manifest, kind, row.name)
+
+    def _decoded(self, row: Catalogue) -> OnboardCatalogue:
+        return decode(self._blobs.get(row.sha256), np.array(row.manifest["hip"], np.int32))
 
     def upload(self, catalogue_id: int, bank: str) -> TransferView:
         """Send a catalogue to an inactive bank; read-back verify and commit follow by themselves."""
@@ -156,7 +199,7 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
         device_model=hello.device_model,
         profile=header.profile_name,
         dictionary_hash=bytes.fromhex(hello.dictionary_hash),
-        format_version=HEADER_VERSION,
+        format_version=FORMATS[header.format_name],
         epoch_jyear=header.epoch_jyear,
         stars=header.stars,
         pairs=header.pairs,
@@ -166,55 +209,3 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
 def bank_number(dictionary: Dictionary, bank: str) -> int:
     """The number of a bank on the wire; BadInput lists the banks."""
     return dictionary.command("VERIFY_BANK").argument("bank").choice(bank).value
-
-
-def report_of(selection: Selection, envelope: EnvelopeMap, quality: Quality | None) -> dict[str, Any]:
-    """Funnel, map and quality as plain values; angles in degrees, for they only travel to the page."""
-    report: dict[str, Any] = {
-        "funnel": [
-            {"label": f.label, "stars": f.stars, "kind": "drop" if f.dropped else "keep"} for f in selection.funnel
-        ],
-        "sky": _sky(selection),
-        "envelope": {
-            "nside": envelope.nside,
-            "fraction": [round(float(x), 4) for x in envelope.fraction],
-            "outline_start": [_line(edge) for edge in envelope.edges_start],
-            "outline_end": [_line(edge) for edge in envelope.edges_end],
-        },
-    }
-    if quality is not None:
-        candidates = quality.candidates_per_query
-        report["quality"] = {
-            "pointings": quality.pointings,
-            "histogram": [int(n) for n in quality.histogram],
-            "mean": quality.mean,
-            "p_fewer_than_3": quality.p_fewer_than(3),
-            "p_fewer_than_5": quality.p_fewer_than(5),
-            "worst_stars": quality.worst_stars,
-            "worst_ra_deg": float(np.degrees(quality.worst_ra_rad)),
-            "worst_dec_deg": float(np.degrees(quality.worst_dec_rad)),
-            "candidates_per_query": float(candidates) if np.isfinite(candidates) else None,
-        }
-    return report
-
-
-def _sky(selection: Selection) -> list[dict[str, Any]]:
-    stars = selection.candidates
-    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(stars.icrs))
-    return [
-        {
-            "hip": int(stars.hip[k]),
-            "ra_deg": round(float(ra[k]), 4),
-            "dec_deg": round(float(dec[k]), 4),
-            "v_mag": round(float(stars.v_mag[k]), 2),
-            "state": Fate(int(selection.fate[k])).map_state,
-        }
-        for k in range(min(len(stars), MOST_ON_MAP))
-    ]
-
-
-def _line(edge: Any) -> list[tuple[float, float]]:
-    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(np.asarray(edge)))
-    return [
-        (round(float(a), 3), round(float(d), 3)) for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)
-    ]

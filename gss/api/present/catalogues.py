@@ -1,13 +1,35 @@
-"""Built catalogues."""
+"""Built catalogues, their differences, and the banks by date."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
+import numpy as np
+
+from gss.api.schemas.catalogue_history import (
+    BankPlanOut,
+    BankStayOut,
+    CatalogueDiffOut,
+    CatalogueRefOut,
+    ChangedStarOut,
+    CoverageOut,
+    CoverOut,
+    DeviceRefOut,
+    TimelineOut,
+)
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueOut
-from gss.operations.banks import BankView
+from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
+from gss.domain.stars import Ids, OnboardCatalogue, StarTable
+from gss.operations.bank_history import Stay, Timeline
+from gss.operations.bank_plans import cover
+from gss.operations.banks import BankView, days_left
+from gss.operations.build_catalogue import StoredDiff
 from gss.store.models import Catalogue
+
+MOST_LISTED = 500
+NEED = 3
 
 
 def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
@@ -22,13 +44,101 @@ def _catalogue_values(row: Catalogue, banks: Sequence[BankView]) -> dict[str, An
 
 
 def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
-    """A built catalogue with map and quality; one that was read back has neither."""
+    """A built catalogue with maps and quality; one that was read back has neither, an old one only some."""
+    report = row.report
     return CatalogueDetailOut(
         **_catalogue_values(row, banks),
         request=row.request,
         manifest=row.manifest,
-        funnel=row.report.get("funnel", []),
-        sky=row.report.get("sky", []),
-        envelope=row.report.get("envelope"),
-        quality=row.report.get("quality"),
+        funnel=report.get("funnel", []),
+        sky=report.get("sky", []),
+        envelope=report.get("envelope"),
+        quality=report.get("quality"),
+        ambiguity=report.get("ambiguity"),
+        lifetime=report.get("lifetime"),
+        sizes=report.get("sizes"),
+        blinded=report.get("blinded", {}),
+        planets=report.get("planets", []),
+    )
+
+
+def diff(found: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
+    """What would change, with names and places; ``stars`` knows the names and, for formats without, the magnitudes."""
+    d, c = found.diff, found.coverage
+    moved = dict(zip(d.moved.tolist(), (d.moved_rad / ARCSEC_RAD).tolist(), strict=True))
+    changed = dict(zip(d.magnitude_changed.tolist(), d.magnitude_change_mag.tolist(), strict=True))
+    return CatalogueDiffOut(
+        old=_reference(found.old),
+        new=_reference(found.new),
+        same_camera=found.same_camera,
+        nothing=d.nothing and found.old.sha256 == found.new.sha256,
+        added_count=len(d.added),
+        dropped_count=len(d.dropped),
+        moved_count=len(d.moved),
+        magnitude_count=len(d.magnitude_changed),
+        same_count=len(d.same),
+        unknown_old=d.unknown[0],
+        unknown_new=d.unknown[1],
+        added=_stars(d.added, found.after, stars),
+        dropped=_stars(d.dropped, found.before, stars),
+        moved=_stars(d.moved, found.after, stars, moved_arcsec=moved),
+        magnitude=_stars(d.magnitude_changed, found.after, stars, change_mag=changed),
+        coverage=CoverageOut(
+            nside=c.nside,
+            radius_deg=float(np.degrees(c.radius_rad)),
+            old=c.old.tolist(),
+            new=c.new.tolist(),
+            poorer=c.poorer(NEED),
+        ),
+    )
+
+
+def _reference(row: Catalogue) -> CatalogueRefOut:
+    names = "id name profile format sha256 stars pairs"
+    return CatalogueRefOut(**{name: getattr(row, name) for name in names.split()}, bytes=row.size)
+
+
+def _stars(hips: Ids, where: OnboardCatalogue, known: StarTable, **more: dict[int, float]) -> list[ChangedStarOut]:
+    row_of = {int(hip): row for row, hip in enumerate(where.hip)}
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(where.icrs.astype(float)))
+    found = []
+    for hip in map(int, hips):
+        row, ground = row_of[hip], known.row_of_hip.get(hip)
+        mag = float(where.v_mag[row])
+        if not np.isfinite(mag) and ground is not None:
+            mag = float(known.v_mag[ground])
+        own = {name: values[hip] for name, values in more.items()}
+        place = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
+        mag_or_none = round(mag, 2) if np.isfinite(mag) else None
+        found.append(ChangedStarOut(hip=hip, name=known.name_of(hip), v_mag=mag_or_none, **place, **own))
+    return sorted(found, key=lambda s: (s.v_mag is None, s.v_mag))[:MOST_LISTED]
+
+
+def timeline(found: Timeline, now: datetime, watch_days: float) -> TimelineOut:
+    """The banks of a device by date."""
+    word = cover(found.stays, found.planned, now, watch_days)
+    devices = [DeviceRefOut.model_validate(d) for d in found.devices]
+    return TimelineOut(
+        device=DeviceRefOut.model_validate(found.device),
+        devices=devices,
+        now=now,
+        start=found.start,
+        end=found.end,
+        stays=[_stay(stay, now) for stay in found.stays],
+        planned=[BankPlanOut(**{n: getattr(p, n) for n in BankPlanOut.model_fields}) for p in found.planned],
+        cover=CoverOut(state=word.state.value, text=word.text, until=word.until),
+    )
+
+
+def _stay(stay: Stay, now: datetime) -> BankStayOut:
+    row, c = stay.row, stay.catalogue
+    names = "bank state sha256 began ended told how user"
+    return BankStayOut(
+        **{name: getattr(row, name) for name in names.split()},
+        name=c.name if c else row.name,
+        catalogue_id=c.id if c else row.catalogue_id,
+        stars=c.stars if c else None,
+        valid_from=c.valid_from if c else None,
+        valid_to=c.valid_to if c else None,
+        days_left=days_left(c.valid_to, now) if c else None,
     )

@@ -1,27 +1,42 @@
-"""Sub-catalogues: preview, build, keep, upload."""
+"""Sub-catalogues: preview, build, keep, compare, export, upload, and the banks by date."""
 
 from __future__ import annotations
 
 import json
-import math
-from datetime import UTC, datetime
-from typing import Annotated
+from datetime import timedelta
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Form, Query, Response, UploadFile
+from fastapi.responses import HTMLResponse
 
-from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api import present, security
+from gss.api.catalogue_words import request_of
+from gss.api.deps import LARGEST_ID, App, Moment, RowId, User
+from gss.api.present.catalogue_page import catalogue_page
+from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueIn, CatalogueOut, PreviewOut, UploadIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
-from gss.catalogue_tools.attitude import AttitudeLimits
-from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.selection import Rules
+from gss.catalogue_tools.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 
 router = APIRouter(prefix="/catalogues", tags=["catalogues"])
-FIRST_YEAR, LAST_YEAR = 1950, 2150
+PAST, FUTURE = timedelta(days=60), timedelta(days=60)
+Kind = Literal[
+    "image",
+    "manifest",
+    "c",
+    "csv",
+    "ecsv",
+    "fits",
+    "parquet",
+    "tables-fits",
+    "tables-csv",
+    "tables-ecsv",
+    "tables-parquet",
+]
+Id = Annotated[int, Query(ge=1, le=LARGEST_ID)]
 
 
 @router.get("")
@@ -32,13 +47,14 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
 
 
 @router.post("/preview")
-def preview(app: App, user: User, body: CatalogueIn) -> PreviewOut:
-    """The quick look while parameters change."""
-    quick = app.catalogues.preview(request_of(body, user))
+def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) -> PreviewOut:
+    """The quick look while parameters change; ``ambiguity`` adds a coarse map of where stars can be mistaken."""
+    quick = app.catalogues.preview(request_of(body, user, utc_now()), mistakes=ambiguity)
     return PreviewOut(
         stars=quick.stars,
         pairs_estimate=quick.pairs,
         bytes_estimate=quick.size,
+        bank_bytes=quick.bank_bytes,
         elapsed_ms=1000 * quick.elapsed_s,
         **quick.report,
     )
@@ -47,14 +63,71 @@ def preview(app: App, user: User, body: CatalogueIn) -> PreviewOut:
 @router.post("", status_code=202)
 def build_catalogue(app: App, user: User, body: CatalogueIn) -> JobOut:
     """Build as a job; its result names the catalogue."""
-    request = request_of(body, user)
+    request = request_of(body, user, utc_now())
     return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=user))
+
+
+@router.get("/diff")
+def diff(app: App, old: Id, new: Id) -> CatalogueDiffOut:
+    """What would change on board if one stored catalogue took the place of another."""
+    return present.catalogues.diff(app.catalogues.diff(old, new), app.stars)
+
+
+@router.get("/timeline")
+def timeline(
+    app: App,
+    device: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
+) -> TimelineOut:
+    """Which catalogue is, was and will be in which bank of a device; of the one that answered last by default."""
+    now = utc_now()
+    found = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
+    return present.catalogues.timeline(found, now, app.settings.catalogue_watch_days)
+
+
+@router.get("/sources")
+def list_sources(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[StarListOut]:
+    """Star lists that were brought, newest first."""
+    return [StarListOut.model_validate(row) for row in app.star_lists.newest(limit)]
+
+
+@router.post("/sources", status_code=201)
+def add_source(
+    app: App,
+    user: User,
+    file: UploadFile,
+    name: Annotated[str, Form(max_length=80)] = "",
+    profile: Annotated[str, Form(max_length=40)] = "",
+    mapping: Annotated[str, Form(max_length=4000)] = "{}",
+) -> StarListOut:
+    """A CSV, ECSV, FITS or VOTable list as a source of stars. ``mapping``: JSON with columns, units, epoch_jyear, frame,
+    bad_rows (drop or refuse). The answer says what was read and which rows were dropped."""
+    data = file.file.read(security.MAX_BODY_BYTES + 1)
+    row = app.star_lists.add(data, file.filename or "", _mapping(mapping), user=user, profile=profile, name=name)
+    return StarListOut.model_validate(row)
 
 
 @router.get("/{catalogue_id}")
 def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
-    """A catalogue with its map and quality."""
+    """A catalogue with its maps and quality."""
     return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
+
+
+@router.get("/{catalogue_id}/report.html", response_class=HTMLResponse)
+def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
+    """The quality report to read and to print: one page without scripts, complete in itself."""
+    row = app.catalogues.get(catalogue_id)
+    named = {"name": row.name, "author": row.author, "image_sha256": row.sha256, "profile_name": row.profile}
+    return HTMLResponse(catalogue_page({**named, **row.manifest, "name": row.name}, row.report))
+
+
+@router.get("/{catalogue_id}/export", response_class=Response)
+def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
+    """The catalogue as a file: bank image, manifest, C source, the star list, or every table."""
+    found = app.catalogues.export(catalogue_id, kind)
+    headers = {"Content-Disposition": f'attachment; filename="{found.name}"'}
+    return Response(found.content, media_type=found.media_type, headers=headers)
 
 
 @router.get("/{catalogue_id}/image.bin", response_class=Response)
@@ -79,55 +152,13 @@ def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User) -> Transfe
     return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 
 
-def request_of(body: CatalogueIn, user: str) -> BuildRequest:
-    """Degrees to radians, words to records."""
-    orbit: ElementsOrbit | TleOrbit | None = None
-    attitude: AttitudeLimits | None = None
-    if body.orbit == "elements":
-        inclination = math.radians(body.inclination_deg)
-        orbit = ElementsOrbit((inclination, inclination), _radians(body.raan_deg))
-    elif body.orbit == "tle":
-        orbit = TleOrbit(body.tle)
-    if body.orbit != "none":
-        attitude = AttitudeLimits(
-            body.pointing, _radians(body.roll_deg), _radians(body.pitch_deg), _radians(body.yaw_deg)
-        )
-    rules = Rules(
-        body.faint_mag,
-        body.bright_mag,
-        math.radians(body.min_separation_deg),
-        body.brightest_per_field,
-        body.drop_variables,
-    )
-    return BuildRequest(
-        profile_name=body.profile,
-        format_name=body.format,
-        rules=rules,
-        name=body.name,
-        author=user,
-        orbit=orbit,
-        attitude=attitude,
-        start=_moment(body.start) or (None if body.orbit == "none" else utc_now()),
-        days=body.days,
-        margin_rad=math.radians(body.margin_deg),
-        pair_min_rad=math.radians(body.pair_min_deg),
-        pair_max_rad=None if body.pair_max_deg is None else math.radians(body.pair_max_deg),
-    )
-
-
-def _radians(limits: list[float]) -> tuple[float, float]:
-    return math.radians(limits[0]), math.radians(limits[1])
-
-
-def _moment(text: str) -> datetime | None:
-    if not text:
-        return None
+def _mapping(text: str) -> ListMapping:
     try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        raise BadInput("the start is not a date", expected="ISO 8601, for example 2026-12-01", got=text[:40]) from None
-    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        values = json.loads(text or "{}")
+        return ListMapping(**values)
+    except (ValueError, TypeError) as error:
         raise BadInput(
-            "the start is far from any mission", expected=f"a year from {FIRST_YEAR} to {LAST_YEAR}", got=text[:40]
-        )
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+            "the mapping of the columns cannot be read",
+            expected='JSON, for example {"columns": {"ra": "RAJ2000"}, "epoch_jyear": 2000.0}',
+            got=str(error)[:200],
+        ) from None

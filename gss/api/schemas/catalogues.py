@@ -10,10 +10,44 @@ from gss.api.schemas.base import In, Out, Utc
 
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 """Smallest and largest, degrees."""
+Mounting = Annotated[list[float], Field(min_length=9, max_length=9)]
+Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
+
+
+class CorrectionsIn(In):
+    """What is done to the stars of the source. ``doubles``: how stars are treated that the camera cannot separate."""
+
+    proper_motion: bool = True
+    parallax: bool = False
+    annual_aberration: bool = False
+    orbital_aberration: bool = False
+    frame: Literal["icrs", "of_date", "b1950"] = "icrs"
+    e_terms: bool = True
+    instrument_magnitude: bool = False
+    roll_off: Literal["off", "average", "worst"] = "off"
+    doubles: Literal["", "moniteq", "huffman", "erlank_combine", "erlank_keep", "drop"] = ""
+    doubles_separation_deg: float | None = Field(default=None, gt=0, lt=5)
+    flag_variables: bool = False
+    variables_at_date: bool = False
+
+
+class OccultationIn(In):
+    """What hides the sky. Angles in degrees from the boresight; None: the camera's own baffle."""
+
+    earth: bool = False
+    earth_margin_deg: float = Field(default=0.0, ge=0, le=60)
+    sun: bool = False
+    sun_deg: float | None = Field(default=None, gt=0, lt=180)
+    moon: bool = False
+    moon_deg: float | None = Field(default=None, gt=0, lt=180)
 
 
 class CatalogueIn(In):
-    """What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky."""
+    """What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
+
+    ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
+    nine numbers by rows, in place of the law's own mounting. ``off_nadir_deg``: how far a target law looks aside.
+    """
 
     name: str = Field(default="", max_length=60)
     profile: str = "cubestar"
@@ -21,21 +55,35 @@ class CatalogueIn(In):
     orbit: Literal["none", "elements", "tle"] = "none"
     inclination_deg: float = Field(default=97.6, ge=0, le=180)
     raan_deg: Range = Field(default=[0.0, 360.0])
+    altitude_km: float | None = Field(default=None, ge=100, le=1_000_000)
     tle: str = Field(default="", max_length=400)
     start: str = ""
     days: float = Field(default=14, gt=0, le=400)
-    pointing: Literal["sunsat", "zenith", "nadir"] = "zenith"
+    pointing: Law = "zenith"
     roll_deg: Range = Field(default=[-5.0, 5.0])
     pitch_deg: Range = Field(default=[-5.0, 5.0])
     yaw_deg: Range = Field(default=[-5.0, 5.0])
+    ra_deg: float = Field(default=0.0, ge=-360, le=720)
+    dec_deg: float = Field(default=0.0, ge=-90, le=90)
+    field_roll_deg: float = Field(default=0.0, ge=-360, le=360)
+    off_nadir_deg: float = Field(default=0.0, ge=0, le=80)
+    body_from_cam: Mounting | None = None
     margin_deg: float = Field(default=0.5, ge=0, le=20)
-    faint_mag: float = Field(default=3.8, ge=-2, le=8)
-    bright_mag: float = Field(default=-2.0, ge=-3, le=8)
+    method: Literal["exact", "blocks"] = "exact"
+    source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
+    star_list: int | None = Field(default=None, ge=1, le=2**31 - 1)
+    corrections: CorrectionsIn = CorrectionsIn()
+    occultation: OccultationIn = OccultationIn()
+    epoch_jyear: float | None = Field(default=None, ge=1800, le=2200)
+    faint_mag: float = Field(default=3.8, ge=-2, le=21)
+    bright_mag: float = Field(default=-2.0, ge=-3, le=21)
     min_separation_deg: float = Field(default=0.0, ge=0, le=5)
     brightest_per_field: int = Field(default=0, ge=0, le=500)
     drop_variables: bool = False
     pair_min_deg: float = Field(default=0.25, ge=0, le=20)
     pair_max_deg: float | None = Field(default=None, gt=0, le=120)
+    bank_bytes: int | None = Field(default=None, ge=64, le=1 << 30)
+    k_vector: bool = False
 
 
 class FunnelOut(Out):
@@ -66,7 +114,7 @@ class EnvelopeOut(Out):
 
 
 class QualityOut(Out):
-    """How well the kept stars fill the fields."""
+    """How well the kept stars fill the fields. ``searched``: fields that were looked at for the worst one."""
 
     pointings: int
     histogram: list[int]
@@ -76,7 +124,49 @@ class QualityOut(Out):
     worst_stars: int
     worst_ra_deg: float
     worst_dec_deg: float
+    worst_roll_deg: float | None = None
     candidates_per_query: float | None
+    candidates_per_star: float | None = None
+    blinded_share: float = 0.0
+    searched: int = 0
+
+
+class AmbiguityOut(Out):
+    """HEALPix ring-order maps: other triangles per triangle of a field's brightest stars (``value``), other pairs per pair
+    (``pairs``); None outside the envelope."""
+
+    nside: int
+    tolerance_arcsec: float
+    value: list[float | None]
+    pairs: list[float | None]
+    worst: float | None
+    worst_ra_deg: float | None
+    worst_dec_deg: float | None
+
+
+class LifetimeOut(Out):
+    """Share of the fields inside the envelope by days after the end of validity. ``days`` None: longer than was looked at."""
+
+    threshold: float
+    days: float | None
+    until: str | None
+    days_curve: list[float]
+    share_curve: list[float]
+
+
+class PlanetOut(Out):
+    """A planet that comes into the envelope; RA and Dec in degrees by the day."""
+
+    name: str
+    brightest_mag: float
+    way: list[tuple[float, float]]
+
+
+class SizesOut(Out):
+    """Bytes of every part of the image against the bank."""
+
+    by_part: dict[str, int]
+    bank_bytes: int
 
 
 class PreviewOut(Out):
@@ -85,9 +175,11 @@ class PreviewOut(Out):
     stars: int
     pairs_estimate: int
     bytes_estimate: int
+    bank_bytes: int
     funnel: list[FunnelOut]
     sky: list[SkyStarOut]
     envelope: EnvelopeOut
+    ambiguity: AmbiguityOut | None
     elapsed_ms: float
 
 
@@ -110,7 +202,7 @@ class CatalogueOut(Out):
 
 
 class CatalogueDetailOut(CatalogueOut):
-    """A built catalogue with its request, manifest, map and quality report."""
+    """A built catalogue with its request, manifest, maps and quality report."""
 
     request: dict[str, Any]
     manifest: dict[str, Any]
@@ -118,6 +210,11 @@ class CatalogueDetailOut(CatalogueOut):
     sky: list[SkyStarOut]
     envelope: EnvelopeOut | None
     quality: QualityOut | None
+    ambiguity: AmbiguityOut | None
+    lifetime: LifetimeOut | None
+    sizes: SizesOut | None
+    blinded: dict[str, float]
+    planets: list[PlanetOut]
 
 
 class UploadIn(In):

@@ -1,0 +1,96 @@
+"""What is to be known of a catalogue before it goes on board: fields, mistakes, lifetime, the map, planets in the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.occultation import OccultedEnvelope
+from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.quality import Quality, assess
+from gss.domain.angles import Array, ra_dec_from_unit
+from gss.domain.stars import DistanceTable, StarTable
+
+MAP_NSIDE = 32
+AMBIGUITY_NSIDE = 16
+# Fainter than this a planet is one star among many.
+PLANET_MAG = 6.0
+PLANET_STEP_DAYS = 1.0
+
+
+@dataclass(frozen=True)
+class EnvelopeMap:
+    """``fraction``: (12·nside²,) share of time in the field by HEALPix ring pixel. Edges: lines of (k, 3) ICRS directions."""
+
+    nside: int
+    fraction: Array
+    edges_start: tuple[Array, ...]
+    edges_end: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Planet:
+    """A planet that the envelope shows at some day: its way, from first to last day, and its brightest."""
+
+    name: str
+    track: Array
+    brightest_mag: float
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """``ambiguity`` None for fewer than three stars. ``blinded``: shares of time by what hides the sky, {} for nothing."""
+
+    quality: Quality
+    map: EnvelopeMap
+    blinded: dict[str, float]
+    planets: tuple[Planet, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """Plain values for the manifest."""
+        return {
+            "blinded": self.blinded,
+            "planets": [{"name": p.name, "brightest_mag": p.brightest_mag} for p in self.planets],
+        }
+
+
+def assess_catalogue(p: Plan, kept: StarTable, distances: DistanceTable) -> Assessment:
+    """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows."""
+    rng = np.random.default_rng(p.request.seed)
+    quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
+    return Assessment(quality, envelope_map(p), _blinded(p), ())
+
+
+def envelope_map(p: Plan, nside: int = MAP_NSIDE) -> EnvelopeMap:
+    """Share of time and edges for the page's map."""
+    fraction = p.envelope.time_fraction(centres(nside))
+    return EnvelopeMap(nside, fraction, tuple(p.envelope.edges(at_end=False)), tuple(p.envelope.edges(at_end=True)))
+
+
+def way_deg(planet: Planet) -> list[tuple[float, float]]:
+    """RA and Dec along a planet's way, degrees, for a page."""
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(planet.track))
+    return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
+
+
+def _tolerance_rad(p: Plan) -> float:
+    return p.request.query_tolerance_px * p.profile.camera.pixel_rad
+
+
+def _blinded(p: Plan) -> dict[str, float]:
+    if not isinstance(p.envelope, OccultedEnvelope):
+        return {}
+    b = p.envelope.blinded
+    return {"earth": b.earth, "sun": b.sun, "moon": b.moon, "total": b.total}
+
+
+def _finite(value: float | np.floating[Any]) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def plain(values: dict[str, Any]) -> dict[str, Any]:
+    """JSON knows neither NaN nor infinity."""
+    return {name: _finite(value) if isinstance(value, float | np.floating) else value for name, value in values.items()}

@@ -1,0 +1,153 @@
+"""A request worked out: the field, the planes of the orbit, the envelope, the dates and the limits of the tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from gss.catalogue_tools.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
+from gss.catalogue_tools.corrections import DAYS_PER_YEAR, sun_longitude_rad
+from gss.catalogue_tools.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.field import FieldShape, widened
+from gss.catalogue_tools.occultation import OccultedEnvelope
+from gss.catalogue_tools.orbits import OrbitRanges, from_elements, from_tle, jyear_of, node_rate_rad_s
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile, profile
+
+# Chosen: the documents' 1 MiB of flash holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013 §4.2).
+BANK_BYTES = {"cubestar": 256 * 1024, "sunsat": 512 * 1024}
+OTHER_BANK_BYTES = 256 * 1024
+SECONDS_PER_DAY = 86_400.0
+SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A request with everything worked out. ``shape``: the field itself; the envelope's is wider by the margin. ``base``: the
+    envelope before anything hides the sky."""
+
+    request: BuildRequest
+    profile: CameraProfile
+    shape: FieldShape
+    envelope: Envelope
+    base: Envelope
+    planes: OrbitRanges | None
+    epoch_jyear: float
+    valid_from: datetime | None
+    valid_to: datetime | None
+    pair_max_rad: float
+    bank_bytes: int
+
+    @property
+    def date_jyear(self) -> float:
+        """Julian year for which the sky of the date is worked out."""
+        middle = self.request.middle
+        return self.epoch_jyear if middle is None else jyear_of(middle)
+
+    @property
+    def drift_rad_day(self) -> float:
+        """How fast the envelope moves along its node or the ecliptic; 0 where it stays."""
+        limits, days = self.request.attitude, self.request.days
+        if self.planes is not None and limits is not None and limits.pointing in ORBIT_LAWS:
+            orbit = self.request.orbit
+            if isinstance(orbit, ElementsOrbit) and orbit.altitude_m is None:
+                # Nobody said how high: the limits are given, and what follows them is taken as Sun-synchronous.
+                return SUN_RATE_RAD_DAY
+            return (self.planes.raan_end_rad - self.planes.raan_start_rad) / days
+        return SUN_RATE_RAD_DAY if limits is not None and limits.pointing in SUN_LAWS else 0.0
+
+
+def plan(request: BuildRequest) -> Plan:
+    """Work a request out. Fails on anything that cannot be built."""
+    chosen = profile(request.profile_name)
+    planes = planes_of(request.orbit, request.start, request.days)
+    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes)
+    hidden = request.occultation
+    limits = request.attitude
+    drifts = (
+        isinstance(base, BandEnvelope)
+        or (limits is not None and limits.pointing in SUN_LAWS)
+        or hidden.sun_rad > 0
+        or hidden.moon_rad > 0
+    )
+    return Plan(
+        request,
+        chosen,
+        FieldShape(chosen.camera),
+        _occulted(request, base, planes) if hidden.active else base,
+        base,
+        planes,
+        epoch_of(request),
+        request.start,
+        request.end if drifts else None,
+        chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad,
+        BANK_BYTES.get(request.format_name, OTHER_BANK_BYTES) if request.bank_bytes is None else request.bank_bytes,
+    )
+
+
+def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, days: float) -> OrbitRanges | None:
+    """The planes that an orbit has through ``days`` from ``start``; None without an orbit."""
+    if isinstance(orbit, TleOrbit):
+        if start is None:
+            raise BadInput("a TLE needs dates", expected="a start and a number of days", got="no start")
+        return from_tle(orbit.text, start, days)
+    return None if orbit is None else _drifted(orbit, start, days)
+
+
+def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> OrbitRanges:
+    """Limits of the first day widened by what the node drifts until the last one."""
+    first = from_elements(orbit.inclination_rad, orbit.raan_rad)
+    if orbit.altitude_m is None:
+        return first
+    if start is None:
+        raise BadInput("a drifting node needs dates", expected="a start and a number of days", got="no start")
+    # The rate is monotonous in the inclination.
+    seconds = days * SECONDS_PER_DAY
+    low, high = sorted(node_rate_rad_s(i, orbit.altitude_m) * seconds for i in first.inclination_rad)
+    raan = first.raan_rad[0] + min(0.0, low), first.raan_rad[1] + max(0.0, high)
+    middle = (first.raan_rad[0] + first.raan_rad[1]) / 2
+    return OrbitRanges(first.inclination_rad, raan, middle, middle + (low + high) / 2)
+
+
+def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None) -> Envelope:
+    limits = request.attitude
+    if limits is None:
+        if planes is None:
+            return WholeSky(shape)
+        raise BadInput("an orbit without attitude limits says nothing", expected="a pointing law with its limits")
+    if limits.pointing in ORBIT_LAWS:
+        if planes is None:
+            raise BadInput(
+                f"pointing {limits.pointing} follows the orbit",
+                expected="orbital elements or a TLE",
+                got="no orbit",
+                hint="leave the attitude limits away for the whole sky",
+            )
+        return BandEnvelope(shape, limits, planes)
+    if request.method == "blocks":
+        raise BadInput(
+            "blocks are of a camera that turns with its orbit", expected=" | ".join(ORBIT_LAWS), got=limits.pointing
+        )
+    return _patch(request, shape, limits)
+
+
+def _patch(request: BuildRequest, shape: FieldShape, limits: AttitudeLimits) -> PatchEnvelope:
+    if limits.pointing not in SUN_LAWS:
+        return PatchEnvelope(shape, limits)
+    if request.start is None or request.end is None:
+        raise BadInput(
+            f"pointing {limits.pointing} follows the Sun and needs dates",
+            expected="a start and a number of days",
+            got="no start",
+        )
+    sun = sun_longitude_rad(jyear_of(request.start)), sun_longitude_rad(jyear_of(request.end))
+    return PatchEnvelope(shape, limits, (sun[0], min(sun[1], sun[0] + 2 * np.pi)))
+
+
+def _occulted(request: BuildRequest, base: Envelope, planes: OrbitRanges | None) -> Envelope:
+    start = None if request.start is None else jyear_of(request.start)
+    end = None if request.end is None else jyear_of(request.end)
+    return OccultedEnvelope(base, request.occultation, planes, start, end)

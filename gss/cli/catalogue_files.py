@@ -1,0 +1,255 @@
+"""``gss catalogue show | diff | export | import | report | timeline``: catalogues that are there, as files or in the store."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gss.catalogue_tools.diff import compare, coverage_change
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.manifest import Manifest, check_image, manifest_of, read_manifest
+from gss.catalogue_tools.onboard import decode
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import BadInput
+from gss.domain.profiles import profile
+from gss.domain.stars import OnboardCatalogue
+
+if TYPE_CHECKING:
+    from gss.catalogue_tools.build import BuiltCatalogue
+    from gss.cli import Subparsers
+    from gss.wiring import Services
+
+NEED = 3
+SPAN = timedelta(days=60)
+WHICH = "bank image with its manifest in IMAGE.json, or the number of a stored catalogue"
+
+
+def register(commands: Subparsers) -> None:
+    """Add the commands to the catalogue group."""
+    show = _parser(commands, "show", "check a catalogue with its manifest and say what is in it", run_show)
+    show.add_argument("image", help=WHICH)
+    diff = _parser(commands, "diff", "what changes from one catalogue to another", run_diff)
+    diff.add_argument("old", help=WHICH)
+    diff.add_argument("new", help=WHICH)
+    export = _parser(commands, "export", "write a catalogue as a file for other programs", run_export)
+    export.add_argument("image", help=WHICH)
+    export.add_argument(
+        "--kind",
+        default="csv",
+        help="image | manifest | c | csv | ecsv | fits | parquet | tables-fits | tables-csv | tables-ecsv | tables-parquet",
+    )
+    export.add_argument("--out", type=Path, required=True, metavar="FILE")
+    back = _parser(commands, "import", "the bank image of a file that export --kind tables-… wrote", run_import)
+    back.add_argument("file", type=Path)
+    back.add_argument("--out", type=Path, required=True, metavar="FILE")
+    report = _parser(commands, "report", "the quality report of a catalogue, one HTML page", run_report)
+    report.add_argument("image", help=WHICH)
+    report.add_argument("--out", type=Path, metavar="FILE", help="the page; without it and --json: standard output")
+    timeline = _parser(commands, "timeline", "which catalogue was, is and will be in which bank", run_timeline)
+    timeline.add_argument(
+        "--device", type=int, metavar="N", help="number of the device (default: the last that answered)"
+    )
+    timeline.add_argument("--days", type=float, default=60.0, help="this many days back (default 60)")
+
+
+def _parser(commands: Subparsers, name: str, words: str, run: Any) -> argparse.ArgumentParser:
+    p = commands.add_parser(name, help=words)
+    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=run)
+    return p
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Check, print."""
+    image, manifest, _ = _read(arguments, arguments.image)
+    catalogue = _decoded(image, manifest)
+    facts = {
+        "name": manifest.name,
+        "author": manifest.author,
+        "tool": manifest.tool,
+        "profile": manifest.profile_name,
+        "format": manifest.format_name,
+        "frame": manifest.frame,
+        "epoch_jyear": manifest.epoch_jyear,
+        "valid_from": manifest.valid_from or None,
+        "valid_to": manifest.valid_to or None,
+        "stars": len(catalogue),
+        "pairs": len(catalogue.distances),
+        "bytes": len(image),
+        "sha256": manifest.image_sha256,
+        "manifest_version": manifest.version,
+    }
+    print_facts(facts, arguments.json)
+    return 0
+
+
+def run_diff(arguments: argparse.Namespace) -> int:
+    """Compare, print."""
+    (old_image, old_paper, _), (new_image, new_paper, _) = (_read(arguments, a) for a in (arguments.old, arguments.new))
+    old, new = _decoded(old_image, old_paper), _decoded(new_image, new_paper)
+    d = compare(old, new)
+    cover = coverage_change(old, new, FieldShape(profile(new_paper.profile_name).camera).equal_circle_rad)
+    lists = {"added": d.added, "dropped": d.dropped, "moved": d.moved, "magnitude_changed": d.magnitude_changed}
+    facts: dict[str, Any] = {
+        "same": len(d.same),
+        "pairs_old": d.pairs[0],
+        "pairs_new": d.pairs[1],
+        "same_camera": old_paper.profile_name == new_paper.profile_name,
+        "circles": len(cover.old),
+        "circles_poorer": cover.poorer(NEED),
+        "fewest_in_circle_old": int(cover.old.min()),
+        "fewest_in_circle_new": int(cover.new.min()),
+    }
+    if arguments.json:
+        whole = {name: hip.tolist() for name, hip in lists.items()}
+        amounts = {
+            "moved_arcsec": (d.moved_rad / ARCSEC_RAD).round(3).tolist(),
+            "magnitude_change_mag": d.magnitude_change_mag.round(3).tolist(),
+            "coverage": {"nside": cover.nside, "old": cover.old.tolist(), "new": cover.new.tolist()},
+        }
+        print_facts(whole | amounts | facts, True)
+    else:
+        print_facts({name: len(hip) for name, hip in lists.items()} | facts, False)
+    return 0
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Convert, write."""
+    from gss.operations.catalogue_files import export_file
+
+    image, manifest, _ = _read(arguments, arguments.image)
+    made = export_file(image, manifest.as_dict(), arguments.kind, manifest.name)
+    write_file(arguments.out, made.content)
+    if arguments.json:
+        print_facts({"file": str(arguments.out), "kind": arguments.kind, "bytes": len(made.content)}, True)
+    return 0
+
+
+def run_import(arguments: argparse.Namespace) -> int:
+    """Read the tables, verify, write the image."""
+    from gss.catalogue_tools.onboard import read_header
+    from gss.operations.catalogue_files import import_file
+
+    image = import_file(_bytes(arguments.file), arguments.file.name)
+    write_file(arguments.out, image)
+    header = read_header(image)
+    facts = {"profile": header.profile_name, "format": header.format_name, "stars": header.stars, "bytes": len(image)}
+    print_facts(facts, arguments.json)
+    return 0
+
+
+def run_report(arguments: argparse.Namespace) -> int:
+    """The stored report, or that of the manifest's request built again, which must give the same bytes."""
+    from gss.api.present.catalogue_page import catalogue_page
+    from gss.catalogue_tools.hipparcos import load_stars
+    from gss.catalogue_tools.sources import load_source
+    from gss.operations.catalogue_report import report_again
+
+    _, manifest, report = _read(arguments, arguments.image)
+    if report is None:
+        name = manifest.source_facts.get("name", "hipparcos")
+        if name not in ("hipparcos", "gaia"):
+            raise BadInput(
+                "the report of a catalogue of your own list needs the list",
+                expected="a stored catalogue, or build --list … --report FILE",
+                got=arguments.image,
+            )
+        limit = float(manifest.parameters["rules"]["faint_mag"])
+        report = report_again(manifest, load_stars() if name == "hipparcos" else load_source(name, limit))
+    page = catalogue_page(manifest.as_dict(), report)
+    if arguments.out is not None:
+        write_file(arguments.out, page.encode())
+    if arguments.json:
+        print_facts({"manifest": manifest.as_dict(), "report": report}, True)
+    elif arguments.out is None:
+        print(page)
+    return 0
+
+
+def run_timeline(arguments: argparse.Namespace) -> int:
+    """What the store's device reports say."""
+    from gss.api.present.catalogues import timeline
+    from gss.operations.clock import utc_now
+
+    services, now = _services(arguments), utc_now()
+    found = services.bank_history.timeline(now - timedelta(days=arguments.days), now + SPAN, arguments.device)
+    told = timeline(found, now, services.settings.catalogue_watch_days)
+    if arguments.json:
+        print(told.model_dump_json(indent=1))
+        return 0
+    print(f"{told.device.name}: {told.cover.text}")
+    for s in told.stays:
+        until = f"{s.ended:%Y-%m-%d %H:%M}" if s.ended else "now"
+        valid = f", valid to {s.valid_to:%Y-%m-%d %H:%M}" if s.valid_to else ""
+        what = s.name or s.sha256[:8] or "–"
+        print(
+            f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {what}{valid} ({s.how} {s.user})".rstrip()
+        )
+    for p in told.planned:
+        print(f"{p.bank:6} {p.kind:10} {f'{p.at:%Y-%m-%d %H:%M}' if p.at else 'soon'} {p.text}")
+    return 0
+
+
+def write_report(path: Path, built: BuiltCatalogue) -> None:
+    """The quality report of a fresh build."""
+    from gss.api.present.catalogue_page import catalogue_page
+    from gss.operations.catalogue_report import report_of
+
+    write_file(path, catalogue_page(built.manifest.as_dict(), report_of(built)).encode())
+
+
+def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, dict[str, Any] | None]:
+    """Image, manifest and, from the store, the report; image and manifest are checked against each other."""
+    if which.isdigit() and not Path(which).exists():
+        services = _services(arguments)
+        row = services.catalogues.get(int(which))
+        return services.catalogues.image(row.id), manifest_of(row.manifest), row.report
+    path = Path(which)
+    paper = path.with_name(path.name + ".json")
+    image = _bytes(path)
+    try:
+        manifest = read_manifest(paper.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput("the catalogue cannot be read", expected=f"{path} and {paper}", got=str(error)) from None
+    check_image(manifest, image)
+    return image, manifest, None
+
+
+def _decoded(image: bytes, manifest: Manifest) -> OnboardCatalogue:
+    return decode(image, np.array(manifest.hip, np.int32))
+
+
+def _services(arguments: argparse.Namespace) -> Services:
+    from gss.cli.records import services_of
+
+    return services_of(arguments)
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput("the catalogue cannot be read", expected=f"{path} with its manifest", got=str(error)) from None
+
+
+def print_facts(facts: dict[str, Any], as_json: bool) -> None:
+    """One JSON object, or a line each."""
+    if as_json:
+        print(json.dumps(facts, indent=1, allow_nan=False))
+        return
+    width = max(map(len, facts))
+    print("\n".join(f"{name:<{width}}  {'-' if value in (None, '') else value}" for name, value in facts.items()))
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a whole file; BadInput says why not."""
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise BadInput("the file cannot be written", got=f"{path}: {error}") from None
