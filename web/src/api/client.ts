@@ -125,7 +125,16 @@ export const api = {
   catalogues: () => get<T.Catalogue[]>('/catalogues'),
   catalogue: (id: number) => get<T.CatalogueDetail>(`/catalogues/${id}`),
   build: (body: T.CatalogueIn) => post<T.Job>('/catalogues', body),
-  preview: (body: T.CatalogueIn, signal?: AbortSignal) => post<T.Preview>('/catalogues/preview', body, signal),
+  preview: (body: T.CatalogueIn, ambiguity: boolean, signal?: AbortSignal) => post<T.Preview>(`/catalogues/preview${ambiguity ? '?ambiguity=true' : ''}`, body, signal),
+  catalogueDiff: (old: number, now: number) => get<T.CatalogueDiff>(`/catalogues/diff?old=${old}&new=${now}`),
+  timeline: (device?: number) => get<T.Timeline>(`/catalogues/timeline${query({ device })}`),
+  starLists: () => get<T.StarList[]>('/catalogues/sources'),
+  addStarList: (file: File, profile: string) => {
+    const form = new FormData();
+    form.append('file', file);
+    if (profile) form.append('profile', profile);
+    return answer<T.StarList>('/catalogues/sources', { method: 'POST', headers: { 'X-GSS': '1' }, body: form });
+  },
   upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),
   transfers: (limit = 20) => get<T.Transfer[]>(`/transfers?limit=${limit}`),
   transferAction: (id: number, action: 'pause' | 'resume' | 'abort') => post<T.Transfer>(`/transfers/${id}/${action}`),
@@ -163,6 +172,16 @@ export const api = {
   runExperiments: (body: { names: string[]; trials: number | null; seed: number }) => post<T.Job>('/campaigns/experiments', body),
   reprocess: (body: { chain: string; again: boolean }) => post<T.Job>('/campaigns/reprocess', body),
   compareChains: () => get<T.ChainRecord[]>('/campaigns/chains'),
+  calibrations: () => get<T.CalibrationRow[]>('/calibrations'),
+  calibration: (id: number) => get<T.CalibrationDetail>(`/calibrations/${id}`),
+  calibrate: (body: unknown) => post<T.Job>('/calibrations', body),
+  compareCalibrations: (older: number, newer: number) => get<T.CalibrationDiff>(`/calibrations/diff${query({ older, newer })}`),
+  useCalibration: (id: number) => post<T.CalibrationDetail>(`/calibrations/${id}/use`),
+  useDocumented: (profile: string) => post<null>('/calibrations/documented', { profile }),
+  calibrationTable: (id: number) => post<T.TableDetail>(`/calibrations/${id}/table`),
+  analyses: () => get<T.AnalysisRow[]>('/analyses'),
+  analysis: (id: number) => get<T.AnalysisDetail>(`/analyses/${id}`),
+  analyse: (body: unknown) => post<T.Job>('/analyses', body),
   contact: (id: number) => get<T.ContactDetail>(`/contacts/${id}`),
   noteContact: (id: number, note: string) => send<T.ContactDetail>('PUT', `/contacts/${id}/note`, { note }),
   replay: () => get<T.Replay>('/replay'),

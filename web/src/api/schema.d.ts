@@ -1547,9 +1547,74 @@ export interface paths {
         put?: never;
         /**
          * Preview
-         * @description The quick look while parameters change.
+         * @description The quick look while parameters change; ``ambiguity`` adds a coarse map of where stars can be mistaken.
          */
         post: operations["preview_api_catalogues_preview_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/catalogues/diff": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Diff
+         * @description What would change on board if one stored catalogue took the place of another.
+         */
+        get: operations["diff_api_catalogues_diff_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/catalogues/timeline": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Timeline
+         * @description Which catalogue is, was and will be in which bank of a device; of the one that answered last by default.
+         */
+        get: operations["timeline_api_catalogues_timeline_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/catalogues/sources": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Sources
+         * @description Star lists that were brought, newest first.
+         */
+        get: operations["list_sources_api_catalogues_sources_get"];
+        put?: never;
+        /**
+         * Add Source
+         * @description A CSV, ECSV, FITS or VOTable list as a source of stars. ``mapping``: JSON with columns, units, epoch_jyear, frame,
+         *     bad_rows (drop or refuse). The answer says what was read and which rows were dropped.
+         */
+        post: operations["add_source_api_catalogues_sources_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1565,9 +1630,49 @@ export interface paths {
         };
         /**
          * Read Catalogue
-         * @description A catalogue with its map and quality.
+         * @description A catalogue with its maps and quality.
          */
         get: operations["read_catalogue_api_catalogues__catalogue_id__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/catalogues/{catalogue_id}/report.html": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Report Page
+         * @description The quality report to read and to print: one page without scripts, complete in itself.
+         */
+        get: operations["report_page_api_catalogues__catalogue_id__report_html_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/catalogues/{catalogue_id}/export": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Export
+         * @description The catalogue as a file: bank image, manifest, C source, the star list, or every table.
+         */
+        get: operations["export_api_catalogues__catalogue_id__export_get"];
         put?: never;
         post?: never;
         delete?: never;
@@ -1832,6 +1937,70 @@ export interface paths {
          * @description A version for other programs, or its report to read and print.
          */
         get: operations["export_api_calibrations__calibration_id__export_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/analyses": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Analyses
+         * @description Newest first; of one kind where it is named.
+         */
+        get: operations["list_analyses_api_analyses_get"];
+        put?: never;
+        /**
+         * Analyse
+         * @description Analyse as a job; its result names the analysis.
+         */
+        post: operations["analyse_api_analyses_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/analyses/{analysis_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read Analysis
+         * @description An analysis with its report.
+         */
+        get: operations["read_analysis_api_analyses__analysis_id__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/analyses/{analysis_id}/export": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Export
+         * @description The report to read and print, or everything for programs.
+         */
+        get: operations["export_api_analyses__analysis_id__export_get"];
         put?: never;
         post?: never;
         delete?: never;
@@ -2473,6 +2642,80 @@ export interface components {
             closed: string | null;
         };
         /**
+         * AmbiguityOut
+         * @description HEALPix ring-order maps: other triangles per triangle of a field's brightest stars (``value``), other pairs per pair
+         *     (``pairs``); None outside the envelope.
+         */
+        AmbiguityOut: {
+            /** Nside */
+            nside: number;
+            /** Tolerance Arcsec */
+            tolerance_arcsec: number;
+            /** Value */
+            value: (number | null)[];
+            /** Pairs */
+            pairs: (number | null)[];
+            /** Worst */
+            worst: number | null;
+            /** Worst Ra Deg */
+            worst_ra_deg: number | null;
+            /** Worst Dec Deg */
+            worst_dec_deg: number | null;
+        };
+        /**
+         * AnalysisDetailOut
+         * @description An analysis with its report, and its figures as the science names them (radians, seconds, pixels).
+         */
+        AnalysisDetailOut: {
+            /** Id */
+            id: number;
+            /** Kind */
+            kind: string;
+            /** Title */
+            title: string;
+            /** Created */
+            created: string;
+            /** Author */
+            author: string;
+            /** Tool */
+            tool: string;
+            /** Doubts */
+            doubts: number;
+            /** Severe */
+            severe: number;
+            /** Request */
+            request: {
+                [key: string]: unknown;
+            };
+            /** Figures */
+            figures: {
+                [key: string]: unknown;
+            };
+            report: components["schemas"]["ReportViewOut"];
+        };
+        /**
+         * AnalysisOut
+         * @description One analysis. ``doubts``: notes of its report, ``severe``: those that say not to rely on it.
+         */
+        AnalysisOut: {
+            /** Id */
+            id: number;
+            /** Kind */
+            kind: string;
+            /** Title */
+            title: string;
+            /** Created */
+            created: string;
+            /** Author */
+            author: string;
+            /** Tool */
+            tool: string;
+            /** Doubts */
+            doubts: number;
+            /** Severe */
+            severe: number;
+        };
+        /**
          * ArgumentOut
          * @description One argument of a command.
          */
@@ -2639,6 +2882,65 @@ export interface components {
             days_left: number | null;
         };
         /**
+         * BankPlanOut
+         * @description Something that will be in a bank, or become active there. ``at`` None: as soon as it has arrived.
+         */
+        BankPlanOut: {
+            /** Bank */
+            bank: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "upload" | "activation";
+            /** At */
+            at: string | null;
+            /** Name */
+            name: string;
+            /** Catalogue Id */
+            catalogue_id: number | null;
+            /** Valid From */
+            valid_from: string | null;
+            /** Valid To */
+            valid_to: string | null;
+            /** Text */
+            text: string;
+        };
+        /**
+         * BankStayOut
+         * @description One bank in one state with one content. ``ended`` None: still so, as far as was told.
+         */
+        BankStayOut: {
+            /** Bank */
+            bank: string;
+            /** State */
+            state: string;
+            /** Sha256 */
+            sha256: string;
+            /** Name */
+            name: string;
+            /** Catalogue Id */
+            catalogue_id: number | null;
+            /** Stars */
+            stars: number | null;
+            /** Valid From */
+            valid_from: string | null;
+            /** Valid To */
+            valid_to: string | null;
+            /** Days Left */
+            days_left: number | null;
+            /** Began */
+            began: string;
+            /** Ended */
+            ended: string | null;
+            /** Told */
+            told: string;
+            /** How */
+            how: string;
+            /** User */
+            user: string;
+        };
+        /**
          * BodyOut
          * @description Sun or Moon, geocentric, with the angle the boresight should keep.
          */
@@ -2651,6 +2953,26 @@ export interface components {
             dec_deg: number;
             /** Exclusion Deg */
             exclusion_deg: number;
+        };
+        /** Body_add_source_api_catalogues_sources_post */
+        Body_add_source_api_catalogues_sources_post: {
+            /** File */
+            file: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Profile
+             * @default
+             */
+            profile: string;
+            /**
+             * Mapping
+             * @default {}
+             */
+            mapping: string;
         };
         /** Body_import_frame_api_frames_import_post */
         Body_import_frame_api_frames_import_post: {
@@ -2833,7 +3155,7 @@ export interface components {
         };
         /**
          * CatalogueDetailOut
-         * @description A built catalogue with its request, manifest, map and quality report.
+         * @description A built catalogue with its request, manifest, maps and quality report.
          */
         CatalogueDetailOut: {
             /** Id */
@@ -2876,10 +3198,57 @@ export interface components {
             sky: components["schemas"]["SkyStarOut"][];
             envelope: components["schemas"]["EnvelopeOut"] | null;
             quality: components["schemas"]["QualityOut"] | null;
+            ambiguity: components["schemas"]["AmbiguityOut"] | null;
+            lifetime: components["schemas"]["LifetimeOut"] | null;
+            sizes: components["schemas"]["SizesOut"] | null;
+            /** Blinded */
+            blinded: {
+                [key: string]: number;
+            };
+            /** Planets */
+            planets: components["schemas"]["PlanetOut"][];
+        };
+        /**
+         * CatalogueDiffOut
+         * @description What would change on board. Numbers are whole; the lists hold at most the first 500 stars, brightest first.
+         */
+        CatalogueDiffOut: {
+            old: components["schemas"]["CatalogueRefOut"];
+            new: components["schemas"]["CatalogueRefOut"];
+            /** Same Camera */
+            same_camera: boolean;
+            /** Nothing */
+            nothing: boolean;
+            /** Added Count */
+            added_count: number;
+            /** Dropped Count */
+            dropped_count: number;
+            /** Moved Count */
+            moved_count: number;
+            /** Magnitude Count */
+            magnitude_count: number;
+            /** Same Count */
+            same_count: number;
+            /** Unknown Old */
+            unknown_old: number;
+            /** Unknown New */
+            unknown_new: number;
+            /** Added */
+            added: components["schemas"]["ChangedStarOut"][];
+            /** Dropped */
+            dropped: components["schemas"]["ChangedStarOut"][];
+            /** Moved */
+            moved: components["schemas"]["ChangedStarOut"][];
+            /** Magnitude */
+            magnitude: components["schemas"]["ChangedStarOut"][];
+            coverage: components["schemas"]["CoverageOut"];
         };
         /**
          * CatalogueIn
-         * @description What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky.
+         * @description What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
+         *
+         *     ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
+         *     nine numbers by rows, in place of the law's own mounting. ``off_nadir_deg``: how far a target law looks aside.
          */
         CatalogueIn: {
             /**
@@ -2916,6 +3285,8 @@ export interface components {
              *     ]
              */
             raan_deg: number[];
+            /** Altitude Km */
+            altitude_km?: number | null;
             /**
              * Tle
              * @default
@@ -2936,7 +3307,7 @@ export interface components {
              * @default zenith
              * @enum {string}
              */
-            pointing: "sunsat" | "zenith" | "nadir";
+            pointing: "sunsat" | "zenith" | "nadir" | "target" | "inertial" | "anti_sun" | "sun_pointing";
             /**
              * Roll Deg
              * @default [
@@ -2962,10 +3333,73 @@ export interface components {
              */
             yaw_deg: number[];
             /**
+             * Ra Deg
+             * @default 0
+             */
+            ra_deg: number;
+            /**
+             * Dec Deg
+             * @default 0
+             */
+            dec_deg: number;
+            /**
+             * Field Roll Deg
+             * @default 0
+             */
+            field_roll_deg: number;
+            /**
+             * Off Nadir Deg
+             * @default 0
+             */
+            off_nadir_deg: number;
+            /** Body From Cam */
+            body_from_cam?: number[] | null;
+            /**
              * Margin Deg
              * @default 0.5
              */
             margin_deg: number;
+            /**
+             * Method
+             * @default exact
+             * @enum {string}
+             */
+            method: "exact" | "blocks";
+            /**
+             * Source
+             * @default hipparcos
+             * @enum {string}
+             */
+            source: "hipparcos" | "hipparcos_all" | "gaia" | "list";
+            /** Star List */
+            star_list?: number | null;
+            /**
+             * @default {
+             *       "proper_motion": true,
+             *       "parallax": false,
+             *       "annual_aberration": false,
+             *       "orbital_aberration": false,
+             *       "frame": "icrs",
+             *       "e_terms": true,
+             *       "instrument_magnitude": false,
+             *       "roll_off": "off",
+             *       "doubles": "",
+             *       "flag_variables": false,
+             *       "variables_at_date": false
+             *     }
+             */
+            corrections: components["schemas"]["CorrectionsIn"];
+            /**
+             * @default {
+             *       "earth": false,
+             *       "earth_margin_deg": 0,
+             *       "sun": false,
+             *       "moon": false
+             *     }
+             */
+            occultation: components["schemas"]["OccultationIn"];
+            /** Epoch Jyear */
+            epoch_jyear?: number | null;
             /**
              * Faint Mag
              * @default 3.8
@@ -2998,6 +3432,13 @@ export interface components {
             pair_min_deg: number;
             /** Pair Max Deg */
             pair_max_deg?: number | null;
+            /** Bank Bytes */
+            bank_bytes?: number | null;
+            /**
+             * K Vector
+             * @default false
+             */
+            k_vector: boolean;
         };
         /**
          * CatalogueOut
@@ -3030,6 +3471,28 @@ export interface components {
             valid_to: string | null;
             /** Banks */
             banks: string[];
+        };
+        /**
+         * CatalogueRefOut
+         * @description Which catalogue.
+         */
+        CatalogueRefOut: {
+            /** Id */
+            id: number;
+            /** Name */
+            name: string;
+            /** Profile */
+            profile: string;
+            /** Format */
+            format: string;
+            /** Sha256 */
+            sha256: string;
+            /** Stars */
+            stars: number;
+            /** Pairs */
+            pairs: number;
+            /** Bytes */
+            bytes: number;
         };
         /**
          * CellsOut
@@ -3087,6 +3550,27 @@ export interface components {
             older: number | string | null;
             /** Newer */
             newer: number | string | null;
+        };
+        /**
+         * ChangedStarOut
+         * @description A star that is not as it was. ``moved_arcsec``, ``change_mag``: None where that is not the difference. Places are those of
+         *     the new catalogue, of the old one for a dropped star.
+         */
+        ChangedStarOut: {
+            /** Hip */
+            hip: number;
+            /** Name */
+            name: string;
+            /** Ra Deg */
+            ra_deg: number;
+            /** Dec Deg */
+            dec_deg: number;
+            /** V Mag */
+            v_mag: number | null;
+            /** Moved Arcsec */
+            moved_arcsec?: number | null;
+            /** Change Mag */
+            change_mag?: number | null;
         };
         /**
          * ChartStarOut
@@ -3478,6 +3962,72 @@ export interface components {
             resent: number;
         };
         /**
+         * CorrectionsIn
+         * @description What is done to the stars of the source. ``doubles``: how stars are treated that the camera cannot separate.
+         */
+        CorrectionsIn: {
+            /**
+             * Proper Motion
+             * @default true
+             */
+            proper_motion: boolean;
+            /**
+             * Parallax
+             * @default false
+             */
+            parallax: boolean;
+            /**
+             * Annual Aberration
+             * @default false
+             */
+            annual_aberration: boolean;
+            /**
+             * Orbital Aberration
+             * @default false
+             */
+            orbital_aberration: boolean;
+            /**
+             * Frame
+             * @default icrs
+             * @enum {string}
+             */
+            frame: "icrs" | "of_date" | "b1950";
+            /**
+             * E Terms
+             * @default true
+             */
+            e_terms: boolean;
+            /**
+             * Instrument Magnitude
+             * @default false
+             */
+            instrument_magnitude: boolean;
+            /**
+             * Roll Off
+             * @default off
+             * @enum {string}
+             */
+            roll_off: "off" | "average" | "worst";
+            /**
+             * Doubles
+             * @default
+             * @enum {string}
+             */
+            doubles: "" | "moniteq" | "huffman" | "erlank_combine" | "erlank_keep" | "drop";
+            /** Doubles Separation Deg */
+            doubles_separation_deg?: number | null;
+            /**
+             * Flag Variables
+             * @default false
+             */
+            flag_variables: boolean;
+            /**
+             * Variables At Date
+             * @default false
+             */
+            variables_at_date: boolean;
+        };
+        /**
          * CountersOut
          * @description The line's counters since this contact was opened, and the framing in use.
          */
@@ -3486,6 +4036,34 @@ export interface components {
             framing: string;
             sent: components["schemas"]["DirectionCountersOut"];
             received: components["schemas"]["DirectionCountersOut"];
+        };
+        /**
+         * CoverOut
+         * @description Is there a catalogue for the sky to come, in words.
+         */
+        CoverOut: {
+            /** State */
+            state: string;
+            /** Text */
+            text: string;
+            /** Until */
+            until: string | null;
+        };
+        /**
+         * CoverageOut
+         * @description Stars in a circle as large as a field round each HEALPix ring pixel. ``poorer``: circles that had three and have not.
+         */
+        CoverageOut: {
+            /** Nside */
+            nside: number;
+            /** Radius Deg */
+            radius_deg: number;
+            /** Old */
+            old: number[];
+            /** New */
+            new: number[];
+            /** Poorer */
+            poorer: number;
         };
         /**
          * CurveOut
@@ -3771,6 +4349,18 @@ export interface components {
              * @default
              */
             note: string;
+        };
+        /**
+         * DeviceRefOut
+         * @description A device whose banks are on record.
+         */
+        DeviceRefOut: {
+            /** Id */
+            id: number;
+            /** Name */
+            name: string;
+            /** Simulated */
+            simulated: boolean;
         };
         /**
          * DictionaryOut
@@ -4060,6 +4650,40 @@ export interface components {
             max: number;
             /** Unit */
             unit: string;
+        };
+        /**
+         * FrameAnalysisIn
+         * @description An analysis of stored frames; ``commanded_deg_s`` for a slew, ``other_*`` for two cameras.
+         */
+        FrameAnalysisIn: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "earth-fixed" | "celestial-fixed" | "slew" | "sensitivity" | "nea" | "spatial" | "two-cameras";
+            /** Profile */
+            profile: string;
+            /** Frame Ids */
+            frame_ids: number[];
+            /**
+             * Chain
+             * @default reference
+             */
+            chain: string;
+            /** Commanded Deg S */
+            commanded_deg_s?: number | null;
+            /**
+             * Other Profile
+             * @default
+             */
+            other_profile: string;
+            /** Other Ids */
+            other_ids?: number[];
+            /**
+             * Title
+             * @default
+             */
+            title: string;
         };
         /**
          * FrameDetailOut
@@ -4391,6 +5015,22 @@ export interface components {
             vertical: boolean;
         };
         /**
+         * LifetimeOut
+         * @description Share of the fields inside the envelope by days after the end of validity. ``days`` None: longer than was looked at.
+         */
+        LifetimeOut: {
+            /** Threshold */
+            threshold: number;
+            /** Days */
+            days: number | null;
+            /** Until */
+            until: string | null;
+            /** Days Curve */
+            days_curve: number[];
+            /** Share Curve */
+            share_curve: number[];
+        };
+        /**
          * LimitIn
          * @description An operator's own limits: [low, high] of each level, null for none. ``persistence`` null: as the dictionary says.
          */
@@ -4620,6 +5260,36 @@ export interface components {
             code: string;
         };
         /**
+         * OccultationIn
+         * @description What hides the sky. Angles in degrees from the boresight; None: the camera's own baffle.
+         */
+        OccultationIn: {
+            /**
+             * Earth
+             * @default false
+             */
+            earth: boolean;
+            /**
+             * Earth Margin Deg
+             * @default 0
+             */
+            earth_margin_deg: number;
+            /**
+             * Sun
+             * @default false
+             */
+            sun: boolean;
+            /** Sun Deg */
+            sun_deg?: number | null;
+            /**
+             * Moon
+             * @default false
+             */
+            moon: boolean;
+            /** Moon Deg */
+            moon_deg?: number | null;
+        };
+        /**
          * OnBoardTableOut
          * @description A table bank as the device reports it; ``table_id``: what the store knows under the same hash.
          */
@@ -4684,6 +5354,21 @@ export interface components {
             rows: number;
             /** Values */
             values: (number | null)[][];
+        };
+        /**
+         * PlanetOut
+         * @description A planet that comes into the envelope; RA and Dec in degrees by the day.
+         */
+        PlanetOut: {
+            /** Name */
+            name: string;
+            /** Brightest Mag */
+            brightest_mag: number;
+            /** Way */
+            way: [
+                number,
+                number
+            ][];
         };
         /**
          * PlotOut
@@ -4751,11 +5436,14 @@ export interface components {
             pairs_estimate: number;
             /** Bytes Estimate */
             bytes_estimate: number;
+            /** Bank Bytes */
+            bank_bytes: number;
             /** Funnel */
             funnel: components["schemas"]["FunnelOut"][];
             /** Sky */
             sky: components["schemas"]["SkyStarOut"][];
             envelope: components["schemas"]["EnvelopeOut"];
+            ambiguity: components["schemas"]["AmbiguityOut"] | null;
             /** Elapsed Ms */
             elapsed_ms: number;
         };
@@ -4813,7 +5501,7 @@ export interface components {
         };
         /**
          * QualityOut
-         * @description How well the kept stars fill the fields.
+         * @description How well the kept stars fill the fields. ``searched``: fields that were looked at for the worst one.
          */
         QualityOut: {
             /** Pointings */
@@ -4832,8 +5520,22 @@ export interface components {
             worst_ra_deg: number;
             /** Worst Dec Deg */
             worst_dec_deg: number;
+            /** Worst Roll Deg */
+            worst_roll_deg?: number | null;
             /** Candidates Per Query */
             candidates_per_query: number | null;
+            /** Candidates Per Star */
+            candidates_per_star?: number | null;
+            /**
+             * Blinded Share
+             * @default 0
+             */
+            blinded_share: number;
+            /**
+             * Searched
+             * @default 0
+             */
+            searched: number;
         };
         /**
          * RecordOut
@@ -5180,6 +5882,18 @@ export interface components {
             note: string;
         };
         /**
+         * SizesOut
+         * @description Bytes of every part of the image against the bank.
+         */
+        SizesOut: {
+            /** By Part */
+            by_part: {
+                [key: string]: number;
+            };
+            /** Bank Bytes */
+            bank_bytes: number;
+        };
+        /**
          * SkyOut
          * @description Stars and bodies of a chart.
          */
@@ -5209,7 +5923,8 @@ export interface components {
         };
         /**
          * SolutionDetailOut
-         * @description A result with everything the overlays draw.
+         * @description A result with everything the overlays draw. ``aberration_arcsec``: the largest shift that was taken out, null: none.
+         *     ``versions``: which code ran, by name.
          */
         SolutionDetailOut: {
             /** Id */
@@ -5266,6 +5981,13 @@ export interface components {
             replay: string | null;
             /** Notes */
             notes: string[];
+            turning: components["schemas"]["TurningOut"] | null;
+            /** Aberration Arcsec */
+            aberration_arcsec: number | null;
+            /** Versions */
+            versions: {
+                [key: string]: string;
+            };
             /** Regions */
             regions: components["schemas"]["RegionOut"][];
             /** Stars */
@@ -5365,6 +6087,11 @@ export interface components {
              * @default false
              */
             blind: boolean;
+            /**
+             * Aberration
+             * @description take the Earth's motion out; without: where the frame's time is known
+             */
+            aberration?: boolean | null;
         };
         /**
          * SpanOut
@@ -5570,6 +6297,40 @@ export interface components {
              * @default
              */
             note: string;
+        };
+        /**
+         * StarListOut
+         * @description A star list that somebody brought, with what was read and what was dropped.
+         */
+        StarListOut: {
+            /** Id */
+            id: number;
+            /** Name */
+            name: string;
+            /** Created */
+            created: string;
+            /** Author */
+            author: string;
+            /** Format */
+            format: string;
+            /** Epoch Jyear */
+            epoch_jyear: number;
+            /** Frame */
+            frame: string;
+            /** Profile */
+            profile: string;
+            /** Stars */
+            stars: number;
+            /** Dropped */
+            dropped: number;
+            /** Size */
+            size: number;
+            /** Sha256 */
+            sha256: string;
+            /** Report */
+            report: {
+                [key: string]: unknown;
+            };
         };
         /**
          * StarOut
@@ -5815,6 +6576,24 @@ export interface components {
             rows: string[][];
         };
         /**
+         * TelemetryAnalysisIn
+         * @description Performance from the attitudes of a contact.
+         */
+        TelemetryAnalysisIn: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "telemetry";
+            /** Contact */
+            contact: number;
+            /**
+             * Title
+             * @default
+             */
+            title: string;
+        };
+        /**
          * TenureOut
          * @description One holder, from taking to the end.
          */
@@ -5829,6 +6608,26 @@ export interface components {
             ended_by: string;
             /** Reason */
             reason: string;
+        };
+        /**
+         * TimelineOut
+         * @description Which catalogue is, was and will be in which bank of a device.
+         */
+        TimelineOut: {
+            device: components["schemas"]["DeviceRefOut"];
+            /** Devices */
+            devices: components["schemas"]["DeviceRefOut"][];
+            /** Now */
+            now: string;
+            /** Start */
+            start: string;
+            /** End */
+            end: string;
+            /** Stays */
+            stays: components["schemas"]["BankStayOut"][];
+            /** Planned */
+            planned: components["schemas"]["BankPlanOut"][];
+            cover: components["schemas"]["CoverOut"];
         };
         /**
          * TradeRowOut
@@ -5961,6 +6760,30 @@ export interface components {
             can_abort: boolean;
             /** Log */
             log: string[];
+        };
+        /**
+         * TurningOut
+         * @description Angular velocity of the camera against the stars during the exposure, from their trails, about camera x, y, z.
+         */
+        TurningOut: {
+            /** Deg S */
+            deg_s: [
+                number,
+                number,
+                number
+            ];
+            /** Sigma Deg S */
+            sigma_deg_s: [
+                number | null,
+                number | null,
+                number | null
+            ];
+            /** Speed Deg S */
+            speed_deg_s: number;
+            /** Stars */
+            stars: number;
+            /** Sign Known */
+            sign_known: boolean;
         };
         /**
          * UploadIn
@@ -12583,7 +13406,9 @@ export interface operations {
     };
     preview_api_catalogues_preview_post: {
         parameters: {
-            query?: never;
+            query?: {
+                ambiguity?: boolean;
+            };
             header?: {
                 "x-gss-user"?: string;
             };
@@ -12661,6 +13486,317 @@ export interface operations {
             };
         };
     };
+    diff_api_catalogues_diff_get: {
+        parameters: {
+            query: {
+                old: number;
+                new: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CatalogueDiffOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    timeline_api_catalogues_timeline_get: {
+        parameters: {
+            query?: {
+                device?: number | null;
+                start?: string | null;
+                end?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TimelineOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    list_sources_api_catalogues_sources_get: {
+        parameters: {
+            query?: {
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StarListOut"][];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    add_source_api_catalogues_sources_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "multipart/form-data": components["schemas"]["Body_add_source_api_catalogues_sources_post"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StarListOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
     read_catalogue_api_catalogues__catalogue_id__get: {
         parameters: {
             query?: never;
@@ -12680,6 +13816,158 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["CatalogueDetailOut"];
                 };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    report_page_api_catalogues__catalogue_id__report_html_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                catalogue_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": string;
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    export_api_catalogues__catalogue_id__export_get: {
+        parameters: {
+            query: {
+                kind: "image" | "manifest" | "c" | "csv" | "ecsv" | "fits" | "parquet" | "tables-fits" | "tables-csv" | "tables-ecsv" | "tables-parquet";
+            };
+            header?: never;
+            path: {
+                catalogue_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description Bad Request */
             400: {
@@ -13751,6 +15039,315 @@ export interface operations {
             header?: never;
             path: {
                 calibration_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    list_analyses_api_analyses_get: {
+        parameters: {
+            query?: {
+                kind?: string;
+                limit?: number;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AnalysisOut"][];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    analyse_api_analyses_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                "x-gss-user"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["FrameAnalysisIn"] | components["schemas"]["TelemetryAnalysisIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    read_analysis_api_analyses__analysis_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                analysis_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AnalysisDetailOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    export_api_analyses__analysis_id__export_get: {
+        parameters: {
+            query?: {
+                kind?: "json" | "html" | "pdf";
+            };
+            header?: never;
+            path: {
+                analysis_id: number;
             };
             cookie?: never;
         };

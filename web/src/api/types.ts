@@ -72,6 +72,14 @@ export type Envelope = S['EnvelopeOut'];
 export type SkyStar = S['SkyStarOut'];
 export type Funnel = S['FunnelOut'];
 export type Quality = S['QualityOut'];
+export type Ambiguity = S['AmbiguityOut'];
+export type Lifetime = S['LifetimeOut'];
+export type Planet = S['PlanetOut'];
+export type CatalogueDiff = S['CatalogueDiffOut'];
+export type ChangedStar = S['ChangedStarOut'];
+export type Timeline = S['TimelineOut'];
+export type BankStay = S['BankStayOut'];
+export type StarList = S['StarListOut'];
 
 export interface Problem {
   id: string;
@@ -93,3 +101,12 @@ export interface ExperimentRecord {
   notes: string[];
   series: { title: string; x_label: string; y_label: string; x: number[]; y: number[] }[];
 }
+export type CalibrationRow = S['CalibrationOut'];
+export type CalibrationDetail = S['CalibrationDetailOut'];
+export type CalibrationDiff = S['CalibrationDiffOut'];
+export type AnalysisRow = S['AnalysisOut'];
+export type AnalysisDetail = S['AnalysisDetailOut'];
+export type ReportView = S['ReportViewOut'];
+export type ReportPlot = S['PlotOut'];
+export type ReportArrows = S['ArrowsOut'];
+export type ReportCells = S['CellsOut'];

@@ -1,36 +1,62 @@
 /** The catalogue builder's form as text, its checks, and the live preview. */
 import { api, ApiError } from '../api/client';
-import type { CatalogueDetail, CatalogueIn, Preview } from '../api/types';
+import type { CatalogueDetail, CatalogueIn, Preview, StarList } from '../api/types';
 import { short } from '../lib/format';
 import { problemText } from './live.svelte';
 
-export interface NumberField { key: keyof Texts; label: string; unit: string; min: number; max: number }
+type Form = Required<CatalogueIn>;
+export type Law = Form['pointing'];
+export type Corrections = Required<Form['corrections']>;
 export interface Texts {
-  inclination_deg: string; raan_from: string; raan_to: string; days: string; roll: string; pitch: string; yaw: string; margin_deg: string;
-  faint_mag: string; bright_mag: string; min_separation_deg: string; brightest_per_field: string; pair_min_deg: string; pair_max_deg: string;
+  inclination_deg: string; raan_from: string; raan_to: string; altitude_km: string; days: string; roll: string; pitch: string; yaw: string; ra_deg: string; dec_deg: string; field_roll_deg: string;
+  off_nadir_deg: string; margin_deg: string; faint_mag: string; bright_mag: string; min_separation_deg: string; brightest_per_field: string; earth_margin_deg: string; sun_deg: string; moon_deg: string;
+  pair_min_deg: string; pair_max_deg: string; epoch_jyear: string;
 }
 const LIMITS: Record<keyof Texts, [number, number]> = {
-  inclination_deg: [0, 180], raan_from: [0, 360], raan_to: [0, 360], days: [0.1, 400], roll: [0, 180], pitch: [0, 180], yaw: [0, 180], margin_deg: [0, 20],
-  faint_mag: [-2, 8], bright_mag: [-3, 8], min_separation_deg: [0, 5], brightest_per_field: [0, 500], pair_min_deg: [0, 20], pair_max_deg: [0.1, 120],
+  inclination_deg: [0, 180], raan_from: [-360, 720], raan_to: [-360, 720], altitude_km: [100, 1_000_000], days: [0.1, 400], roll: [0, 180], pitch: [0, 180], yaw: [0, 180], ra_deg: [0, 360], dec_deg: [-90, 90],
+  field_roll_deg: [-360, 360], off_nadir_deg: [0, 80], margin_deg: [0, 20], faint_mag: [-2, 21], bright_mag: [-3, 21], min_separation_deg: [0, 5], brightest_per_field: [0, 500], earth_margin_deg: [0, 60],
+  sun_deg: [1, 179], moon_deg: [1, 179], pair_min_deg: [0, 20], pair_max_deg: [0.1, 120], epoch_jyear: [1800, 2200],
 };
-const WAIT_MS = 350;
+const OPTIONAL: readonly (keyof Texts)[] = ['pair_max_deg', 'altitude_km', 'sun_deg', 'moon_deg', 'epoch_jyear'];
+const WAIT_MS = 150;
 const START: Texts = {
-  inclination_deg: '97.6', raan_from: '0', raan_to: '360', days: '14', roll: '5', pitch: '5', yaw: '5', margin_deg: '0.5',
-  faint_mag: '3.8', bright_mag: '-2', min_separation_deg: '0', brightest_per_field: '0', pair_min_deg: '0.25', pair_max_deg: '',
+  inclination_deg: '97.6', raan_from: '0', raan_to: '360', altitude_km: '', days: '14', roll: '5', pitch: '5', yaw: '5', ra_deg: '0', dec_deg: '0', field_roll_deg: '0', off_nadir_deg: '30', margin_deg: '0.5',
+  faint_mag: '3.8', bright_mag: '-2', min_separation_deg: '0', brightest_per_field: '0', earth_margin_deg: '0', sun_deg: '', moon_deg: '', pair_min_deg: '0.25', pair_max_deg: '', epoch_jyear: '',
 };
+const USUAL: Corrections = {
+  proper_motion: true, parallax: false, annual_aberration: false, orbital_aberration: false, frame: 'icrs', e_terms: true, instrument_magnitude: false, roll_off: 'off', doubles: '', doubles_separation_deg: null,
+  flag_variables: false, variables_at_date: false,
+};
+const NOTHING: NonNullable<CatalogueIn['occultation']> = { earth: false, earth_margin_deg: 0, sun: false, moon: false };
+export const ORBIT_LAWS: readonly Law[] = ['zenith', 'nadir', 'sunsat', 'target'];
 
 export class Builder {
   /** What a new catalogue starts with. */
   readonly first = START;
+  readonly usual = USUAL;
   texts = $state<Texts>({ ...START });
+  corrections = $state<Corrections>({ ...USUAL });
   name = $state('');
   profile = $state('cubestar');
   format = $state('cubestar');
-  orbit = $state<CatalogueIn['orbit']>('none');
+  orbit = $state<Form['orbit']>('none');
   tle = $state('');
   start = $state('');
-  pointing = $state<CatalogueIn['pointing']>('zenith');
+  pointing = $state<Law>('zenith');
+  method = $state<Form['method']>('exact');
+  source = $state<Form['source']>('hipparcos');
+  starList = $state<number | null>(null);
+  lists = $state.raw<StarList[]>([]);
+  earth = $state(false);
+  sun = $state(false);
+  moon = $state(false);
   dropVariables = $state(false);
+  kVector = $state(false);
+  /** Limits that are not centred on zero come from elsewhere (the command line, an older build) and stay until edited. */
+  skewed = $state.raw<Partial<Record<'roll' | 'pitch' | 'yaw', [number, number]>>>({});
+  mounting = $state.raw<number[] | null>(null);
+  /** Draw where stars can be mistaken instead of the time in the field. */
+  mistakes = $state(false);
   preview = $state.raw<Preview | null>(null);
   problem = $state('');
   busy = $state(false);
@@ -44,30 +70,39 @@ export class Builder {
 
   problemOf(key: keyof Texts): string {
     const text = this.texts[key];
-    if (key === 'pair_max_deg' && text.trim() === '') return '';
+    if (OPTIONAL.includes(key) && text.trim() === '') return '';
     const [a, b] = LIMITS[key];
     const v = number(text);
     return Number.isFinite(v) && v >= a && v <= b ? '' : `${short(a)} – ${short(b)}, got ${text || 'nothing'}`;
   }
 
+  /** Only what is asked for counts: a law's own fields say nothing under another law. */
   get valid(): boolean {
-    return (Object.keys(LIMITS) as (keyof Texts)[]).every((k) => this.problemOf(k) === '') && (this.orbit !== 'tle' || this.tle.trim() !== '');
+    const listed = this.source !== 'list' || this.starList !== null;
+    return listed && (Object.keys(LIMITS) as (keyof Texts)[]).every((k) => this.problemOf(k) === '') && (this.orbit !== 'tle' || this.tle.trim() !== '');
   }
+
+  get turning(): boolean { return ORBIT_LAWS.includes(this.pointing); }
 
   get request(): CatalogueIn {
     const t = this.texts;
-    const both = (text: string): [number, number] => [-number(text), number(text)];
+    const maybe = (text: string): number | null => (text.trim() ? number(text) : null);
+    const both = (key: 'roll' | 'pitch' | 'yaw'): [number, number] => this.skewed[key] ?? [-number(t[key]), number(t[key])];
     return {
-      name: this.name, profile: this.profile, format: this.format, orbit: this.orbit, inclination_deg: number(t.inclination_deg), raan_deg: [number(t.raan_from), number(t.raan_to)], tle: this.tle,
-      start: this.start, days: number(t.days), pointing: this.pointing, roll_deg: both(t.roll), pitch_deg: both(t.pitch), yaw_deg: both(t.yaw), margin_deg: number(t.margin_deg),
-      faint_mag: number(t.faint_mag), bright_mag: number(t.bright_mag), min_separation_deg: number(t.min_separation_deg), brightest_per_field: Math.round(number(t.brightest_per_field)),
-      drop_variables: this.dropVariables, pair_min_deg: number(t.pair_min_deg), pair_max_deg: t.pair_max_deg.trim() ? number(t.pair_max_deg) : null,
+      name: this.name, profile: this.profile, format: this.format, orbit: this.orbit, inclination_deg: number(t.inclination_deg), raan_deg: [number(t.raan_from), number(t.raan_to)],
+      altitude_km: this.orbit === 'tle' ? null : maybe(t.altitude_km), tle: this.tle, start: this.start, days: number(t.days), pointing: this.pointing,
+      roll_deg: both('roll'), pitch_deg: both('pitch'), yaw_deg: both('yaw'), ra_deg: number(t.ra_deg), dec_deg: number(t.dec_deg), field_roll_deg: number(t.field_roll_deg), off_nadir_deg: number(t.off_nadir_deg),
+      body_from_cam: this.mounting, margin_deg: number(t.margin_deg), method: this.method, source: this.source, star_list: this.source === 'list' ? this.starList : null, corrections: { ...this.corrections },
+      occultation: { earth: this.earth, earth_margin_deg: number(t.earth_margin_deg), sun: this.sun, sun_deg: maybe(t.sun_deg), moon: this.moon, moon_deg: maybe(t.moon_deg) },
+      epoch_jyear: maybe(t.epoch_jyear), faint_mag: number(t.faint_mag), bright_mag: number(t.bright_mag), min_separation_deg: number(t.min_separation_deg), brightest_per_field: Math.round(number(t.brightest_per_field)),
+      drop_variables: this.dropVariables, pair_min_deg: number(t.pair_min_deg), pair_max_deg: maybe(t.pair_max_deg), bank_bytes: null, k_vector: this.kVector,
     };
   }
 
   /** Takes over what an existing catalogue was asked for. */
   fill(detail: CatalogueDetail): void {
-    const r = detail.request as Partial<CatalogueIn>;
+    const r = detail.request as Partial<Form>;
+    const o: NonNullable<CatalogueIn['occultation']> = r.occultation ?? NOTHING;
     const text = (v: unknown, old: string): string => (v === undefined || v === null ? old : String(v));
     this.name = detail.name;
     this.profile = detail.profile;
@@ -76,15 +111,31 @@ export class Builder {
     this.tle = r.tle ?? '';
     this.start = r.start ?? '';
     this.pointing = r.pointing ?? 'zenith';
+    this.method = r.method ?? 'exact';
+    this.source = r.source ?? 'hipparcos';
+    this.starList = r.star_list ?? null;
+    this.mounting = r.body_from_cam ?? null;
     this.dropVariables = r.drop_variables ?? false;
+    this.kVector = r.k_vector ?? false;
+    [this.earth, this.sun, this.moon] = [o.earth ?? false, o.sun ?? false, o.moon ?? false];
+    this.corrections = { ...USUAL, ...r.corrections };
+    this.skewed = Object.fromEntries((['roll', 'pitch', 'yaw'] as const).flatMap((k) => {
+      const range = r[`${k}_deg`];
+      return range && range[0] !== undefined && range[1] !== undefined && range[0] !== -range[1] ? [[k, [range[0], range[1]]]] : [];
+    }));
+    const plain = Object.fromEntries((Object.keys(START) as (keyof Texts)[]).map((k) => [k, text((r as Record<string, unknown>)[k], START[k])])) as unknown as Texts;
     this.texts = {
-      inclination_deg: text(r.inclination_deg, START.inclination_deg), raan_from: text(r.raan_deg?.[0], START.raan_from), raan_to: text(r.raan_deg?.[1], START.raan_to), days: text(r.days, START.days),
-      roll: text(r.roll_deg?.[1], START.roll), pitch: text(r.pitch_deg?.[1], START.pitch), yaw: text(r.yaw_deg?.[1], START.yaw), margin_deg: text(r.margin_deg, START.margin_deg),
-      faint_mag: text(r.faint_mag, START.faint_mag), bright_mag: text(r.bright_mag, START.bright_mag), min_separation_deg: text(r.min_separation_deg, START.min_separation_deg),
-      brightest_per_field: text(r.brightest_per_field, START.brightest_per_field), pair_min_deg: text(r.pair_min_deg, START.pair_min_deg), pair_max_deg: text(r.pair_max_deg, ''),
+      ...plain, raan_from: text(r.raan_deg?.[0], START.raan_from), raan_to: text(r.raan_deg?.[1], START.raan_to), roll: text(r.roll_deg?.[1], START.roll), pitch: text(r.pitch_deg?.[1], START.pitch), yaw: text(r.yaw_deg?.[1], START.yaw),
+      earth_margin_deg: text(o.earth_margin_deg, START.earth_margin_deg), sun_deg: text(o.sun_deg, ''), moon_deg: text(o.moon_deg, ''),
     };
     this.preview = null;
     this.problem = '';
+  }
+
+  /** Another limit of a turn: from now on the same on both sides. */
+  turn(key: 'roll' | 'pitch' | 'yaw', value: string): void {
+    this.texts[key] = value;
+    this.skewed = { ...this.skewed, [key]: undefined };
   }
 
   /** Asks for a preview a little after the last change; an older answer never overwrites a newer one. */
@@ -100,7 +151,7 @@ export class Builder {
     this.stop = stop;
     this.busy = true;
     try {
-      this.preview = await api.preview(this.request, stop.signal);
+      this.preview = await api.preview(this.request, this.mistakes, stop.signal);
       this.problem = '';
     } catch (e) {
       if (stop.signal.aborted) return;
