@@ -165,7 +165,11 @@ CLAUSES: tuple[Clause, ...] = (
         "Star windows bring squares of odd side, 5 to 31 pixels, round the centroids of the image, cut at its edges; where "
         "the image has not been searched, it is.",
     ),
-    Clause("6.12", "Star list and distance table of a bank are its image behind the header, in this order."),
+    Clause(
+        "6.12",
+        "Star list and distance table of a bank are its image behind the header, in this order; a format's sections may follow "
+        "(a format without distances has no table to bring: `not_found`).",
+    ),
     Clause(
         "6.13",
         "Tables (triplets, calibration, parameters) travel as catalogues do, target 0 = A, 1 = B, 3 = factory; the active "

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gss.catalogue_tools.onboard import HEADER_BYTES
+from gss.catalogue_tools.onboard import HEADER_BYTES, SECTIONS_VERSION, read_header
 from gss.device.dictionary import Value
 from gss.device.protocol.codec import Decoded, decode
 from gss.device.protocol.windows import decode_windows
@@ -75,16 +75,20 @@ def _check_refused(probe: Probe, findings: Findings, subject: str, values: Mappi
 
 
 def check_sections(probe: Probe, findings: Findings) -> None:
-    """Clauses 6.12, 7.4: header, star list and distance table of the active bank are its image."""
+    """Clauses 6.12, 7.4: header, star list and distance table of the active bank begin its image; sections of its format follow."""
     active = next(b for b in probe.banks() if b["active"])
     number = bank_number(probe.dictionary, str(active["bank"]))
     with findings.trying("6.12", "sections"):
         image = probe.device.download("catalogue", number, _silent).data
-        parts = [probe.device.download(kind, number, _silent).data for kind in ("star_list", "distance_table")]
-        findings.check("6.12", "sections: together the image", image[HEADER_BYTES:] == b"".join(parts))
+        kinds = ("star_list", "distance_table") if int(active["pairs"]) else ("star_list",)
+        parts = [probe.device.download(kind, number, _silent).data for kind in kinds]
+        body, joined = image[HEADER_BYTES:], b"".join(parts)
+        whole = body.startswith(joined) and (len(body) == len(joined) or read_header(image).version == SECTIONS_VERSION)
+        findings.check("6.12", "sections: together the image", whole)
         counts = tuple(map(len, parts))
-        fits = counts[0] % max(1, int(active["stars"])) == 0 and counts[1] % max(1, int(active["pairs"])) == 0
-        findings.check("7.4", "sections: rows of equal length", fits, f"{counts[0]} B and {counts[1]} B")
+        rows = zip(counts, (int(active["stars"]), int(active["pairs"])), strict=False)
+        fits = all(size % max(1, count) == 0 for size, count in rows)
+        findings.check("7.4", "sections: rows of equal length", fits, " and ".join(f"{size} B" for size in counts))
 
 
 def tables(probe: Probe) -> list[Mapping[str, Value]]:

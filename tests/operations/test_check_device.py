@@ -32,20 +32,20 @@ STEP_S = 0.01
 CAMERA = "cubestar"
 
 
-@lru_cache(maxsize=1)
-def factory_catalogue() -> Golden:
-    return build_golden(profile(CAMERA), Memory.in_ram().bank_bytes)
+@lru_cache(maxsize=4)
+def factory_catalogue(camera: str = CAMERA) -> Golden:
+    return build_golden(profile(camera), Memory.in_ram().bank_bytes)
 
 
 class MemoryLine:
     """A line into a device in this process; time passes only while somebody waits for bytes."""
 
-    def __init__(self) -> None:
+    def __init__(self, camera: str = CAMERA) -> None:
         self.url, self.now_s = "memory", 100.0
         self.memory = Memory.in_ram()
-        burn_golden(self.memory, profile(CAMERA), factory_catalogue())
+        burn_golden(self.memory, profile(camera), factory_catalogue(camera))
         motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
-        tracker = StarTracker(profile(CAMERA), Sky(profile(CAMERA), motion, 2026.0, 1), self.memory)
+        tracker = StarTracker(profile(camera), Sky(profile(camera), motion, 2026.0, 1), self.memory)
         self.device = Device(load_dictionary(), Identity(), self.memory, tracker, self.now_s)
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
@@ -96,6 +96,15 @@ def test_a_device_that_keeps_its_word_passes_and_is_left_as_it_was(line: MemoryL
     assert (after["exposure_ms"], after["threshold_dn"]) == (123, 17)
     assert (after["mode"], after["cycle_running"], after["active_bank"]) == ("lost_in_space", True, "golden")
     assert {b: (line.memory.content(b), line.memory.record.banks[b]) for b in BANKS} == banks
+
+
+@pytest.mark.parametrize("camera", ["far_mst", "oersted", "aim"])
+def test_sections_of_other_formats_hold_too(camera: str) -> None:
+    """Units whose banks have sections, and two of them no distance table, keep the clauses about a bank's parts."""
+    probe, findings = probe_on(MemoryLine(camera)), Findings()
+    check_contents.check_sections(probe, findings)
+    results = {number: [x.passed for x in findings.cases[number]] for number in ("6.12", "7.4")}
+    assert results == {"6.12": [True], "7.4": [True]}
 
 
 @pytest.mark.parametrize("same_as_active", [True, False])
