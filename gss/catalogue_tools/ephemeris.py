@@ -56,13 +56,15 @@ class Disc:
 @dataclass(frozen=True)
 class Bodies:
     """What shines besides the stars, seen from one place: ``planets_icrs`` (7, 3) and ``planets_v_mag`` (7,) in the
-    order of PLANETS. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in units of c, ICRS."""
+    order of PLANETS, ``planets_au`` (7,) their distances. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in
+    units of c, ICRS."""
 
     sun: Disc
     moon: Disc
     planets_icrs: Array
     planets_v_mag: Array
     earth_velocity_c: Array
+    planets_au: Array
 
 
 def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
@@ -80,6 +82,7 @@ def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
         np.stack([p[0] for p in planets]),
         np.array([p[1] for p in planets]),
         np.asarray(bary["v"] * AU_DAY),
+        np.array([p[2] for p in planets]),
     )
 
 
@@ -131,8 +134,8 @@ def _disc(place_au: Array, radius_km: float, v_mag: float) -> Disc:
     return Disc(_unit(place_au), float(np.arcsin(radius_km / distance_km)), float(v_mag), distance_km)
 
 
-def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Array) -> tuple[Array, float]:
-    """ICRS direction and magnitude, where the light left the planet."""
+def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Array) -> tuple[Array, float, float]:
+    """ICRS direction, magnitude and distance, where the light left the planet."""
     travel_days = 0.0
     for _ in range(2):
         at_sun = erfa.plan94(J2000_JD, _days(jyear) - travel_days, number)["p"]
@@ -144,4 +147,4 @@ def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Arr
     if name == "Saturn":
         tilt = abs(float(SATURN_POLE @ _unit(seen)))
         v_mag += -2.60 * tilt + 1.25 * tilt**2
-    return _unit(seen), float(v_mag)
+    return _unit(seen), float(v_mag), delta

@@ -153,7 +153,9 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
         ),
     ).slice(1)
     count = table.num_rows + len(broken)
-    rows = np.setdiff1d(np.arange(1, count + 1), [number for number, _, _ in broken])
+    whole = np.ones(count, bool)
+    whole[[number - 1 for number, _, _ in broken]] = False
+    rows = np.flatnonzero(whole) + 1
     return RawList({name: _numbers_or_text(table.column(name)) for name in names}, rows, broken=broken)
 
 

@@ -1,0 +1,174 @@
+"""Sun, Moon and planets over the life of a catalogue: against astropy, and against what people saw."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import get_body
+from astropy.time import Time
+from astropy.utils import iers
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gss.catalogue_tools.ephemeris import PLANETS
+from gss.catalogue_tools.exclusions import Exclusions, Track, exclusions, may_be_a_planet, near, within
+from gss.domain.angles import ARCSEC_RAD, separation_rad
+from gss.domain.errors import BadInput
+
+START = datetime(2026, 11, 21, tzinfo=UTC)
+# The bending of light at the Sun is in astropy's places: 0.25″ for a planet 2° from it.
+PLANET_TOLERANCE_RAD = 0.3 * ARCSEC_RAD
+MOON_TOLERANCE_RAD = 0.2 * ARCSEC_RAD
+RADIUS_TOLERANCE = 0.002
+
+
+@pytest.fixture(autouse=True)
+def _quiet_astropy() -> Iterator[None]:
+    """No download of Earth orientation, no warning that it is missing."""
+    with iers.conf.set_temp("auto_download", False), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def test_tracks_are_astropys_apparent_places() -> None:
+    """Directions at the samples are those that astropy gives for the same UTC, radii follow from its distances."""
+    found = exclusions(START, 90, limit_mag=9.0, step_days=30)
+    assert [t.name for t in found.tracks] == ["Sun", "Moon", *PLANETS]
+    for k in range(len(found.jyear)):
+        time = Time(START + timedelta(days=30 * k))
+        for track in found.tracks:
+            seen = get_body(track.name.lower(), time, ephemeris="builtin").cartesian.xyz.to_value(u.km)
+            distance_km = float(np.linalg.norm(seen))
+            tolerance = MOON_TOLERANCE_RAD if track.name == "Moon" else PLANET_TOLERANCE_RAD
+            assert separation_rad(track.icrs[k], seen / distance_km) < tolerance, track.name
+            if track.name == "Moon":
+                assert track.radius_rad[k] == pytest.approx(1737.4 / distance_km, rel=RADIUS_TOLERANCE)
+
+
+def test_venus_crosses_the_sun_in_2012() -> None:
+    """On 6 June 2012, 1:30 UTC, Venus stood 9′ from the Sun's centre, and was 58″ wide."""
+    found = exclusions(datetime(2012, 6, 5, 22, tzinfo=UTC), 0.3, step_days=0.01)
+    sun, venus = found.track("Sun"), found.track("Venus")
+    assert sun is not None
+    assert venus is not None
+    away = separation_rad(sun.icrs, venus.icrs)
+    closest = int(np.argmin(away))
+    assert away[closest] / ARCSEC_RAD == pytest.approx(554, abs=5)
+    assert abs(closest * 0.01 * 24 - 3.5) < 0.3
+    assert 2 * venus.radius_rad[closest] / ARCSEC_RAD == pytest.approx(57.8, abs=0.5)
+
+
+def test_jupiter_meets_saturn_in_2020() -> None:
+    """On 21 December 2020 they were 6.1′ apart; a warning for the place of the one names the other."""
+    found = exclusions(datetime(2020, 12, 1, tzinfo=UTC), 40)
+    saturn = found.track("Saturn")
+    assert saturn is not None
+    at = int(np.argmin([separation_rad(a, b) for a, b in zip(found.track("Jupiter").icrs, saturn.icrs, strict=True)]))  # type: ignore[union-attr]
+    assert found.jyear[at] == pytest.approx(2020 + 356 / 366, abs=2 / 365)
+    (meeting,) = [m for m in near(found, saturn.icrs[at], np.radians(0.5)) if m.name == "Jupiter"]
+    assert meeting.separation_rad / ARCSEC_RAD == pytest.approx(6.1 * 60, abs=60)
+
+
+def test_magnitudes_are_those_of_almanacs() -> None:
+    """Over a year Venus gets to −4.6 or brighter, Jupiter to −2.6, the full Moon to −12.7, Uranus stays at 5.6 to 5.9."""
+    found = exclusions(START, 400)
+    expected = {
+        "Venus": (-4.9, -4.5),
+        "Jupiter": (-2.8, -2.4),
+        "Moon": (-12.95, -12.5),
+        "Uranus": (5.4, 5.7),
+        "Sun": (-26.8, -26.7),
+    }
+    for name, (low, high) in expected.items():
+        track = found.track(name)
+        assert track is not None
+        assert low < track.brightest_mag < high, name
+    assert found.track("Neptune") is None
+    assert exclusions(START, 10, limit_mag=-5.0).track("Venus") is None
+    assert exclusions(START, 10, limit_mag=-99.0).track("Moon") is not None
+
+
+def test_samples_cover_the_range_and_no_more() -> None:
+    """First and last sample are the ends of the range, steps are no larger than asked for."""
+    found = exclusions(START, 10.5, step_days=1.0)
+    days = (found.jyear - found.jyear[0]) * 365.25
+    assert days[-1] == pytest.approx(10.5)
+    assert np.diff(days).max() <= 1.0 + 1e-6
+    assert len(json.dumps(found.as_dict(), allow_nan=False)) > 1000
+
+
+def _one(path: np.ndarray) -> Exclusions:
+    n = len(path)
+    return Exclusions(np.arange(n, dtype=float), (Track("X", path, np.zeros(n), np.zeros(n), 0.0),), 6.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10_000), step=st.floats(0.001, 0.3))
+def test_coarse_steps_lose_no_passage(seed: int, step: float) -> None:
+    """The closest approach to a great-circle path is found between samples as well as brute force finds it."""
+    rng = np.random.default_rng(seed)
+    first, pole = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+    second = np.cross(pole, first)
+
+    def at(angle: np.ndarray) -> np.ndarray:
+        return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+
+    end = 7 * step
+    place = at(np.array([rng.uniform(-0.3, end + 0.3)]))[0] + rng.normal(size=3) * 0.05
+    place /= np.linalg.norm(place)
+    brute = separation_rad(at(np.linspace(0, end, 20_001)), place).min()
+    (meeting,) = near(_one(at(np.linspace(0, end, 8))), place, np.pi)
+    assert meeting.separation_rad == pytest.approx(brute, abs=1e-4)
+
+
+def test_a_region_is_asked_sample_by_sample() -> None:
+    """An envelope's own test says when a body is inside."""
+    found = exclusions(START, 30)
+    inside = within(found, lambda unit: unit[:, 2] > 0, ("Moon",))
+    assert set(inside) == {"Moon"}
+    moon = found.track("Moon")
+    assert moon is not None
+    assert np.array_equal(inside["Moon"], moon.icrs[:, 2] > 0)
+    assert 0 < inside["Moon"].sum() < len(found.jyear)
+
+
+def test_observer_in_orbit_sees_the_moon_elsewhere() -> None:
+    """From 7 000 km off the centre the Moon stands up to a degree away, within the margin that the geocentric track states."""
+    centre = exclusions(START, 5)
+    orbit = exclusions(START, 5, observer_km=np.array([0.0, 0.0, 7000.0]))
+    a, b = centre.track("Moon"), orbit.track("Moon")
+    assert a is not None
+    assert b is not None
+    shift = separation_rad(a.icrs, b.icrs)
+    assert 0.5 < np.degrees(shift.max()) <= np.degrees(a.margin_rad) * 1.05
+    assert b.margin_rad == 0
+
+
+def test_moniteqs_gate_lets_uranus_through() -> None:
+    """Bright and near the ecliptic: Venus is looked at, Vega and Uranus are not."""
+    gate = may_be_a_planet(np.array([-4.0, 0.03, 5.6]), np.radians([3.0, 61.7, 0.5]))
+    assert gate.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("start", "days", "options", "text"),
+    [
+        (datetime(2026, 1, 1), 10, {}, "no time zone"),
+        (START, 0, {}, "date range"),
+        (START, 4000, {}, "date range"),
+        (START, float("nan"), {}, "date range"),
+        (START, 10, {"step_days": 0.0}, "step does not fit"),
+        (START, 1000, {"step_days": 0.01}, "step does not fit"),
+        (START, 10, {"limit_mag": float("nan")}, "not a number"),
+    ],
+)
+def test_impossible_ranges_are_refused(start, days, options, text) -> None:  # type: ignore[no-untyped-def]
+    """Each mistake is told with its name."""
+    with pytest.raises(BadInput, match=text):
+        exclusions(start, days, **options)
