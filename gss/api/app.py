@@ -14,6 +14,7 @@ from gss import __version__
 from gss.api import errors, security, stream
 from gss.api.routers import (
     alarms,
+    analyses,
     authority,
     calibrations,
     campaigns,
@@ -82,6 +83,7 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         catalogues,
         design,
         calibrations,
+        analyses,
         campaigns,
         transfers,
         jobs,

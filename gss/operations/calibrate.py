@@ -120,5 +120,4 @@ def from_darks(darks: Sequence[Shot], flat_pairs: Sequence[Sequence[Shot]], know
 def _alike(flats: NDArray[np.float32]) -> NDArray[np.float32]:
     """Frames of any level, each scaled to the median of their middle ones, so that only the pixels' own response is left."""
     levels = np.median(flats.reshape(len(flats), -1), axis=1)
-    scaled: NDArray[np.float32] = flats * (np.median(levels) / np.maximum(levels, 1e-6))[:, None, None]
-    return scaled
+    return np.asarray(flats * (np.median(levels) / np.maximum(levels, 1e-6))[:, None, None], np.float32)

@@ -91,7 +91,7 @@ def solve_shots(
     for k, shot in enumerate(shots):
         tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
-            result = solver.solve(shot.pixels(), _request(shot, known, fov_rad, chain))
+            result = solver.solve(shot.pixels(), request_of(shot, known, fov_rad, chain))
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
@@ -123,8 +123,9 @@ def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
     return np.stack(images)
 
 
-def _request(shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str) -> SolveRequest:
-    request = SolveRequest(chain=chain, epoch_jyear=_epoch(shot))
+def request_of(shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str) -> SolveRequest:
+    """What to ask of the solver: a known camera, one whose field's width is known, or blind."""
+    request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot))
     if known is not None:
         return replace(request, known=known)
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
@@ -134,12 +135,13 @@ def _stars(solver: Solver, shot: Shot, result: SolveResult, known: CameraProfile
     return frame_stars(
         shot.name,
         result,
-        solver.cache.stars(_epoch(shot)),
+        solver.cache.stars(epoch_of(shot)),
         exposure_s=math.nan if shot.exposure_s is None else shot.exposure_s,
         time_s=shot.taken.timestamp(),
         saturation_dn=float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1),
     )
 
 
-def _epoch(shot: Shot) -> float:
+def epoch_of(shot: Shot) -> float:
+    """Julian year of the stars that a shot is solved with."""
     return round(jyear_of(shot.taken) / EPOCH_STEP_YR) * EPOCH_STEP_YR

@@ -131,7 +131,7 @@ def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_
         model = turned(start, -rate * at_s[:, None])
         off = turn_between(model, quaternion)
         design = _design(start, rate, at_s, model)
-        change = np.linalg.lstsq(design[keep].reshape(-1, FREEDOM), off[keep].ravel(), rcond=None)[0]
+        change = np.asarray(np.linalg.lstsq(design[keep].reshape(-1, FREEDOM), off[keep].ravel(), rcond=None)[0], float)
         start, rate = turned(start, change[:3]), rate + change[3:]
         left = turn_between(turned(start, -rate * at_s[:, None]), quaternion)
         spread = np.array([robust_sigma(left[keep, a]) for a in range(3)])

@@ -12,6 +12,7 @@ export const PAGES: readonly Page[] = [
   { path: '/telemetry', name: 'Telemetry', letter: 't', icon: 'telemetry' },
   { path: '/frames', name: 'Frames', letter: 'f', icon: 'frames' },
   { path: '/catalogues', name: 'Catalogues', letter: 'k', icon: 'catalogues' },
+  { path: '/calibration', name: 'Calibration', letter: 'b', icon: 'calibration' },
   { path: '/campaigns', name: 'Campaigns', letter: 'm', icon: 'campaigns' },
   { path: '/contacts', name: 'Contacts', letter: 'o', icon: 'contacts' },
 ];

@@ -1,0 +1,57 @@
+"""Analyses of a night: ask, list, read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.reports import ReportViewOut
+
+ManyIds = Annotated[list[Annotated[int, Field(ge=1, le=2**31 - 1)]], Field(max_length=5000)]
+
+
+class FrameAnalysisIn(In):
+    """An analysis of stored frames; ``commanded_deg_s`` for a slew, ``other_*`` for two cameras."""
+
+    kind: Literal["earth-fixed", "celestial-fixed", "slew", "sensitivity", "nea", "spatial", "two-cameras"]
+    profile: str = Field(max_length=40)
+    frame_ids: ManyIds
+    chain: str = Field(default="reference", max_length=30)
+    commanded_deg_s: float | None = Field(default=None, gt=0, lt=20)
+    other_profile: str = Field(default="", max_length=40)
+    other_ids: ManyIds = Field(default_factory=list)
+    title: str = Field(default="", max_length=120)
+
+
+class TelemetryAnalysisIn(In):
+    """Performance from the attitudes of a contact."""
+
+    kind: Literal["telemetry"]
+    contact: int = Field(ge=1, le=2**31 - 1)
+    title: str = Field(default="", max_length=120)
+
+
+AnalysisIn = Annotated[FrameAnalysisIn | TelemetryAnalysisIn, Field(discriminator="kind")]
+
+
+class AnalysisOut(Out):
+    """One analysis. ``doubts``: notes of its report, ``severe``: those that say not to rely on it."""
+
+    id: int
+    kind: str
+    title: str
+    created: Utc
+    author: str
+    tool: str
+    doubts: int
+    severe: int
+
+
+class AnalysisDetailOut(AnalysisOut):
+    """An analysis with its report, and its figures as the science names them (radians, seconds, pixels)."""
+
+    request: dict[str, Any]
+    figures: dict[str, Any]
+    report: ReportViewOut

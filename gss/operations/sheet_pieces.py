@@ -1,0 +1,100 @@
+"""Pieces that the sheets of analyses share: tables of axes, plots over time, histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.operations.calibration_sheet import number
+from gss.operations.report.parts import Note, Plot, Series, Table
+from gss.pipeline.analysis.steady import AxisFigures
+from gss.pipeline.calibration.advice import Advice
+from gss.pipeline.calibration.histogram import histogram
+
+PHASES = 10
+"""Bins within a pixel."""
+FEWEST_IN_BIN = 5
+
+
+def notes(warnings: Iterable[Advice]) -> list[Note]:
+    """What the reader should know."""
+    return [Note(w.text, w.hint, w.severe, w.code) for w in warnings]
+
+
+def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]] | None = None) -> Table:
+    """Figures per axis in arcseconds; beside those of a paper where there are any (1σ and 3σ, degrees)."""
+    head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "its own σ ″", "drift ″/s"]
+    rows = []
+    for a in axes:
+        sigma, low, high, noise, claimed, drift = (
+            v / ARCSEC_RAD for v in (a.sigma_rad, a.low_rad, a.high_rad, a.noise_rad, a.claimed_rad, a.drift_rad_s)
+        )
+        row = [
+            a.name,
+            number(sigma, 3),
+            f"{number(low, 3)} – {number(high, 3)}",
+            number(3 * sigma, 3),
+            number(noise, 3),
+            number(finite(claimed), 3),
+            number(drift, 4),
+        ]
+        if paper is not None:
+            one, three = paper[a.name]
+            row += [number(one * 3600, 3), number(three * 3600, 3)]
+        rows.append(row)
+    if paper is not None:
+        head += ["Erlank 2013 1σ ″", "3σ ″"]
+    return Table("Axes", head, rows)
+
+
+def over_time(title: str, times_s: Array, values: Array, labels: Sequence[str], unit: str) -> Plot:
+    """(n, k) values against Unix seconds."""
+    at = numbers(times_s)
+    series = [Series(label, at, maybe(values[:, k]), "dots") for k, label in enumerate(labels)]
+    return Plot(title, "UTC", unit, series, time=True)
+
+
+def bars(name: str, values: Array) -> Plot:
+    """A histogram with the normal curve of its own mean and width."""
+    h = histogram(values, name)
+    normal = maybe(h.normal)
+    middles = numbers((h.edges[1:] + h.edges[:-1]) / 2)
+    return Plot(
+        f"Deviation {name}",
+        "arcsec",
+        "frames",
+        [Series("frames", numbers(h.edges), maybe(h.counts.astype(float)), "bars"), Series("normal", middles, normal)],
+    )
+
+
+def phase_means(place: Array, off: Array) -> list[float | None]:
+    """Mean error by place within a pixel; None where fewer than five stars say so."""
+    within = place - off
+    bin_of = np.clip(((within - np.round(within) + 0.5) * PHASES).astype(int), 0, PHASES - 1)
+    return [
+        float(off[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= FEWEST_IN_BIN else None
+        for k in range(PHASES)
+    ]
+
+
+def rms(values: Sequence[float | None]) -> float | None:
+    """Of the known values, None without any."""
+    known = [v for v in values if v is not None]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+def numbers(values: Array) -> list[float]:
+    """Plain floats."""
+    return [float(v) for v in values]
+
+
+def maybe(values: Array) -> list[float | None]:
+    """Plain floats, None for what is no number."""
+    return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def finite(value: float) -> float | None:
+    """The number, None where it is none."""
+    return value if np.isfinite(value) else None

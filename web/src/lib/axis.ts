@@ -1,0 +1,37 @@
+/** Where round numbers fall on an axis, and how they are written. */
+export function ticks(low: number, high: number, about = 5): number[] {
+  if (!Number.isFinite(low) || !Number.isFinite(high) || high <= low) return [];
+  const raw = (high - low) / Math.max(1, about);
+  const power = 10 ** Math.floor(Math.log10(raw));
+  const step = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= raw * (1 - 1e-9)) ?? 10 * power;
+  const out: number[] = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) out.push(Number((k * step).toPrecision(12)));
+  return out;
+}
+
+export function decades(low: number, high: number): number[] {
+  const out: number[] = [];
+  for (let k = Math.ceil(Math.log10(low) - 1e-9); k <= Math.floor(Math.log10(high) + 1e-9); k++) out.push(10 ** k);
+  return out;
+}
+
+export function timeTicks(low: number, high: number): number[] {
+  const step = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400].find((s) => (high - low) / s <= 6) ?? 604800;
+  const out: number[] = [];
+  for (let k = Math.ceil(low / step); k * step <= high; k++) out.push(k * step);
+  return out;
+}
+
+/** The number with the decimals its axis needs, and a true minus. */
+export function written(value: number, step: number): string {
+  if (value === 0) return '0';
+  const size = Math.abs(value);
+  if (size < 1e-4 || size >= 1e6) return value.toExponential(1).replace('-', '−');
+  const digits = Math.max(0, -Math.floor(Math.log10(step || 1) + 1e-9) + (Math.abs(step / 10 ** Math.floor(Math.log10(step || 1)) - 2.5) < 1e-6 ? 1 : 0));
+  return value.toFixed(Math.min(6, digits)).replace('-', '−');
+}
+
+export function clockAt(unix: number, span: number): string {
+  const iso = new Date(unix * 1000).toISOString();
+  return span < 3600 ? iso.slice(11, 19) : span < 86400 ? iso.slice(11, 16) : iso.slice(5, 16).replace('T', ' ');
+}

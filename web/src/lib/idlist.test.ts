@@ -1,0 +1,15 @@
+import { describe, expect, it } from 'vitest';
+import { parseIds, writeIds } from './idlist';
+
+describe('lists of frame numbers', () => {
+  it('are read as written', () => {
+    expect(parseIds('3-5, 9 4')).toEqual([3, 4, 5, 9]);
+    expect(parseIds('')).toEqual([]);
+    expect(() => parseIds('a')).toThrow('not a number');
+    expect(() => parseIds('9-3')).toThrow('not a range');
+  });
+  it('are written short and come back', () => {
+    expect(writeIds([5, 3, 4, 9])).toBe('3-5, 9');
+    expect(parseIds(writeIds([1, 2, 3, 7]))).toEqual([1, 2, 3, 7]);
+  });
+});
