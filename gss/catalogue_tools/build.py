@@ -103,7 +103,7 @@ def build(request: BuildRequest, source: Source | StarTable, progress: Progress 
     tell("distances", 0.3)
     pairs = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
     camera, name = p.profile.camera, request.format_name
-    own = tables_for(name, kept, pairs, camera, limit_mag=request.rules.faint_mag, index=request.k_vector)
+    own = tables_for(name, kept, pairs, camera, index=request.k_vector)
     tell("image", 0.5)
     key = bytes.fromhex(profile_sha256(p.profile))[:8]
     image = encode(kept, own.distances, name, p.profile.name, key, own.tables)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gss.catalogue_tools.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.build import BuiltCatalogue, build
-from gss.catalogue_tools.onboard import FORMATS
+from gss.catalogue_tools.onboard import FORMATS, own_format
 from gss.catalogue_tools.orbits import Range
 from gss.catalogue_tools.request import METHODS, BuildRequest, ElementsOrbit, TleOrbit
 from gss.catalogue_tools.selection import Rules
@@ -114,7 +114,7 @@ def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
     height_m = altitude_m(orbit, None if a.altitude_km is None else 1000 * a.altitude_km)
     return BuildRequest(
         profile_name=camera.name,
-        format_name=a.format or (camera.name if camera.name in FORMATS else "cubestar"),
+        format_name=a.format or own_format(camera.name),
         rules=Rules(
             faint_mag=camera.sensor.faint_limit_mag if a.mag_limit is None else a.mag_limit,
             bright_mag=a.bright_limit,

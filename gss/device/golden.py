@@ -9,7 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.catalogue_tools.onboard import encode, format_of, frame_of, reduced_catalogue, tables_for
+from gss.catalogue_tools.onboard import encode, format_of, frame_of, own_format, reduced_catalogue, tables_for
 from gss.domain.profiles import CameraProfile
 from gss.domain.stars import DistanceTable, Ids, StarTable
 from gss.pipeline.chains.oersted_match import limit_mag
@@ -21,19 +21,19 @@ MIN_PAIR_RAD = 0.0044
 SURVEY_STEP_RAD = float(np.radians(2.0))
 
 
-# By profile, its own first: a chain works best from its own tables, and makes them from what the other formats have. Sunsat's
+# By profile, beside its own: a chain works best from its own tables, and makes them from what the other formats have. Sunsat's
 # matching goes by magnitudes, which CubeStar's format lacks; a unit reads that one all the same.
-FORMATS_OF = {
-    "sunsat": ("sunsat", "sunsat-5", "cubestar"),
-    "oersted": ("oersted", "sunsat", "cubestar"),
-    "far_mst": ("far-mst", "sunsat", "cubestar"),
-    "aim": ("aim", "sunsat", "cubestar"),
+OTHERS_OF = {
+    "sunsat": ("sunsat-5", "cubestar"),
+    "oersted": ("sunsat", "cubestar"),
+    "far_mst": ("sunsat", "cubestar"),
+    "aim": ("sunsat", "cubestar"),
 }
 
 
 def bank_formats(profile_name: str) -> tuple[str, ...]:
     """On-board formats that a unit reads, its own first."""
-    return FORMATS_OF.get(profile_name, ("cubestar",))
+    return (own_format(profile_name), *OTHERS_OF.get(profile_name, ()))
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,12 @@ def base_format(name: str) -> str:
     return check_format(name.removesuffix(C_SUFFIX))
 
 
+def own_format(profile_name: str) -> str:
+    """The format of a profile's own system; CubeStar's where it has none."""
+    name = profile_name.replace("_", "-")
+    return name if name in BY_NAME else cubestar.FORMAT.name
+
+
 def core_bytes(format_name: str, stars: int, pairs: int) -> int:
     """Header, star list and pairs."""
     fmt = format_of(format_name)
