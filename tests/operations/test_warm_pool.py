@@ -61,7 +61,7 @@ def test_overlays_made_later_are_those_made_at_once() -> None:
     assert result.attitude is not None
     whole = solution_values(result, stars, "cubestar", None)
     short = solution_values(result, stars, "cubestar", None, drawn=False)
-    assert set(short["detail"]) == {"regions", "stars"}
+    assert not {"predicted", "grid", "north", "field"} & set(short["detail"])
     made = with_overlays(Solution(**short, frame_id=1, origin="ground"), stars, "cubestar")
     assert made["stars"] == whole["detail"]["stars"]
     for name in ("predicted", "grid", "field", "regions"):

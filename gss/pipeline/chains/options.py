@@ -1,0 +1,75 @@
+"""A chain's constants by name: which there are, and others in their place, for reruns that try another method or limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+from gss.domain.errors import BadInput
+
+P = TypeVar("P")
+TRUE, FALSE = ("true", "yes", "1"), ("false", "no", "0")
+
+
+def names(parameters: Any) -> tuple[str, ...]:
+    """The constants of a chain that a text can replace: numbers, words, yes or no, and short rows of numbers."""
+    return tuple(
+        f.name for f in fields(parameters) if _is_plain(getattr(parameters, f.name)) or f.name == "threshold_dn"
+    )
+
+
+def with_options(parameters: P, options: Mapping[str, str]) -> P:
+    """The parameters with those constants in the place of their own; BadInput names what there is, or what the chain says of it."""
+    changed: Any = parameters
+    known = names(parameters)
+    for name, text in options.items():
+        if name not in known:
+            raise BadInput("the chain has no such constant", expected=", ".join(known), got=name)
+        changed = replace(changed, **{name: _value(name, getattr(parameters, name), text)})
+    result: P = changed
+    return result
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(isinstance(v, int | float) for v in value)
+    return isinstance(value, bool | int | float | str)
+
+
+def _value(name: str, own: Any, text: str) -> Any:
+    try:
+        if isinstance(own, bool):
+            return _truth(text)
+        if isinstance(own, str):
+            return text
+        if isinstance(own, tuple):
+            return _row(own, text)
+        return int(text) if isinstance(own, int) else float(text)
+    except ValueError:
+        kind = "a number" if own is None else type(own).__name__
+        raise BadInput(f"{name} is of another kind", expected=f"{kind}, such as {own}", got=text) from None
+
+
+def _truth(text: str) -> bool:
+    if text.lower() not in (*TRUE, *FALSE):
+        raise ValueError(text)
+    return text.lower() in TRUE
+
+
+def _row(own: Sequence[float], text: str) -> tuple[float, ...]:
+    parts = text.split(",")
+    if len(parts) != len(own):
+        raise ValueError(text)
+    return tuple(type(o)(p) for o, p in zip(own, parts, strict=True))
+
+
+def parse(pairs: Sequence[str]) -> dict[str, str]:
+    """``NAME=VALUE`` as the command line has them."""
+    found: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name:
+            raise BadInput("unreadable constant", expected="NAME=VALUE", got=pair)
+        found[name.strip()] = value.strip()
+    return found
