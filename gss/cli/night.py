@@ -1,0 +1,195 @@
+"""``gss calibrate`` and ``gss analyse``: cameras and nights from image files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES, CameraProfile, profile
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+    from gss.operations.night_frames import Shot
+    from gss.operations.report.parts import Report
+
+UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
+"""Of images that carry no time: only the distances between them count, and stars move little."""
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the commands."""
+    p = subparsers.add_parser(
+        "calibrate",
+        help="a camera's geometry, light and detector from its own frames",
+        description="From frames of stars, or with --darks from dark frames (FITS, PNG, TIFF, JPEG). Exit code 0: done, "
+        "2: bad input.",
+    )
+    p.add_argument("files", nargs="+", metavar="FRAME", help="image of stars, or dark frame with --darks")
+    p.add_argument("--camera", metavar="PROFILE", help=f"{', '.join(PROFILES)}; without it frames are solved blind")
+    p.add_argument("--fov-deg", type=float, metavar="X", help="width of the field of a camera without a profile")
+    p.add_argument(
+        "--model", action="append", default=[], metavar="NAME", help="lens model; several are compared (default: all)"
+    )
+    p.add_argument("--darks", action="store_true", help="the files are dark frames of one exposure")
+    p.add_argument(
+        "--flats",
+        nargs="+",
+        default=[],
+        metavar="FRAME",
+        help="flat fields, two and two of the same light (with --darks)",
+    )
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=run_calibrate)
+    p = subparsers.add_parser(
+        "analyse",
+        help="accuracy, rates, sensitivity and noise from the frames of a night",
+        description="earth-fixed, celestial-fixed, slew, sensitivity, nea, spatial or two-cameras. Exit code 0: done, "
+        "2: bad input.",
+    )
+    p.add_argument("kind", help="what to find out")
+    p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera")
+    p.add_argument("--camera", metavar="PROFILE", required=True, help=", ".join(PROFILES))
+    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    p.add_argument("--rate", type=float, metavar="DEG_S", help="commanded rate of a slew, degrees per second")
+    p.add_argument("--interval", type=float, metavar="S", help="seconds between images that carry no time")
+    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images that do not say it")
+    p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
+    p.add_argument("--second-camera", metavar="PROFILE", help="its profile (default: the same)")
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the report: .html, .pdf or .json")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=run_analyse)
+
+
+def run_calibrate(a: argparse.Namespace) -> int:
+    """Calibrate, write, print."""
+    from gss.operations.calibrate import check_models, from_darks, from_stars
+    from gss.operations.calibration_sheet import calibration_sheet
+    from gss.operations.solve import Solver
+    from gss.store.models import Calibration
+
+    known = profile(a.camera) if a.camera else None
+    check_models(a.model)
+    shots = shots_of(a.files, None, None)
+    if a.darks or a.flats:
+        if known is None:
+            raise BadInput("dark frames of which camera?", expected="--camera PROFILE")
+        if len(a.flats) % 2:
+            raise BadInput("flat fields come two and two", expected="an even number", got=str(len(a.flats)))
+        flats = shots_of(a.flats, None, None)
+        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, _tell)
+    else:
+        fov = None if a.fov_deg is None else math.radians(a.fov_deg)
+        found = from_stars(Solver(), shots, known, _tell, models=a.model, fov_rad=fov)
+    row = Calibration(
+        id=0,
+        profile=known.name if known else "foreign",
+        kind=found.kind,
+        name=Path(a.files[0]).name,
+        created=datetime.now(UTC),
+        author="",
+        tool="",
+        request={},
+        values=found.values,
+        result=found.result,
+        note="",
+    )
+    sheet = calibration_sheet(row)
+    content = {"kind": found.kind, "values": found.values, "result": found.result}
+    _give(a, sheet, content)
+    return 0
+
+
+def run_analyse(a: argparse.Namespace) -> int:
+    """Analyse, write, print."""
+    from gss.operations.analyse import FRAME_KINDS, analyse, check_kind, run_frames
+    from gss.operations.solve import Solver
+
+    known = profile(a.camera)
+    commanded = None if a.rate is None else math.radians(a.rate)
+    if a.kind not in FRAME_KINDS:
+        raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=a.kind)
+    check_kind(a.kind, commanded, len(a.second))
+    solver = Solver()
+
+    def run(files: Sequence[str], camera: CameraProfile) -> Any:
+        return run_frames(solver, shots_of(files, a.interval, a.exposure), camera, a.chain, _tell)
+
+    second = run(a.second, profile(a.second_camera) if a.second_camera else known) if a.second else None
+    made = analyse(a.kind, solver, run(a.files, known), second=second, commanded_rad_s=commanded)
+    _give(a, made.report, {"kind": made.kind, "figures": made.figures})
+    return 0
+
+
+def shots_of(files: Sequence[str], interval_s: float | None, exposure_s: float | None) -> list[Shot]:
+    """Image files as shots; BadInput names the file that cannot be read."""
+    from gss.operations.frame_files import read_frame
+    from gss.operations.night_frames import Shot
+
+    shots = []
+    for k, name in enumerate(files):
+        try:
+            data = Path(name).read_bytes()
+        except OSError as error:
+            raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
+        frame = read_frame(data, name)
+        taken = frame.taken_at
+        if taken is None or interval_s is not None:
+            taken = UNTIMED_EPOCH + timedelta(seconds=(interval_s or 0.0) * k)
+        exposure = frame.exposure_s if frame.exposure_s is not None else exposure_s
+        shots.append(Shot(Path(name).name, taken, exposure, frame.bits, partial(_given, frame.pixels)))
+    return shots
+
+
+def _given(pixels: Any) -> Any:
+    return pixels
+
+
+def _tell(share: float, text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
+
+
+def _give(a: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
+    from gss.operations.report.html import as_html
+    from gss.operations.report.pdf import as_pdf
+
+    if sys.stderr.isatty():
+        print(file=sys.stderr)
+    whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
+    if a.out is not None:
+        makers: dict[str, Callable[[], bytes]] = {
+            ".json": whole.encode,
+            ".html": lambda: as_html(report).encode(),
+            ".pdf": lambda: as_pdf(report, datetime.now(UTC)),
+        }
+        if a.out.suffix not in makers:
+            raise BadInput("unknown kind of report", expected=" | ".join(makers), got=a.out.suffix or str(a.out))
+        try:
+            a.out.write_bytes(makers[a.out.suffix]())
+        except OSError as error:
+            raise BadInput("the file cannot be written", got=f"{a.out}: {error.strerror}") from None
+    print(whole if a.json else as_text(report))
+
+
+def as_text(report: Report) -> str:
+    """The report for a terminal: figures and tables, without its drawings."""
+    lines = [report.title, report.subtitle, ""]
+    lines += [f"{'SEVERE' if n.severe else 'note'}: {n.text}. {n.hint}" for n in report.notes]
+    for section in report.sections:
+        lines += ["", section.title]
+        width = max((len(f.label) for f in section.facts), default=0)
+        lines += [f"  {f.label:<{width}}  {f.value} {f.unit} {f.note}".rstrip() for f in section.facts]
+        for table in section.tables:
+            wide = [max(len(r[k]) for r in [table.columns, *table.rows]) for k in range(len(table.columns))]
+            rows = [table.columns, *table.rows]
+            lines += ["  " + "  ".join(f"{c:<{w}}" for c, w in zip(r, wide, strict=True)).rstrip() for r in rows]
+    return "\n".join(lines)

@@ -1,0 +1,85 @@
+"""``gss calibrate`` and ``gss analyse`` as a user meets them: files in, figures out, sentences for what cannot be."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from gss.cli import main
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.solve import SolverCache
+from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
+from gss.pipeline.render import render
+
+KNOWN = profile("cubestar")
+TRUE = replace(
+    KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
+)
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Eight frames of a camera on the ground, three minutes apart."""
+    folder = tmp_path_factory.mktemp("night")
+    stars, rng = SolverCache().stars(2026.5).brighter_than(6.5), np.random.default_rng(3)
+    names = []
+    for k in range(8):
+        at_s = 180.0 * k
+        attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * at_s, 0.2, 0.5)
+        image = render(stars, TRUE, KNOWN.sensor, attitude, 0.25, rng)
+        hdu = fits.PrimaryHDU(image.pixels)
+        hdu.header["DATE-OBS"] = f"2026-07-01T00:{3 * k:02d}:00"
+        hdu.header["EXPTIME"] = 0.25
+        path = folder / f"night-{k}.fits"
+        hdu.writeto(path)
+        names.append(str(path))
+    return names
+
+
+def test_a_camera_is_calibrated_from_files(
+    night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The focal length of the camera that took them comes out; the report is written."""
+    sheet = tmp_path / "camera.pdf"
+    assert main(["calibrate", *night, "--camera", "cubestar", "--model", "brown-4", "--json", "--out", str(sheet)]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["values"]["focal_col_px"] == pytest.approx(TRUE.focal_col_px, rel=5e-4)
+    assert sheet.read_bytes().startswith(b"%PDF")
+
+
+def test_a_night_is_analysed_from_files(night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The sidereal turn comes out as JSON and in words."""
+    assert main(["analyse", "earth-fixed", *night, "--camera", "cubestar", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["figures"]
+    assert np.linalg.norm(figures["rate_icrs_rad_s"]) == pytest.approx(SIDEREAL_RAD_S, rel=0.01)
+    sheet = tmp_path / "night.html"
+    assert main(["analyse", "earth-fixed", *night, "--camera", "cubestar", "--out", str(sheet)]) == 0
+    assert "Steadiness" in capsys.readouterr().out
+    assert "<svg" in sheet.read_text()
+
+
+def test_what_cannot_be_is_said(night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unknown kinds, cameras and files, missing rates, and reports of no kind: exit code 2 and a sentence."""
+    wrong = (
+        (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
+        (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
+        (["analyse", "slew", night[0], "--camera", "cubestar"], "needs the rate"),
+        (["analyse", "earth-fixed", night[0], "--camera", "hubble"], "unknown camera profile"),
+        (["analyse", "earth-fixed", night[0], "--camera", "cubestar"], "too few"),
+        (["calibrate", *night, "--camera", "sunsat"], "no frame could be solved"),
+        (["calibrate", night[0], "--darks"], "which camera"),
+        (
+            ["calibrate", *night, "--camera", "cubestar", "--model", "brown-4", "--out", str(tmp_path / "x.doc")],
+            "kind of report",
+        ),
+        (["calibrate", night[0], "--camera", "cubestar", "--darks", "--flats", night[0]], "two and two"),
+    )
+    for arguments, words in wrong:
+        assert main(arguments) == 2, arguments
+        assert words in capsys.readouterr().err
