@@ -194,7 +194,7 @@ def _planet_track(seen: list[Bodies], index: int, parallax_km: float) -> Track:
 
 
 def _apparent(icrs: Array, bodies: Bodies) -> Array:
-    return aberrate(icrs[None], bodies.earth_velocity_c)[0]
+    return np.asarray(aberrate(icrs, bodies.earth_velocity_c))
 
 
 def _plain(track: Track) -> dict[str, Any]:
