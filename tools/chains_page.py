@@ -1,0 +1,341 @@
+"""Write docs/chains.md: every stage of every chain with where it lives, its source, and its constants with theirs.
+
+    .venv/bin/python -m tools.chains_page
+
+A stage names a function that must exist; the constants and their sources are those of the running code.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gss.domain.profiles import profile
+from gss.pipeline.chains import (
+    aim_parameters,
+    cubestar_parameters,
+    far_mst_parameters,
+    oersted_parameters,
+    sunsat_parameters,
+)
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.onboard import Commanded
+from gss.pipeline.chains.options import names
+from gss.pipeline.chains.systems import system
+
+PAGE = Path(__file__).parent.parent / "docs" / "chains.md"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """``where``: module:function under gss.pipeline; ``reach``: how to ask for it; ``sources``: section of the document."""
+
+    what: str
+    where: str
+    source: str
+    reach: str = ""
+
+
+LOST, NEAR, TRACKED = "without `--hint`", "`--hint RA,DEC,ROLL,5`", "`--hint RA,DEC,ROLL,0.3`, or `--sequence`"
+
+STAGES: dict[str, tuple[Stage, ...]] = {
+    "sunsat": (
+        Stage("dark average of each row", "chains.sunsat_detect:dark_rows_dn", "Jacobs 1995 §2.2.1.2"),
+        Stage(
+            "every third pixel, 4-connected growing, 10–300 px, edge rule",
+            "chains.sunsat_detect:find_stars",
+            "§2.2.1.2–3",
+        ),
+        Stage("shape: moments, elongation, direction", "chains.sunsat_detect:shapes", "§2.2.3, eq. 2.4–2.10"),
+        Stage(
+            "centre of gravity above threshold", "chains.sunsat_detect:gravity_centroids", "§2.2, eq. 2.1–2.2, app. C.1"
+        ),
+        Stage(
+            "millimetres on the detector, tilt and radial polynomial",
+            "chains.sunsat_frames:corrected_uv",
+            "eq. 6.13–6.20",
+        ),
+        Stage("magnitude from area and illuminance", "chains.sunsat_detect:magnitudes", "eq. 2.12–2.13, app. C.1"),
+        Stage(
+            "match groups: magnitude, distance, ICLim, geometry split",
+            "identify.match_groups:match_groups",
+            "§3.3.5, app. D.2",
+            LOST,
+        ),
+        Stage("mirror test", "identify.match_groups:mirrored", "§3.3.3"),
+        Stage(
+            "star vectors (Baldini)",
+            "identify.star_vectors:match_star_vectors",
+            "§3.2.2, app. D.1",
+            "`--set matcher=star_vectors`",
+        ),
+        Stage("TRIAD on the widest pair", "chains.sunsat_match:widest_pair", "§4.1.6.1"),
+        Stage("roll, pitch, yaw", "chains.sunsat_frames:attitude_angles_rad", "§1.3–1.5, eq. 1.3–1.9"),
+        Stage(
+            "field on the sphere, with pole and RA = 0", "track.sphere_field:sphere_field", "§4.1.2, app. B", TRACKED
+        ),
+        Stage("nine boxes", "track.three_stars:by_boxes", "§4.1.4, Fig. 4-4", TRACKED),
+        Stage(
+            "expected stars and their windows", "chains.sunsat_track:expected_stars", "§4.1.2–4.1.4, §4.1.6.3", TRACKED
+        ),
+        Stage(
+            "search window by window, each from the untouched frame (restores the area)",
+            "chains.sunsat_track:find_in_windows",
+            "§4.1.4.1",
+            TRACKED,
+        ),
+        Stage(
+            "three stars by distance; fourth to seventh star",
+            "track.three_stars:ThreeStars",
+            "§4.1.4.1, Tables 4-1, 4-2",
+            TRACKED,
+        ),
+        Stage("predictor 2.5, −2, 0.5", "track.predictor:predict_attitude", "§4.1.8, app. E.2", "`--sequence`"),
+        Stage(
+            "radius of uncertainty, ADCS or TRIAD", "chains.sunsat_track:uncertainty_px", "§4.1.6, eq. 4.20", TRACKED
+        ),
+        Stage("a-priori attitude of the orbit", "chains.apriori:apriori_hint", "§1.3, §1.4", NEAR),
+        Stage(
+            "matched star vectors for ADCS, aberration",
+            "chains.sunsat_vectors:matched_vectors",
+            "§3.4, §4.1.7, §7.5",
+            "telemetry `matched_vectors`",
+        ),
+        Stage(
+            "ours: bound on an accident, census of the sky",
+            "chains.sunsat_bound:false_match_probability",
+            "–",
+            "`--set acceptance=document` leaves it out",
+        ),
+    ),
+    "cubestar": (
+        Stage(
+            "plane search, region growing 6–60 px, at most 50 invalid", "regions:search", "Erlank 2013 §4.1.1–2, §5.3.3"
+        ),
+        Stage("5 x 5 centroid round the brightest pixel, at most 20", "centroid:window_centroids", "§4.1.3"),
+        Stage(
+            "Brown's K1 K2 P1 P2",
+            "chains.cubestar_match:unit_vectors",
+            "eq. 4.1.3–6",
+            "`--set undistort=document` for inverted signs",
+        ),
+        Stage(
+            "geometric voting, binary search of the distance table", "identify.geometric_voting:vote", "§4.3.3", LOST
+        ),
+        Stage("verification votes", "identify.geometric_voting:agreement", "§4.3.3"),
+        Stage("assisted: catalogue within D_max", "identify.geometric_voting:reduced_table", "§4.3.4", NEAR),
+        Stage("tracking within 0.3°", "track.nearest:match_nearest", "§4.5", TRACKED),
+        Stage("states 2, 1, 0", "chains.modes:next_mode", "§5.3.4", "`--sequence`"),
+        Stage("QUEST, votes as weights", "attitude:quest", "§4.4, eq. 4.4.9–10"),
+        Stage(
+            "ours: bound on an accident",
+            "chains.cubestar:false_match_probability",
+            "–",
+            "`--set max_false_probability=1`",
+        ),
+        Stage(
+            "ours: handedness, focal length",
+            "identify.focal_census:focal_objection",
+            "–",
+            "`--set acceptance=document` leaves them out",
+        ),
+    ),
+    "far_mst": (
+        Stage("median dark", "chains.far_mst_detect:median_dark_dn", "Huffman 2006 §4.1"),
+        Stage("n·σ threshold, 8-connected clusters", "chains.far_mst_detect:clusters", "§4.1, §4.2.1"),
+        Stage(
+            "5 x 5 pre-filter, sliding or block",
+            "chains.far_mst_detect:prefiltered",
+            "§4.1, §4.2.2",
+            "`--set prefilter=sliding`, `block`, `none`",
+        ),
+        Stage("weighted sum with aspect ratio", "chains.far_mst_centroid:weighted_sum", "§4.2.2"),
+        Stage("maximum likelihood", "chains.far_mst_centroid:refine_mle", "eq. 4.3–4.8", "`--set centroider=mle`"),
+        Stage("directory by sin²θ, k-vector", "identify.sin2_directory:sin2_directory", "§5.5.4, eq. 6.6"),
+        Stage(
+            "n-vertex, 3, 4 and 5 stars",
+            "identify.n_vertex:match_figure",
+            "§5.5.4",
+            "`--set matcher=n3`, `n4`, `n5`, `auto`",
+        ),
+        Stage("pyramid", "identify.triad_pyramid:pyramids", "§5.5.4", "`--set matcher=pyramid`"),
+        Stage("tracking near predictions", "chains.far_mst_match:match_stars", "ch. 5, Fig. 8.2", TRACKED),
+        Stage(
+            "frame to frame: pair, triangle",
+            "chains.far_mst_relative:relative_attitude",
+            "§5.5, Fig. 8.2",
+            "`--sequence`",
+        ),
+        Stage("frame to frame: rate match", "track.rate_match:rate_match", "§5.5.3, §8.1.2", "`--sequence`"),
+        Stage(
+            "relative attitude chaining",
+            "chains.far_mst_relative:chained",
+            "§7.2, eq. 7.1–7.2",
+            "`--sequence`: bridges images without names",
+        ),
+        Stage("angular rate", "chains.far_mst_relative:rate_rad_s", "§7.2", "`--sequence --interval S`"),
+        Stage("selector of the matcher", "chains.far_mst_match:match_stars", "Fig. 8.2", "`--set matcher=auto`"),
+        Stage("QUEST with covariance", "attitude:quest", "eq. 6.34"),
+        Stage(
+            "q-method, SVD, FOAM",
+            "chains.far_mst:attitude_of",
+            "eq. 6.21–6.24, 6.50, 6.54",
+            "`--set attitude_method=q_method`, `svd`, `foam`",
+        ),
+        Stage(
+            "ours: bound on an accident, share of the stars named",
+            "chains.far_mst_verify:complete",
+            "–",
+            "`--set acceptance=document` leaves it out",
+        ),
+    ),
+    "oersted": (
+        Stage("threshold, limit of brightness", "chains.oersted:find_centroids", "Liebe 1992, Magnitude-Uncertainty"),
+        Stage("window centroid (hyperaccuracy)", "hyperaccuracy:hyperaccurate_centroids", "Liebe 1992, Hyperaccuracy"),
+        Stage("triplets: two nearest neighbours and their angle", "gss.domain.triplets:features", "Initial Estimate"),
+        Stage(
+            "data base, quantised, with uncertainties of place and magnitude",
+            "gss.domain.triplets:build_triplets",
+            "Inclusion of Position- and Magnitude-Uncertainty",
+        ),
+        Stage("vote among candidates", "identify.triplet_vote:vote", "Initial Estimate", LOST),
+        Stage(
+            "ours: candidates one by one where the vote is silent",
+            "identify.triplet_alone:attitudes_of_triplet",
+            "–",
+            "`--set triplets_alone=0` leaves it out",
+        ),
+        Stage(
+            "predicted image, nearest fit", "track.least_distance:pair_least_distance", "Predictional Estimate", TRACKED
+        ),
+        Stage(
+            "predictional estimate, least squares",
+            "track.predictional:predictional_fit",
+            "Predictional Estimate",
+            TRACKED,
+        ),
+        Stage("differential correction", "track.differential:differential_attitude", "Predictional Estimate", TRACKED),
+        Stage(
+            "averaging of successive estimates",
+            "track.constant_rate:average_estimates",
+            "Predictional Estimate",
+            "`--sequence --set averaged=3`",
+        ),
+        Stage("assisted: triplets near the hint", "chains.oersted_match:match_stars", "– (ours)", NEAR),
+        Stage(
+            "ours: bound, residuals, focal length",
+            "chains.oersted:false_match_probability",
+            "–",
+            "`--set acceptance=document` leaves them out",
+        ),
+    ),
+    "aim": (
+        Stage("coarse image and its mask", "coarse_mask:coarse_mask", "Moniteq 1983 §6.1, Fig. 6.1", LOST),
+        Stage(
+            "predicted windows, 4 x 4 or 3 x 3",
+            "coarse_mask:windows_mask",
+            "§3.8, Fig. 6.1",
+            TRACKED + "; `--set window_px=4`",
+        ),
+        Stage("mean locator with dark mean", "mean_locator:mean_locations_px", "§4.1–4.3"),
+        Stage("linear correction of its bias", "mean_locator:bias_gain", "§4.2"),
+        Stage("linked neighbour list, convex hull", "gss.domain.neighbours:neighbour_links", "§6.1"),
+        Stage("walk along the links", "track.link_walk:walk", "§6.1, Fig. 6.1", TRACKED),
+        Stage("combinatorial blind search", "identify.neighbour_pattern:pair_hypotheses", "§6.1, Fig. 6.1", LOST),
+        Stage("differential small-angle attitude, iterated", "track.differential:small_rotation_rad", "§6.2"),
+        Stage("search and track, guidance-error flag", "track.search_and_track:after_frame", "§6.1, Fig. 6.1", TRACKED),
+        Stage("two cameras", "track.cameras_together:body_attitude", "§6.2", "`gss.pipeline.track.cameras_together`"),
+        Stage(
+            "ours: bound, residuals, handedness",
+            "chains.aim:false_match_probability",
+            "–",
+            "`--set acceptance=document` leaves them out",
+        ),
+    ),
+}
+TITLES = {
+    "sunsat": "Jacobs 1995, chapters 2 to 4",
+    "cubestar": "Erlank 2013, chapters 4 and 5",
+    "far_mst": "Huffman 2006",
+    "oersted": "Liebe 1992",
+    "aim": "Moniteq 1983",
+}
+SOURCES: dict[str, dict[str, str]] = {
+    m.NAME: m.SOURCES
+    for m in (sunsat_parameters, cubestar_parameters, far_mst_parameters, oersted_parameters, aim_parameters)
+}
+
+
+def function(where: str) -> Any:
+    """What a stage names; ImportError or AttributeError where it is not."""
+    module, name = where.split(":")
+    full = module if module.startswith("gss.") else f"gss.pipeline.{module}"
+    return getattr(importlib.import_module(full), name)
+
+
+def text() -> str:
+    """The page."""
+    parts = [
+        "# Chains",
+        "",
+        "Written by `python -m tools.chains_page`. Each system's own algorithms, stage by stage, with the function, the document's",
+        "section, and how to ask for it on the command line: `gss solve FILE --camera X --chain X …`. Constants are those for the",
+        "system's own camera and exposure; `--set NAME=VALUE` puts another in their place. A calibration or parameter table on",
+        "board changes the numbers among them. Stages that say *ours* come after the document's algorithm and only refuse.",
+        "",
+    ]
+    for name, stages in STAGES.items():
+        parts += [
+            f"## {name}: {TITLES[name]}",
+            "",
+            "| stage | function | source | asked for with |",
+            "|---|---|---|---|",
+        ]
+        for s in stages:
+            function(s.where)
+            module, called = s.where.split(":")
+            module = module.removeprefix("gss.")
+            parts.append(f"| {s.what} | `{module}.{called}` | {s.source} | {s.reach or 'always'} |")
+        parts += ["", "| constant | value | where from |", "|---|---:|---|", *_constants(name), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _constants(name: str) -> list[str]:
+    own = system(name).parameters(profile(name), None, Commanded(), Mode.LOST_IN_SPACE)
+    told = SOURCES[name]
+    rows = []
+    for constant in names(own):
+        source = told.get(constant) or _by_stem(constant, told)
+        rows.append(f"| `{constant}` | {_value(getattr(own, constant))} | {source.replace('|', '/')} |")
+    return rows
+
+
+def _by_stem(constant: str, told: dict[str, str]) -> str:
+    """Constants of one kind share a source: min_verified_lost has that of min_verified."""
+    stems = [stem for stem in told if constant.startswith(stem) or stem.startswith(constant.rpartition("_")[0] or "–")]
+    if stems:
+        return told[max(stems, key=len)]
+    return "from the profile's sensor" if constant in FROM_SENSOR else "ours"
+
+
+FROM_SENSOR = ("focal_mm", "exposure_s", "saturation_dn", "noise_dn", "gain_e_per_dn", "psf_sigma_px", "dn_at_mag_0")
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return f"{value:.4g}"
+    if isinstance(value, tuple):
+        return ", ".join(_value(v) for v in value)
+    return f"{value}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(text(), "utf-8")
