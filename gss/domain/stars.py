@@ -118,3 +118,13 @@ class OnboardCatalogue:
 
     def __len__(self) -> int:
         return len(self.hip)
+
+    def need_distances(self) -> None:
+        """BadInput where the bank's format has other tables in the place of distances."""
+        if not len(self.distances) and (self.tables.links is not None or self.tables.constellations is not None):
+            raise BadInput(
+                "this chain matches by a distance table",
+                expected="a bank with pairs of stars",
+                got="a bank with triplets or links",
+                hint="a catalogue in the format of the chain's own system",
+            )

@@ -15,6 +15,7 @@ from gss.catalogue_tools.onboard import FORMATS, decode, encode, frame_of, read_
 from gss.device.golden import GOLDEN_EPOCH_JYEAR, bank_formats
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage
+from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import PROFILES, profile
 from gss.pipeline.chains.apriori import Known
@@ -118,6 +119,8 @@ def test_a_unit_boots_from_its_own_format_and_uses_its_tables(make_bench: Make, 
         table = tables.constellations.table()
         assert np.array_equal(prepared.triplets.key, table.key)
         assert np.array_equal(prepared.triplets.star, table.star)
+        # Not the factory's triplet table, whose limits are single precision: the ground must find the same.
+        assert bench.tracker.tables.prepare(decode(image)).triplets.limit_mag == table.limit_mag
     else:
         assert prepared.links is not None
         assert np.array_equal(prepared.links.neighbour, tables.links.neighbour)
@@ -159,3 +162,12 @@ def test_a_bank_without_distances_says_so(make_bench: Make, camera: str) -> None
     transfer_id = bench.host.start_download("distance_table", 3, bench.now_s)
     bench.until(lambda: bench.host.transfer(transfer_id).state in ("verified", "failed", "aborted"), 60.0)
     assert "no distance table" in bench.host.transfer(transfer_id).reason
+
+
+@pytest.mark.parametrize("camera", ["oersted", "aim"])
+@pytest.mark.parametrize("chain", ["cubestar", "sunsat", "far_mst"])
+def test_a_chain_that_needs_distances_refuses_a_bank_without(camera: str, chain: str) -> None:
+    """Another system's chain over triplets or links says what it misses, instead of finding nothing for ever."""
+    bank = decode(image_for(camera, camera))
+    with pytest.raises(BadInput, match="matches by a distance table"):
+        on_board(chain).prepare(bank, profile(camera))

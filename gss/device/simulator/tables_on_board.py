@@ -62,12 +62,12 @@ class Tables:
 
     def prepare(self, catalogue: OnboardCatalogue) -> Any:
         """What the chain makes of a bank; with the triplet table where the chain uses one. The factory's belongs to the golden
-        catalogue: with another one the chain makes its own."""
+        catalogue and gives way to the bank's own triplets: without either the chain makes its own."""
         prepared = self.chain.prepare(catalogue, self.profile)
         used = self._memory.record.tables["triplets"].active
         if self.triplets is None or not hasattr(prepared, "triplets"):
             return prepared
-        if used == FACTORY and not self._belongs():
+        if used == FACTORY and (catalogue.tables.constellations is not None or not self._belongs()):
             return prepared
         return prepare_with_triplets(catalogue, self.profile, self.triplets)
 

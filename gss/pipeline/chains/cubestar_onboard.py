@@ -28,6 +28,7 @@ class CubestarChain:
         return with_commanded(default_parameters(profile, exposure_s), profile.camera, commanded, mode)
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> OnboardCatalogue:
+        catalogue.need_distances()
         return catalogue
 
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:

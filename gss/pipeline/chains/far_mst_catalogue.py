@@ -37,6 +37,7 @@ class FarMstCatalogue:
 def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
     """The bank's directory, or one of the ``brightest`` per field (0: of all stars). The bank's own distances are used, none is
     made up."""
+    bank.need_distances()
     icrs = bank.icrs.astype(float)
     icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
     if bank.tables.sin2 is not None:

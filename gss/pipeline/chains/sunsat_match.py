@@ -72,6 +72,7 @@ def prepare(bank: OnboardCatalogue) -> SunsatCatalogue:
             got="a bank without magnitudes",
             hint="build the catalogue with format sunsat",
         )
+    bank.need_distances()
     unit = bank.icrs.astype(float)
     unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
     t = bank.distances
