@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from gss.domain.errors import BadInput
 
 MOST_ROWS = 5_000_000
+# The libraries would unpack these on their own, to any size.
+PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
 FRAME_KEYS = ("frame", "radesys", "coordsys", "system")
 FRAME_WORDS = {
@@ -49,6 +51,13 @@ def read_columns(data: bytes, kind: str) -> RawList:
     if not data.strip():
         raise BadInput(
             "the star list is empty", expected=f"a {kind} table with a row for each star", got="an empty file"
+        )
+    if data.startswith(PACKED):
+        raise BadInput(
+            "the star list is compressed",
+            expected=f"a {kind} file",
+            got="gzip, bzip2, xz or zip",
+            hint="unpack it first",
         )
     try:
         raw = readers[kind](data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import warnings
 from dataclasses import replace
@@ -26,6 +27,7 @@ from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 MAS_RAD = ARCSEC_RAD / 1000
 SAID = ListMapping(epoch_jyear=2000.0, frame="icrs")
 NANOARCSEC_RAD = 1e-6 * MAS_RAD
+_SMALL = {kind: write_star_list(load_stars(1.0), kind) for kind in KINDS}
 
 
 def _csv(*rows: str, head: str = "hip,ra,dec,v") -> bytes:
@@ -272,6 +274,42 @@ def test_list_that_cannot_be_read_is_refused(data: bytes, kind: str, mapping: Li
         warnings.simplefilter("ignore")
         with pytest.raises(BadInput, match=text):
             read_star_list(data, kind, mapping)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    kind=st.sampled_from(KINDS),
+    where=st.integers(0, 4000),
+    with_what=st.binary(min_size=1, max_size=8),
+    cut=st.integers(0, 4000) | st.none(),
+)
+def test_damaged_files_never_break_the_reader(kind: str, where: int, with_what: bytes, cut: int | None) -> None:
+    """Overwritten and cut files give stars or bad input, and no other failure."""
+    whole = bytearray(_SMALL[kind])
+    whole[where % len(whole) : where % len(whole) + len(with_what)] = with_what
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            found = read_star_list(bytes(whole[:cut]), kind)
+        except BadInput:
+            return
+    assert len(found.stars) + found.dropped_count >= 1
+    assert np.isfinite(found.stars.icrs).all()
+
+
+def test_compressed_files_are_not_unpacked() -> None:
+    """A small file that would become a huge one is refused as it is."""
+    for kind in KINDS:
+        with pytest.raises(BadInput, match="compressed"):
+            read_star_list(gzip.compress(_SMALL[kind]), kind)
+
+
+@pytest.mark.parametrize(
+    "text", ["hip,ra,dec,v\r\n1,10,20,3\r\n", "\ufeffhip;ra;dec;v\n1;10;20;3", "hip\tra\tdec\tv\n1\t10\t20\t3\n\n"]
+)
+def test_line_ends_marks_and_separators_do_not_matter(text: str) -> None:
+    """Files of any system and spreadsheet are read."""
+    assert read_star_list(text.encode(), "csv", SAID).stars.hip.tolist() == [1]
 
 
 def test_hours_taken_for_degrees_are_asked_about() -> None:
