@@ -21,8 +21,8 @@ J2000_JD = 2451545.0
 # Way of the Sun or of the node between the dates that are looked at, and time between them for the Moon.
 EPOCH_RAD = float(np.radians(1.0))
 MOON_STEP_DAYS = 0.25
-MOST_EPOCHS, MOST_KNOTS = 120, 1500
-NEAR_RAD, PATCH_NEAR_RAD = float(np.radians(0.25)), float(np.radians(0.5))
+MOST_EPOCHS, MOST_KNOTS = 180, 1500
+NEAR_RAD, PATCH_NEAR_RAD = float(np.radians(0.25)), float(np.radians(0.75))
 VIEWS_PER_STAR = 256
 PATCH_ATTITUDES = 2048
 RINGS, RING_POINTS = 5, 48
@@ -67,10 +67,10 @@ class Baffle:
                 clear = np.minimum(clear, np.arccos(np.clip((boresight * body).sum(axis=-1), -1, 1)) - angle)
         return clear
 
-    def parts(self, node_way_rad: float) -> Array:
+    def parts(self, node_way_rad: float, step_rad: float = EPOCH_RAD) -> Array:
         """Shares of the validity to look at, for a node that moves so far."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
-        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / EPOCH_RAD
+        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / step_rad
         if self.moon_rad:
             steps = max(steps, days / MOON_STEP_DAYS)
         return np.linspace(0, 1, int(np.clip(np.ceil(steps), 1, MOST_EPOCHS - 1)) + 1)
@@ -78,7 +78,8 @@ class Baffle:
 
 def free_of_baffle(base: Envelope, unit: Array, baffle: Baffle, views: Views, earth_rad: float) -> NDArray[np.bool_]:
     """Which (n, 3) directions, all within ``base`` and not always behind the Earth, some field shows with Sun and Moon far
-    enough. In favour of seeing: a direction within ``NEAR_RAD`` of what a clear field shows counts (``PATCH_NEAR_RAD`` for laws that do not turn with the orbit)."""
+    enough. In favour of seeing: a direction within ``NEAR_RAD`` of what a clear field shows counts; for laws that do not
+    turn with the orbit within ``PATCH_NEAR_RAD``."""
     if isinstance(base, PatchEnvelope):
         return _free_in_patch(base, unit, baffle)
     if isinstance(base, BandEnvelope):
@@ -89,7 +90,7 @@ def free_of_baffle(base: Envelope, unit: Array, baffle: Baffle, views: Views, ea
 def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
     shape = FieldShape(widened(base.shape.camera, PATCH_NEAR_RAD))
     cams = cams_within(base.limits, PATCH_ATTITUDES, 0)
-    parts = baffle.parts(0.0)
+    parts = baffle.parts(0.0, EPOCH_RAD / 2)
     sun, moon = baffle.bodies(parts)
     found = np.zeros(len(u), bool)
     if base.limits.pointing not in SUN_LAWS:
@@ -155,9 +156,10 @@ def _free_in_sky(base: Envelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
     east /= np.linalg.norm(east, axis=1, keepdims=True)
     north = np.cross(u, east)
     found = np.zeros(len(u), bool)
+    hopeless = (baffle.clearance(u[:, None], sun, moon) < -base.shape.half_diagonal_rad).all(axis=1)
     for radius in np.linspace(0, base.shape.half_diagonal_rad, RINGS):
         for turn in np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False):
-            left = np.flatnonzero(~found)
+            left = np.flatnonzero(~found & ~hopeless)
             side = np.cos(turn) * east[left] + np.sin(turn) * north[left]
             boresight = np.cos(radius) * u[left] + np.sin(radius) * side
             found[left] = (baffle.clearance(boresight[:, None], sun, moon) >= 0).any(axis=1)

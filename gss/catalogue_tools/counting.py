@@ -19,6 +19,7 @@ STEP = 131_072
 # Fewer fields than this in a place, or places much smaller than a field, cost more than they save.
 FIELDS_PER_PIXEL = 100
 PIXEL_OF_FIELD = 0.3
+MANY_STARS = 5000
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def stars_per_field(
     groups = _groups(unit, attitudes[:, 2], shape)
 
     def work(group: Group) -> Counts:
-        return np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=1).astype(np.int64)
+        return np.asarray(np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=1), np.int64)
 
     for (rows, _), found in zip(groups, each(work, groups), strict=True):
         counts[rows] = found
@@ -64,8 +65,9 @@ def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, sha
 def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Group]:
     """(rows of fields, rows of stars that these may show): by pixel of the sky, as fine as the number of fields pays for."""
     nside = 1
+    worth = len(boresight) * max(1.0, len(unit) / MANY_STARS)
     while (
-        12 * (2 * nside) ** 2 * FIELDS_PER_PIXEL <= len(boresight)
+        12 * (2 * nside) ** 2 * FIELDS_PER_PIXEL <= worth
         and pixel_radius_rad(nside) > PIXEL_OF_FIELD * shape.half_diagonal_rad
     ):
         nside *= 2

@@ -53,7 +53,7 @@ def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
     along = np.mod(np.floor(turn * from_pole).astype(np.int64), 4 * from_pole)
     north = 2 * from_pole * (from_pole - 1) + along
     south = 12 * nside**2 - 2 * from_pole * (from_pole + 1) + along
-    return np.where(away <= 2 / 3, belt, np.where(z > 0, north, south))
+    return np.asarray(np.where(away <= 2 / 3, belt, np.where(z > 0, north, south)))
 
 
 def pixel_radius_rad(nside: int) -> float:
