@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.exclusions import exclusions, within
 from gss.catalogue_tools.healpix import centres
 from gss.catalogue_tools.occultation import OccultedEnvelope
 from gss.catalogue_tools.plan import Plan
@@ -18,7 +19,8 @@ MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
 # Fainter than this a planet is one star among many.
 PLANET_MAG = 6.0
-PLANET_STEP_DAYS = 1.0
+SUN = "Sun"
+WAY_POINTS = 60
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,14 @@ class EnvelopeMap:
 
 
 @dataclass(frozen=True)
-class Planet:
-    """A planet that the envelope shows at some day: its way, from first to last day, and its brightest."""
+class Wanderer:
+    """The Sun, or a body that the envelope shows at some time: ``track`` (k, 3) ICRS from first to last day, its brightest, and
+    the share of the days on which it is in the envelope."""
 
     name: str
     track: Array
     brightest_mag: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -47,13 +51,13 @@ class Assessment:
     quality: Quality
     map: EnvelopeMap
     blinded: dict[str, float]
-    planets: tuple[Planet, ...]
+    wanderers: tuple[Wanderer, ...]
 
     def facts(self) -> dict[str, Any]:
         """Plain values for the manifest."""
         return {
             "blinded": self.blinded,
-            "planets": [{"name": p.name, "brightest_mag": p.brightest_mag} for p in self.planets],
+            "wanderers": [{"name": w.name, "brightest_mag": w.brightest_mag, "share": w.share} for w in self.wanderers],
         }
 
 
@@ -61,7 +65,7 @@ def assess_catalogue(p: Plan, kept: StarTable, distances: DistanceTable) -> Asse
     """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows."""
     rng = np.random.default_rng(p.request.seed)
     quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
-    return Assessment(quality, envelope_map(p), _blinded(p), ())
+    return Assessment(quality, envelope_map(p), _blinded(p), wanderers(p))
 
 
 def envelope_map(p: Plan, nside: int = MAP_NSIDE) -> EnvelopeMap:
@@ -70,9 +74,24 @@ def envelope_map(p: Plan, nside: int = MAP_NSIDE) -> EnvelopeMap:
     return EnvelopeMap(nside, fraction, tuple(p.envelope.edges(at_end=False)), tuple(p.envelope.edges(at_end=True)))
 
 
-def way_deg(planet: Planet) -> list[tuple[float, float]]:
-    """RA and Dec along a planet's way, degrees, for a page."""
-    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(planet.track))
+def wanderers(p: Plan) -> tuple[Wanderer, ...]:
+    """The Sun, and whatever else wanders through the envelope brighter than V 6: spots like stars that are in no catalogue."""
+    request = p.request
+    if request.start is None:
+        return ()
+    step_days = max(1.0, request.days / WAY_POINTS)
+    found = exclusions(request.start, request.days, limit_mag=PLANET_MAG, step_days=step_days)
+    inside = within(found, p.base.contains)
+    return tuple(
+        Wanderer(track.name, track.icrs, track.brightest_mag, float(inside[track.name].mean()))
+        for track in found.tracks
+        if track.name == SUN or inside[track.name].any()
+    )
+
+
+def way_deg(body: Wanderer) -> list[tuple[float, float]]:
+    """RA and Dec along a body's way, degrees, for a page."""
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(body.track))
     return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
 
 

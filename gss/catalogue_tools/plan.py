@@ -8,6 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from gss.catalogue_tools.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
+from gss.catalogue_tools.blocks import BlockEnvelope
 from gss.catalogue_tools.corrections import DAYS_PER_YEAR, sun_longitude_rad
 from gss.catalogue_tools.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
 from gss.catalogue_tools.field import FieldShape, widened
@@ -68,7 +69,7 @@ def plan(request: BuildRequest) -> Plan:
     hidden = request.occultation
     limits = request.attitude
     drifts = (
-        isinstance(base, BandEnvelope)
+        isinstance(base, BandEnvelope | BlockEnvelope)
         or (limits is not None and limits.pointing in SUN_LAWS)
         or hidden.sun_rad > 0
         or hidden.moon_rad > 0
@@ -126,6 +127,8 @@ def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | No
                 got="no orbit",
                 hint="leave the attitude limits away for the whole sky",
             )
+        if request.method == "blocks":
+            return BlockEnvelope(shape, limits, planes)
         return BandEnvelope(shape, limits, planes)
     if request.method == "blocks":
         raise BadInput(

@@ -25,7 +25,7 @@ EPOCH_WITHOUT_DATES_JYEAR = 2000.0
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
 SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
-METHODS = ("exact",)
+METHODS = ("exact", "blocks")
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,10 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
         "quality": _quality(a.quality),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
         "blinded": a.blinded,
-        "planets": [{"name": p.name, "brightest_mag": round(p.brightest_mag, 2), "way": way_deg(p)} for p in a.planets],
+        "wanderers": [
+            {"name": w.name, "brightest_mag": round(w.brightest_mag, 2), "share": round(w.share, 4), "way": way_deg(w)}
+            for w in a.wanderers
+        ],
     }
 
 

@@ -58,7 +58,7 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
         lifetime=report.get("lifetime"),
         sizes=report.get("sizes"),
         blinded=report.get("blinded", {}),
-        planets=report.get("planets", []),
+        wanderers=report.get("wanderers", []),
     )
 
 

@@ -154,11 +154,12 @@ class LifetimeOut(Out):
     share_curve: list[float]
 
 
-class PlanetOut(Out):
-    """A planet that comes into the envelope; RA and Dec in degrees by the day."""
+class WandererOut(Out):
+    """The Sun, or a body that comes into the envelope on ``share`` of the days; RA and Dec in degrees from first to last."""
 
     name: str
     brightest_mag: float
+    share: float
     way: list[tuple[float, float]]
 
 
@@ -214,7 +215,7 @@ class CatalogueDetailOut(CatalogueOut):
     lifetime: LifetimeOut | None
     sizes: SizesOut | None
     blinded: dict[str, float]
-    planets: list[PlanetOut]
+    wanderers: list[WandererOut]
 
 
 class UploadIn(In):

@@ -3205,8 +3205,8 @@ export interface components {
             blinded: {
                 [key: string]: number;
             };
-            /** Planets */
-            planets: components["schemas"]["PlanetOut"][];
+            /** Wanderers */
+            wanderers: components["schemas"]["WandererOut"][];
         };
         /**
          * CatalogueDiffOut
@@ -5356,21 +5356,6 @@ export interface components {
             values: (number | null)[][];
         };
         /**
-         * PlanetOut
-         * @description A planet that comes into the envelope; RA and Dec in degrees by the day.
-         */
-        PlanetOut: {
-            /** Name */
-            name: string;
-            /** Brightest Mag */
-            brightest_mag: number;
-            /** Way */
-            way: [
-                number,
-                number
-            ][];
-        };
-        /**
          * PlotOut
          * @description Axes with series. ``time``: x are Unix seconds.
          */
@@ -6864,6 +6849,23 @@ export interface components {
             telemetry_packets: number;
             /** Frame Bytes */
             frame_bytes: number;
+        };
+        /**
+         * WandererOut
+         * @description The Sun, or a body that comes into the envelope on ``share`` of the days; RA and Dec in degrees from first to last.
+         */
+        WandererOut: {
+            /** Name */
+            name: string;
+            /** Brightest Mag */
+            brightest_mag: number;
+            /** Share */
+            share: number;
+            /** Way */
+            way: [
+                number,
+                number
+            ][];
         };
         /**
          * ChoiceOut
