@@ -23,10 +23,11 @@ MAG_STEP = 0.05
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations over the pointings that have at least :data:`LEAST_STARS` stars; ``share`` of all has them.
+    """Standard deviations over pointings; ``share`` of them has at least :data:`LEAST_STARS` stars.
 
-    ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about it. ``p95``: 95 of 100 pointings are
-    better. All NaN where no pointing has enough.
+    ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about it. ``median``, ``p95``: half, and
+    95 of 100, of all pointings are better; one with too few stars is better than none, so that they are +inf where too
+    many have too few. ``mean``, ``worst``: over those with enough; NaN where none has.
     """
 
     share: float
@@ -85,12 +86,12 @@ def accuracy(c: DesignCamera, stars: StarTable, pairs: Pairs, limit: float | Non
 def summary(across: Array, about: Array) -> Accuracy:
     """Figures of (m,) standard deviations, NaN where there is no attitude."""
     known = np.isfinite(across) & np.isfinite(about)
-    if not known.any():
-        return Accuracy(0.0, *([float("nan")] * 8))
 
     def four(values: Array) -> tuple[float, float, float, float]:
-        v = values[known]
-        return float(np.median(v)), float(v.mean()), float(np.quantile(v, 0.95)), float(v.max())
+        ranked, some = np.sort(np.where(known, values, np.inf)), values[known]
+        at_half, at_most = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
+        mean, worst = (float(some.mean()), float(some.max())) if len(some) else (float("nan"), float("nan"))
+        return at_half, mean, at_most, worst
 
     return Accuracy(float(known.mean()), *four(across), *four(about))
 

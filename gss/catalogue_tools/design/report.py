@@ -10,7 +10,7 @@ import numpy as np
 from gss.catalogue_tools.design import limits_erlank, limits_huffman, limits_jacobs, limits_moniteq
 from gss.catalogue_tools.design.accuracy import Accuracy, accuracy, against_exposure, against_limit, limit_at_mag
 from gss.catalogue_tools.design.baffle import Baffle, one_stage, two_stage
-from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
 from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px, psf_advice
 from gss.catalogue_tools.design.in_view import (
     COMPLETE_V_MAG,
@@ -227,7 +227,7 @@ def _curves(
     some = attitudes[: affordable(widest, len(unit), len(attitudes), effort.pairs)]
     progress(0.2)
     v = np.arange(np.floor(min(limits.saturation_mag, limits.in_force_mag, 6.0)) - 1, limits.in_force_mag + 2, 0.25)
-    exposures = c.exposure_s * EXPOSURE_FACTORS
+    exposures = _exposures_s(c)
     used = np.linspace(max(-1.0, limits.in_force_mag - 3.0), limits.in_force_mag, 9)
     by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
     progress(0.4)
@@ -252,6 +252,13 @@ def _curves(
         used,
         tuple(against_limit(c, stars, seen, used)),
     )
+
+
+def _exposures_s(c: DesignCamera) -> Array:
+    """Around the camera's own, as far as exposures go."""
+    low, high, _ = LIMITS["exposure_s"]
+    exposures = c.exposure_s * EXPOSURE_FACTORS
+    return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], c.exposure_s))
 
 
 def _by_exposure(

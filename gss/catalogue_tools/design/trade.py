@@ -23,8 +23,8 @@ LENS_F_NUMBERS = np.array([0.7, 1.0, 1.4])
 
 @dataclass(frozen=True)
 class TradeRow:
-    """One camera. ``stars``: mean in view; ``p_fewer_3``: share of fields with fewer than three; accuracies: median over
-    the fields with at least three, one axis, 1σ; ``limit_mag``: in force; ``blur_rate_rad_s``: half a magnitude lost."""
+    """One camera. ``stars``: mean in view; ``p_fewer_3``: share of fields with fewer than three; accuracies: that
+    half of all fields are better than, one axis, 1σ; ``limit_mag``: in force; ``blur_rate_rad_s``: half a magnitude lost."""
 
     camera: DesignCamera
     limit_mag: float

@@ -1,0 +1,62 @@
+"""The design desk over HTTP."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+
+def test_cameras_come_with_limits_sources_and_lines(client: TestClient) -> None:
+    """The form's start: five cameras with all their numbers, what each field takes, and their lines of the table."""
+    answer = client.get("/api/design/cameras").json()
+    assert [c["name"] for c in answer["cameras"]] == ["sunsat", "cubestar", "far_mst", "oersted", "aim"]
+    assert answer["cameras"][0]["values"]["focal_mm"] == 25.0
+    assert answer["limits"]["focal_mm"] == {"min": 1.0, "max": 2000.0, "unit": "mm"}
+    assert len(answer["rows"]) == 5
+
+
+def test_a_quick_look_follows_the_edit(client: TestClient) -> None:
+    """Changed fields are named, the field of view follows the focal length, and nothing is NaN."""
+    answer = client.post("/api/design", json={"profile": "sunsat", "focal_mm": 50, "mag_limit": 6.0}).json()
+    assert answer["changed"] == ["focal_mm", "mag_limit"]
+    assert not answer["full"]
+    figures = {f["key"]: f["value"] for f in answer["figures"]}
+    assert figures["fov_col_deg"] == pytest.approx(5.6, abs=0.05)
+    assert answer["histogram"]["p_fewer_than_3"] > 0.3
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "said"),
+    [
+        ({"profile": "hubble"}, 404, "unknown camera"),
+        ({"focal_mm": 0}, 400, "focal_mm is out of range"),
+        ({"focal_mm": "long"}, 422, "focal_mm"),
+        ({"colour": 1}, 422, "colour"),
+        ({"sky": "orbit", "pointing": "inertial"}, 400, "does not follow an orbit"),
+        ({"sky": "orbit", "raan_deg": [20.0, 10.0]}, 400, "right ascension"),
+    ],
+)
+@pytest.mark.parametrize("path", ["/api/design", "/api/design/run"])
+def test_impossible_cameras_are_told_at_once(
+    client: TestClient, path: str, body: dict[str, Any], status: int, said: str
+) -> None:
+    """Both ways in refuse the same, before anything is queued."""
+    answer = client.post(path, json=body)
+    assert answer.status_code == status
+    assert said in answer.json()["message"]
+
+
+def test_the_full_count_is_a_job_that_can_be_cancelled(client: TestClient) -> None:
+    """It tells its progress and ends when asked to."""
+    job = client.post("/api/design/run", json={"profile": "sunsat"}).json()
+    assert job["kind"] == "design"
+    client.post(f"/api/jobs/{job['id']}/cancel")
+    for _ in range(400):
+        state = client.get(f"/api/jobs/{job['id']}").json()["state"]
+        if state not in ("queued", "running"):
+            break
+        time.sleep(0.05)
+    assert state == "cancelled"

@@ -1,0 +1,96 @@
+"""Expected accuracy against the scatter of the solver's own least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.design import accuracy as a
+from gss.catalogue_tools.design.camera import DesignCamera, design_camera
+from gss.catalogue_tools.design.in_view import bright_rows, look, pairs_in_view
+from gss.catalogue_tools.design.radiometry import limit_mag, saturation_mag
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.rotation import matrix_from_quaternion
+from gss.pipeline.attitude import quest
+
+STARS = load_stars(8.0)
+
+
+def scatter_rad(c: DesignCamera, attitude: np.ndarray, rows: int, trials: int, seed: int) -> tuple[float, float]:
+    """Standard deviations (across, about) of QUEST over noisy pixels of the stars that one attitude shows."""
+    rng = np.random.default_rng(seed)
+    unit = STARS.icrs[:rows]
+    seen = np.flatnonzero(c.shape.inside(unit @ attitude.T))
+    sigma = a.star_sigma_px(c, STARS, rows)[seen]
+    pixels = c.camera.project(unit[seen] @ attitude.T)
+    turns = []
+    for _ in range(trials):
+        noisy = c.camera.unproject(pixels + sigma[:, None] * rng.normal(size=pixels.shape))
+        found = matrix_from_quaternion(quest(noisy, unit[seen], 1 / sigma**2))
+        turn = found @ attitude.T
+        turns.append([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    x, y, z = np.std(np.array(turns) / 2, axis=0)
+    return float(np.hypot(x, y) / np.sqrt(2)), float(z)
+
+
+@pytest.mark.parametrize("name", ["sunsat", "far_mst"])
+def test_expected_accuracy_is_the_scatter_of_quest(name: str) -> None:
+    """For three attitudes the predicted σ across and about the boresight is QUEST's own scatter within 12 %."""
+    c = design_camera(name)
+    rows = bright_rows(STARS, limit_mag(c))
+    attitudes = look(c, 3, 11)
+    pairs = pairs_in_view(STARS.icrs[:rows], attitudes, c.shape)
+    across, about = a.sigma_rad(c, pairs, a.star_sigma_px(c, STARS, rows))
+    for k, attitude in enumerate(attitudes):
+        found = scatter_rad(c, attitude, rows, 300, k)
+        assert found == pytest.approx((across[k], about[k]), rel=0.12)
+
+
+def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
+    """Stars on a ring of tangent radius t: roll is 1/t times the cross error up to the field's own width (Huffman §7.2)."""
+    c = design_camera("sunsat")
+    turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    t = 0.07
+    plane = t * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    pairs = a.Pairs(np.zeros(8, np.intp), np.arange(8), plane, np.array([8]))
+    square = c.edited(pitch_row_um=c.pitch_col_um)
+    across, about = a.sigma_rad(square, pairs, np.full(8, 0.1))
+    assert about[0] / across[0] == pytest.approx(1 / t, rel=0.02)
+    assert across[0] == pytest.approx(0.1 * square.camera.pixel_rad / np.sqrt(8), rel=0.02)
+
+
+def test_too_few_stars_give_no_accuracy() -> None:
+    """Two stars are not enough, and a camera that sees none has an accuracy of nothing, not an error."""
+    c = design_camera("sunsat")
+    pairs = a.Pairs(np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2]))
+    assert np.isnan(a.sigma_rad(c, pairs, np.full(2, 0.1))[0]).all()
+    nothing = a.summary(np.array([np.nan]), np.array([np.nan]))
+    assert nothing.share == 0.0
+    assert nothing.cross_median_rad == np.inf
+    assert np.isnan(nothing.cross_mean_rad)
+    half = a.summary(np.array([1.0, 2.0, np.nan, np.nan]), np.array([3.0, 4.0, np.nan, np.nan]))
+    assert (half.share, half.cross_median_rad, half.cross_mean_rad, half.cross_p95_rad) == (0.5, 2.0, 1.5, np.inf)
+
+
+def test_longer_exposures_and_fainter_stars_help() -> None:
+    """The noise equivalent angle falls with the exposure, and the limit deepens; a given limit never grows."""
+    c = design_camera("far_mst")
+    attitudes = look(c, 60, 2)
+    pairs = pairs_in_view(STARS.icrs, attitudes, c.shape)
+    times = c.exposure_s * np.array([0.3, 1.0, 3.0])
+    cross = [x.cross_median_rad for x in a.against_exposure(c, STARS, pairs, times)]
+    assert cross == sorted(cross, reverse=True)
+    by_limit = [x.cross_median_rad for x in a.against_limit(c, STARS, pairs, np.array([3.5, 4.5]))]
+    assert by_limit[1] < by_limit[0]
+    assert a.limit_at_mag(c, 3 * c.exposure_s) > limit_mag(c)
+    given = c.edited(mag_limit=4.0)
+    assert a.limit_at_mag(given, 3 * c.exposure_s) == 4.0
+    assert a.limit_at_mag(given, c.exposure_s / 3) < 4.0
+
+
+def test_a_saturated_star_counts_no_better_than_the_brightest_that_does_not() -> None:
+    """Sirius in Sunsat's camera is centred no better than a star at the saturation limit."""
+    c = design_camera("sunsat")
+    sigma = a.star_sigma_px(c, STARS, 200)
+    at_limit = int(np.searchsorted(STARS.v_mag, saturation_mag(c)))
+    assert sigma[0] == pytest.approx(sigma[at_limit], rel=0.02)

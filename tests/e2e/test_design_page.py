@@ -1,0 +1,49 @@
+"""An engineer edits a camera and sees what it would see."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+
+def test_a_camera_is_edited_shared_by_its_link_counted_and_put_back(page, picture):
+    """From the catalogues to the design page: a longer lens is marked, lives in the address, moves the figures; the full count
+    brings the lens trade; impossible numbers are told; reset gives the document's camera back."""
+    page.goto("/catalogues")
+    page.get_by_test_id("open-design").click()
+    desk = page.get_by_test_id("design")
+    expect(desk).to_have_attribute("data-ready", "true")
+    page.get_by_test_id("design-profile").select_option("sunsat")
+    tile = page.get_by_test_id("tile-fov_circle_deg")
+    expect(tile).to_contain_text("10.9")
+    page.get_by_test_id("design-focal_mm").fill("50")
+    expect(page.locator("[data-testid=design-field][data-key=focal_mm]")).to_have_attribute("data-changed", "true")
+    expect(tile).to_contain_text("5.5")
+    expect(page).to_have_url(re.compile(r"profile=sunsat&focal_mm=50"))
+    expect(page.get_by_test_id("design-histogram")).to_be_visible()
+    expect(page.get_by_test_id("curve")).to_have_count(3)
+    picture("design-stars")
+    page.reload()
+    expect(page.get_by_test_id("design-focal_mm")).to_have_value("50")
+    expect(tile).to_contain_text("5.5")
+    page.get_by_role("button", name="Baffle").click()
+    expect(page.get_by_test_id("baffle")).to_have_count(2)
+    picture("design-baffle")
+    page.get_by_role("button", name="Cameras and lenses").click()
+    expect(page.get_by_test_id("design-table")).to_have_count(1)
+    page.get_by_test_id("design-run").click()
+    expect(desk).to_have_attribute("data-full", "true", timeout=180_000)
+    expect(page.get_by_test_id("design-table")).to_have_count(2)
+    page.get_by_test_id("design-f_number").fill("0")
+    expect(page.locator("[data-testid=design-field][data-key=f_number]")).to_contain_text("0.4 – 32")
+    page.get_by_test_id("design-reset").click()
+    expect(page.get_by_test_id("design-focal_mm")).to_have_value("25")
+    expect(tile).to_contain_text("10.9")
+    size = page.evaluate(
+        "[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight]"
+    )
+    assert size == [True, True]
