@@ -261,21 +261,18 @@ def derivatives(stars: Stack, vector: Vector, turns: Array) -> tuple[Array, Arra
     camera = vector.camera()
     cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
 
-    def slope(up: Array, down: Array, step: float) -> Array:
-        difference = (up - down) / (2 * step)
+    base = camera.project(cam)
+
+    def slope(moved: Array, step: float) -> Array:
+        difference = (moved - base) / step
         return np.where(np.isfinite(difference), difference, 0.0)
 
     by_turn = [
-        slope(
-            camera.project(cam @ rotation_from_vector(axis * TURN_STEP_RAD).T),
-            camera.project(cam @ rotation_from_vector(-axis * TURN_STEP_RAD).T),
-            TURN_STEP_RAD,
-        )
-        for axis in np.eye(3)
+        slope(camera.project(cam @ rotation_from_vector(axis * TURN_STEP_RAD).T), TURN_STEP_RAD) for axis in np.eye(3)
     ]
     steps = difference_steps(vector)
     by_camera = [
-        slope(vector.moved(e * h).camera().project(cam), vector.moved(-e * h).camera().project(cam), float(h))
+        slope(vector.moved(e * h).camera().project(cam), float(h))
         for e, h in zip(np.eye(len(steps)), steps, strict=True)
     ]
     shaped = np.stack(by_camera, axis=-1) if by_camera else np.zeros((len(stars), 2, 0))

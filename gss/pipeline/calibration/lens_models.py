@@ -121,10 +121,10 @@ def difference_steps(vector: Vector) -> Array:
 
 def most_allowed_sigma(vector: Vector) -> Array:
     """(p,) standard deviations above which a parameter says nothing: half a percent of the focal length, a fiftieth of the
-    detector for the centre, three pixels at the corner for a coefficient."""
+    detector for the centre, one pixel at the corner for a coefficient."""
     camera = vector.camera()
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
-    reach_px = 3.0 / vector.values["focal_px"]
+    reach_px = 1.0 / vector.values["focal_px"]
     mm = corner * vector.focal_mm
     limits = {"focal_px": 0.005, "aspect": 0.005}
     limits |= {"centre_col_px": 0.02 * camera.columns, "centre_row_px": 0.02 * camera.rows}

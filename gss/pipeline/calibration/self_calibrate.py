@@ -142,20 +142,21 @@ def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Tri
 def _compare(
     stars: Stack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
 ) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
-    """Information criteria on the stars and the scatter of the model that leaves the least scatter."""
+    """Information criteria on the stars that the sharpest model keeps. The size of the errors is unknown too, so that the
+    logarithm of the misfit counts: with few stars a small gain is no proof."""
     sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
     kept = sharpest.used
     scaled = stars.sigma_px[kept] * sharpest.scale
-    equations = 2 * int(kept.sum())
+    equations = max(2 * int(kept.sum()) - 3 * stars.frames, 2)
     bic: dict[str, float] = {}
     aicc: dict[str, float] = {}
     outside: dict[str, ResidualFigures | None] = {}
     for k, (model, trial) in enumerate(trials.items()):
         r = trial.fit.residual_px[kept]
-        cost = huber_cost(np.hypot(r[:, 0], r[:, 1]) / scaled)
+        misfit = equations * float(np.log(max(huber_cost(np.hypot(r[:, 0], r[:, 1]) / scaled), 1e-12) / equations))
         free = len(trial.fit.vector.free)
-        bic[model] = cost + free * float(np.log(equations))
-        aicc[model] = cost + 2 * free + 2 * free * (free + 1) / max(equations - free - 1, 1)
+        bic[model] = misfit + free * float(np.log(equations))
+        aicc[model] = misfit + 2 * free + 2 * free * (free + 1) / max(equations - free - 1, 1)
         outside[model] = held_out(stars, trial.fit, priors, folds)
         progress(0.5 + 0.5 * (k + 1) / len(trials))
     best = min(bic, key=lambda m: (bic[m], len(trials[m].fit.vector.free)))

@@ -87,7 +87,7 @@ def rendered_frames(
     )
     frames, errors = [], []
     for k, turn in enumerate(attitudes(known.camera, count, 4, 5.0 if name != "aim" else 7.0, seed)):
-        picture = render(sky(), known.camera, known.sensor, turn, exposure_s, rng)
+        picture = render(sky().brighter_than(7.5), known.camera, known.sensor, turn, exposure_s, rng)
         found, hip, truth = measure(picture, known)
         rows = np.array([sky().row_of_hip[int(h)] for h in hip], np.intp)
         size = (known.camera.columns, known.camera.rows)

@@ -1,0 +1,47 @@
+"""Real cameras calibrated from real frames, against independent solutions of the same frames."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gss.domain.camera import Camera
+from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.frame_files import read_frame
+from gss.operations.solve import Solver, SolveRequest
+from gss.pipeline.calibration.self_calibrate import calibrate_camera
+from gss.pipeline.calibration.sightings import frame_stars
+
+pytestmark = pytest.mark.photographs
+
+
+def test_a_real_camera_is_calibrated_from_three_frames(photographs: Path) -> None:
+    """ESA's test camera: one lens for all three frames, residuals of a tenth of a pixel, half of what a pinhole leaves, on
+    left-out frames too, and the scale and pointing of the independent reference."""
+    images = json.loads((photographs / "truth.json").read_text())["images"]
+    names = sorted(n for n in images if n.startswith("esa_tetra3"))
+    solver, frames = Solver(), []
+    for name in names:
+        result = solver.solve(read_frame((photographs / name).read_bytes(), name).pixels, SolveRequest(blind=True))
+        frame = frame_stars(name, result, solver.cache.stars(2000.0))
+        assert frame is not None
+        frames.append(frame)
+    first = frames[0]
+    start = Camera.from_fov(first.columns, first.rows, float(np.radians(images[names[0]]["fov_h_deg"])))
+    made = calibrate_camera(frames, start)
+    assert made.residuals.noise_px < 0.12
+    assert made.residuals.rejected < 0.1 * made.residuals.stars
+    assert made.before.rms_px > 2 * made.residuals.rms_px
+    assert made.held_out is not None
+    assert made.held_out.rms_px < 1.15 * made.residuals.noise_px
+    assert made.model != "pinhole"
+    for fit in made.frames:
+        image = images[fit.name]
+        focal_px = first.columns / 2 / np.tan(np.radians(image["fov_h_deg"] / 2))
+        assert made.parameter("focal_px").value == pytest.approx(focal_px, rel=5e-4)
+        middle = made.camera.unproject(np.array([[(first.columns - 1) / 2, (first.rows - 1) / 2]]))[0]
+        seen = middle @ matrix_from_quaternion(fit.quaternion)
+        assert np.degrees(np.linalg.norm(seen - np.array(image["R_icrs_to_cam"])[2])) * 3600 < 20
