@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,7 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("--seed", type=int, default=1, help="of every random number (default 1)")
     p.add_argument("--json", action="store_true", help="one JSON object per experiment and line")
     p.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page with every table")
+    p.add_argument("--keep", type=Path, metavar="FILE", help="keep each run here, and take from here what is kept")
     p.set_defaults(run=run)
     p = kinds.add_parser(
         "never-wrong",
@@ -65,7 +67,17 @@ def list_experiments(_: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run and print in the order asked for."""
-    from gss.operations.experiments import ENTRIES, as_page, as_record, as_text, entry, run_experiment
+    from gss.operations.experiments import (
+        ENTRIES,
+        Done,
+        Shelf,
+        as_page,
+        as_record,
+        as_text,
+        entry,
+        run_experiment,
+    )
+    from gss.operations.never_wrong import fingerprint
 
     if not 0 < arguments.share <= 100:
         raise BadInput("share of trials is out of range", expected="above 0, at most 100", got=f"{arguments.share:g}")
@@ -74,18 +86,27 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadInput("no experiment named", expected="NAME … or --all", hint="gss experiments list")
     for name in names:
         entry(name)
-    done = []
+    shelf = None if arguments.keep is None else Shelf(arguments.keep)
+    done, took = [], {}
     for name in names:
         if sys.stderr.isatty():
             print(f"… {name}", file=sys.stderr, flush=True)
         trials = max(1, round(arguments.share * entry(name).trials)) if arguments.trials is None else arguments.trials
-        done.append(run_experiment(name, trials=trials, seed=arguments.seed))
+        found = None if shelf is None else shelf.get(name, trials, arguments.seed)
+        if found is None:
+            began_s = time.process_time()
+            experiment = run_experiment(name, trials=trials, seed=arguments.seed)
+            found = Done(experiment, trials, round(time.process_time() - began_s, 1), fingerprint())
+            if shelf is not None:
+                shelf.keep(found)
+        done.append(found.experiment)
+        took[name] = found.processor_s
         if arguments.json:
             print(json.dumps(as_record(done[-1]), ensure_ascii=False, allow_nan=False), flush=True)
         elif arguments.page is None:
             print(as_text(done[-1]) + "\n", flush=True)
     if arguments.page is not None:
-        arguments.page.write_text(as_page(done, __version__, arguments.share), "utf-8")
+        arguments.page.write_text(as_page(done, __version__, arguments.share, took), "utf-8")
     return 0
 
 

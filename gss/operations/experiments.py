@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from gss.catalogue_tools import experiments as catalogue
 from gss.catalogue_tools import huffman
 from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput, NotFound
-from gss.domain.experiment import Cell, Experiment, Progress
+from gss.domain.experiment import Cell, Experiment, Progress, Series
 from gss.domain.stars import StarTable
 from gss.pipeline.experiments.erlank_attitude import erlank_4_4b
 from gss.pipeline.experiments.erlank_centroids import erlank_4_1_6
@@ -115,6 +117,52 @@ def as_record(experiment: Experiment) -> dict[str, Any]:
     return asdict(experiment)
 
 
+def from_record(record: Mapping[str, Any]) -> Experiment:
+    """The experiment of plain values."""
+    values = dict(record)
+    series = tuple(
+        Series(**{k: tuple(v) if isinstance(v, list) else v for k, v in s.items()}) for s in values["series"]
+    )
+    values |= {name: tuple(values[name]) for name in ("columns", "conditions", "notes")}
+    return Experiment(**(values | {"rows": tuple(tuple(row) for row in values["rows"]), "series": series}))
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run that is kept: ``trials`` asked for, ``processor_s`` it took, ``code``: sources that decide the figures."""
+
+    experiment: Experiment
+    trials: int
+    processor_s: float
+    code: str
+
+
+class Shelf:
+    """Runs kept as lines of a file, so that a long page goes on where it ended. A line cut off by a crash is not done."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._held: dict[tuple[str, int, int], Done] = {}
+        for line in file.read_text("utf-8").splitlines() if file.is_file() else ():
+            try:
+                record = json.loads(line)
+                done = Done(from_record(record["experiment"]), record["trials"], record["processor_s"], record["code"])
+            except (ValueError, KeyError, TypeError):
+                continue
+            self._held[done.experiment.name, done.trials, done.experiment.seed] = done
+
+    def get(self, name: str, trials: int, seed: int) -> Done | None:
+        """A kept run, None where there is none."""
+        return self._held.get((name, trials, seed))
+
+    def keep(self, done: Done) -> None:
+        """Keep a run."""
+        self._held[done.experiment.name, done.trials, done.experiment.seed] = done
+        record = {"trials": done.trials, "processor_s": done.processor_s, "code": done.code}
+        with self._file.open("a", encoding="utf-8") as out:
+            out.write(json.dumps(record | {"experiment": as_record(done.experiment)}, ensure_ascii=False) + "\n")
+
+
 def as_text(experiment: Experiment) -> str:
     """A table for the terminal."""
     cells = [list(experiment.columns), *([show(c) for c in row] for row in experiment.rows)]
@@ -124,8 +172,15 @@ def as_text(experiment: Experiment) -> str:
     return "\n".join([*lines, *(f"Note: {note}" for note in experiment.notes)])
 
 
-def as_page(experiments: Sequence[Experiment], version: str, share: float = 1.0) -> str:
-    """``docs/experiments.md``: every table of a run, of which each took that ``share`` of its own number of trials."""
+def as_page(
+    experiments: Sequence[Experiment],
+    version: str,
+    share: float = 1.0,
+    processor_s: Mapping[str, float] | None = None,
+) -> str:
+    """``docs/experiments.md``: every table of a run, of which each took that ``share`` of its own number of trials.
+    ``processor_s``: how long each took."""
+    took = processor_s or {}
     asked = "" if share == 1.0 else f" --share {share:g}"
     parts = [
         "# The documents' tables, rerun\n",
@@ -136,7 +191,8 @@ def as_page(experiments: Sequence[Experiment], version: str, share: float = 1.0)
     for e in experiments:
         head = "| " + " | ".join(e.columns) + " |\n|" + "---|" * len(e.columns)
         body = "\n".join("| " + " | ".join(show(c).replace("|", "\\|") for c in row) + " |" for row in e.rows)
-        said = "\n".join(f"- {text}" for text in (*e.conditions, f"seed {e.seed}"))
+        time = (f"{took[e.name]:.0f} s of processor time",) if e.name in took else ()
+        said = "\n".join(f"- {text}" for text in (*e.conditions, f"seed {e.seed}", *time))
         notes = "".join(f"\n{note}\n" for note in e.notes)
         parts.append(f"## {e.name}: {e.title}\n\n{e.source}\n\n{said}\n\n{head}\n{body}\n{notes}")
     return "\n".join(parts).rstrip() + "\n"

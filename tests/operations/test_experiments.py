@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from gss.cli import main
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import share_interval
-from gss.operations.experiments import ENTRIES, as_page, as_text, run_experiment
+from gss.operations.experiments import ENTRIES, as_page, as_text, from_record, run_experiment
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:
@@ -69,3 +70,21 @@ def test_shares_have_wilson_intervals() -> None:
     """Against the textbook value for 8 of 10: 0.490 to 0.943."""
     low, high = share_interval(8, 10)
     assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-3)
+
+
+def test_kept_runs_are_not_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second run takes the kept table, even beside a torn line, and another number of trials runs anew."""
+    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    told = ["experiments", "run", "erlank-3-6", "--keep", str(kept), "--trials"]
+    assert main([*told, "50", "--json"]) == 0
+    first = capsys.readouterr().out
+    with kept.open("a") as out:
+        out.write('{"trials": 50, "torn')
+    assert main([*told, "50", "--json"]) == 0
+    assert capsys.readouterr().out == first
+    assert len(kept.read_text().splitlines()) == 2, "the kept one and the torn one"
+    kept.write_text(kept.read_text().splitlines()[0] + "\n")
+    assert main([*told, "60", "--page", str(page)]) == 0
+    assert len(kept.read_text().splitlines()) == 2
+    assert "s of processor time" in page.read_text()
+    assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)
