@@ -187,7 +187,7 @@ def numbering_of(
     serial = np.arange(1, count + 1, dtype=np.int32)
     if "id" not in columns:
         notes.append("no column of numbers: stars are numbered by row")
-        return serial, names
+        return serial, [name or f"row {n}" for n, name in enumerate(names, 1)]
     column = raw.columns[columns["id"]]
     numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
     whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
@@ -201,7 +201,11 @@ def numbering_of(
         return serial, names
     bad.mark(~whole, "id", "not a number of a star")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
-    return np.where(whole, numbers, 0).astype(np.int32), names
+    kept = np.where(whole, numbers, 0).astype(np.int32)
+    if not columns["id"].lower().startswith("hip"):
+        # A number of another list must not be shown as one of Hipparcos or Gaia.
+        names = [name or f"{columns['id']} {number}" for name, number in zip(names, kept.tolist(), strict=True)]
+    return kept, names
 
 
 def _text(value: object) -> str:

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gss.catalogue_tools.correction_switches import Corrections
+from gss.catalogue_tools.gaia import v_from_g
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.instrument_magnitude import (
     V_PASSBAND,
@@ -49,6 +50,18 @@ def test_integrals_are_astropys(name: str) -> None:
     colours = np.array([-0.3, 0.3, 0.65, 1.2, 1.9])
     expected = [-2.5 * np.log10(ratio(float(temperature_k(c))) / ratio(float(temperature_k(0.0)))) for c in colours]
     assert np.abs(instrument_minus_v(colours, response, 0.6) - expected).max() < ASTROPY_TOLERANCE_MAG
+
+
+def test_blackbodies_give_the_colours_that_gaia_measured() -> None:
+    """Through Gaia's G band, known to a few per cent, blackbodies have V − G as 92 883 measured stars have it, to 0.05 mag."""
+    nm = (330, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900, 950, 1000, 1050)
+    photons = (0, 0.1, 0.45, 0.58, 0.64, 0.67, 0.69, 0.70, 0.69, 0.65, 0.58, 0.49, 0.37, 0.22, 0.1, 0)
+    g_band = SpectralResponse(
+        "G", "approximate", tuple(map(float, nm)), tuple(a * b for a, b in zip(nm, photons, strict=True))
+    )
+    colours = np.array([-0.2, 0.0, 0.3, 0.65, 1.0, 1.5])
+    measured = v_from_g(np.zeros(6), colours) - v_from_g(np.zeros(1), np.zeros(1))
+    assert np.abs(-instrument_minus_v(colours, g_band, 0.6) - measured).max() < 0.05
 
 
 def test_a_camera_that_sees_v_gives_v() -> None:

@@ -340,6 +340,15 @@ def test_long_and_verbal_numbers_become_names() -> None:
     assert any("numbered by row" in note for note in words.notes)
 
 
+def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
+    """A star of another catalogue is shown by that catalogue's number, one without a number by its row."""
+    bright = read_star_list(_csv("7001,1,1,3", "2000001,2,2,3", head="HR,ra,dec,v"), "csv", SAID).stars
+    assert [bright.name_of(n) for n in bright.hip] == ["HR 7001", "HR 2000001"]
+    nameless = read_star_list(_csv("1,1,3", head="ra,dec,v"), "csv", SAID).stars
+    assert nameless.name_of(1) == "row 1"
+    assert read_star_list(_csv("7001,1,1,3"), "csv", SAID).stars.name_of(7001) == "HIP 7001"
+
+
 def test_list_without_motions_says_so() -> None:
     """Places without proper motions stay where they are, are flagged, and the report says for which year they hold."""
     found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
