@@ -7,7 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.profiles import PROFILES
-from gss.domain.results import Outcome, SolveResult
+from gss.domain.results import Outcome, SolveResult, Turning
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -64,6 +64,24 @@ def register(subparsers: Subparsers) -> None:
         metavar="RA,DEC,ROLL|FILE",
         help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}",
     )
+    parser.add_argument(
+        "--utc",
+        metavar="TIME",
+        help="when the image was taken, ISO 8601 (default: the file's own date): takes aberration out",
+    )
+    parser.add_argument("--tle", metavar="FILE", help="two-line element set of the satellite that carried the camera")
+    parser.add_argument(
+        "--keep-aberration", action="store_true", help="leave aberration in even where the time is known"
+    )
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure: trailed stars then give the rate")
+    parser.add_argument("--plain", action="store_true", help="numpy only, even where the extra [fast] is installed")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a constant of a system's chain, such as matcher=star_vectors or attitude_method=foam; see docs/chains.md",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON, one object per file and line")
     parser.set_defaults(run=run)
 
@@ -96,19 +114,29 @@ def _worst(codes: Sequence[int]) -> int:
 def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any) -> int:
     from gss.operations.clock import utc_now
     from gss.operations.frame_files import read_frame
+    from gss.operations.observer import observer_at
     from gss.operations.sequence import truth_record
     from gss.operations.solve import SolveRequest
+    from gss.pipeline.chains.options import parse
 
     frame = read_frame(_bytes_of(name), name)
-    epoch = arguments.epoch if arguments.epoch is not None else julian_year(frame.taken_at or utc_now())
+    taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
+    epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
+    exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
+    if exposure_s is not None and not exposure_s > 0:
+        raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s:g} s")
     request = SolveRequest(
         chain=arguments.chain,
         profile=arguments.camera,
         fov_rad=None if arguments.fov_deg is None else math.radians(arguments.fov_deg),
         blind=arguments.blind,
         epoch_jyear=round(epoch, 2),
+        observer=None if taken is None or arguments.keep_aberration else observer_at(taken, _tle(arguments.tle)),
+        exposure_s=exposure_s,
+        fast=False if arguments.plain else None,
+        options=tuple(parse(arguments.set).items()),
     )
-    result, rate = sequencer.solve(solver, frame.pixels, request, frame.taken_at)
+    result, rate = sequencer.solve(solver, frame.pixels, request, taken)
     record = as_record(name, result)
     if arguments.sequence:
         record["rate"] = rate
@@ -166,6 +194,18 @@ def _attitude(angles_deg: Sequence[float]) -> Any:
     return cam_from_icrs(math.radians(ra), math.radians(dec), math.radians(roll))
 
 
+def _moment(text: str) -> datetime:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise BadInput("unreadable time", expected="ISO 8601, such as 2026-11-21T18:05:00Z", got=text) from None
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+
+
+def _tle(name: str | None) -> str | None:
+    return None if name is None else _bytes_of(name).decode("ascii", "replace")
+
+
 def _bytes_of(name: str) -> bytes:
     try:
         return Path(name).read_bytes()
@@ -200,6 +240,9 @@ def as_record(name: str, result: SolveResult) -> dict[str, Any]:
         "false_match_probability": _finite(result.false_match_probability),
         "fov_deg": None,
         "residual_rms_px": _finite(result.residual_rms_px),
+        "turning": None if result.turning is None else turning_record(result.turning),
+        "aberration_arcsec": None if result.velocity_c is None else math.hypot(*result.velocity_c) / ARCSEC_RAD,
+        "versions": dict(result.versions),
         "timing_ms": {stage: round(1e3 * s, 3) for stage, s in result.timing_s.items()},
         "notes": list(result.notes),
     }
@@ -216,6 +259,17 @@ def as_record(name: str, result: SolveResult) -> dict[str, Any]:
             "fov_deg": [round(math.degrees(f), 5) for f in result.camera.fov_rad],
         }
     return record
+
+
+def turning_record(turning: Turning) -> dict[str, Any]:
+    """The rate of a trailed frame in degrees per second about camera x, y, z."""
+    return {
+        "deg_s": [math.degrees(v) for v in turning.vector_rad_s],
+        "sigma_deg_s": [math.degrees(v) for v in turning.sigma_rad_s],
+        "speed_deg_s": math.degrees(turning.speed_rad_s),
+        "sign_known": turning.sign_known,
+        "stars": turning.stars,
+    }
 
 
 def _finite(value: float) -> float | None:
@@ -245,6 +299,15 @@ def as_text(record: dict[str, Any]) -> str:
     if record.get("rate"):
         x, y, z = record["rate"]["deg_s"]
         lines.append(f"  turns at {record['rate']['speed_deg_s']:.5f}°/s: {x:+.5f} {y:+.5f} {z:+.5f} about x, y, z")
+    if record.get("turning"):
+        t = record["turning"]
+        x, y, z = t["deg_s"]
+        a, b, c = t["sigma_deg_s"]
+        sign = "" if t["sign_known"] else " (or the opposite: a trail has no direction)"
+        lines.append(
+            f"  {t['stars']} trails: turned at {t['speed_deg_s']:.4f}°/s during the exposure: {x:+.4f} ± {a:.4f}, "
+            f"{y:+.4f} ± {b:.4f}, {z:+.4f} ± {c:.4f} about x, y, z{sign}"
+        )
     if record.get("truth"):
         truth = record["truth"]
         lines.append(f"  {truth['verdict']}: {truth['error_arcsec']:.1f}″ off, roll {truth['error_roll_arcsec']:+.0f}″")

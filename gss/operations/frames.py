@@ -18,6 +18,7 @@ from gss.domain.stars import StarTable
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frame_files import ImportedFrame, read_frame
+from gss.operations.observer import observer_of_frame
 from gss.operations.onboard_results import OnboardRecord, onboard_result
 from gss.operations.onboard_told import told_of
 from gss.operations.solution_rows import solution_row, with_overlays
@@ -180,7 +181,14 @@ class FrameService:
     def _solve_on_arrival(self, frame_id: int) -> None:
         try:
             frame = self.get(frame_id)
-            self.solve(frame_id, SolveRequest(chain=self._chain, profile=frame.profile, blind=frame.profile is None))
+            request = SolveRequest(
+                chain=self._chain,
+                profile=frame.profile,
+                blind=frame.profile is None,
+                observer=observer_of_frame(frame),
+                exposure_s=frame.exposure_s,
+            )
+            self.solve(frame_id, request)
         except GssError as error:
             self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
         except Exception as error:  # the thread must live on; a defect becomes a visible event

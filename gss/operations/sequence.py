@@ -18,9 +18,12 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import StarTable
 from gss.operations.scoring import truth_on
 from gss.operations.solve import Solver, SolveRequest
+from gss.operations.system_sequence import SystemSequencer
+from gss.pipeline.chains.systems import SYSTEMS
 from gss.pipeline.identify.near import Hint
 from gss.pipeline.rates import rate_between
 from gss.pipeline.score import score
+from gss.pipeline.streaks import with_sign_of
 
 FOLLOW_RAD = math.radians(5.0)
 """How far the camera may have turned from one image to the next and still be followed."""
@@ -37,11 +40,14 @@ class Sequencer:
             raise BadInput("interval is out of range", expected="above 0 s", got=f"{interval_s:g} s")
         self._follow, self._interval_s, self._hint = follow, interval_s, hint
         self._before: tuple[Attitude, datetime | None] | None = None
+        self._system: SystemSequencer | None = None
 
     def solve(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
     ) -> tuple[SolveResult, dict[str, Any] | None]:
         """The result, and the rate since the image before where both were solved and the time between is known."""
+        if self._follow and request.chain in SYSTEMS:
+            return self._as_on_board(solver, pixels, request, taken)
         hint = self._hint
         if self._follow and self._before is not None:
             hint = Hint(self._before[0].cam_from_icrs, FOLLOW_RAD)
@@ -50,8 +56,21 @@ class Sequencer:
             again = solver.solve(pixels, replace(request, hint=None))
             result = replace(again, notes=(*again.notes, "lost the images before, found again without them"))
         rate = self._rate(result.attitude, taken)
+        if rate is not None and result.turning is not None:
+            result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))
         if self._follow:
             self._before = None if result.attitude is None else (result.attitude, taken)
+        return result, rate
+
+    def _as_on_board(
+        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
+    ) -> tuple[SolveResult, dict[str, Any] | None]:
+        """A system goes through a sequence in its own modes."""
+        if self._system is None:
+            self._system = SystemSequencer(request.chain, self._hint)
+        result = self._system.solve(solver, pixels, request)
+        rate = self._rate(result.attitude, taken)
+        self._before = None if result.attitude is None else (result.attitude, taken)
         return result, rate
 
     def _rate(self, attitude: Attitude | None, taken: datetime | None) -> dict[str, Any] | None:

@@ -59,12 +59,28 @@ def solution_values(
     }
     if not drawn:
         values["detail"] = {name: values["detail"][name] for name in ("regions", "stars")}
+    values["detail"] |= _beside(result)
     if result.attitude is not None:
         values["quaternion"] = [float(v) for v in result.attitude.quaternion]
         values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
     if truth is not None and known is not None:
         values |= _judged(result, np.array(truth, float), known, stars)
     return values
+
+
+def _beside(result: SolveResult) -> dict[str, Any]:
+    """What goes with a result besides its attitude: the rate that trails show, the observer's velocity, what ran."""
+    beside: dict[str, Any] = {"versions": dict(result.versions)}
+    if result.velocity_c is not None:
+        beside["velocity_c"] = list(result.velocity_c)
+    if result.turning is not None:
+        beside["turning"] = {
+            "rad_s": [float(v) for v in result.turning.vector_rad_s],
+            "covariance_rad2_s2": [[finite(v) for v in row] for row in result.turning.covariance_rad2_s2],
+            "stars": result.turning.stars,
+            "sign_known": result.turning.sign_known,
+        }
+    return beside
 
 
 def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTable) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, load_stars, propagate
+from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.profiles import CameraProfile, profile
@@ -19,9 +20,12 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.operations.clock import Monotonic
+from gss.operations.observer import Observer
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.chains.options import with_options
+from gss.pipeline.chains.reference_foreign import solve_foreign
 from gss.pipeline.chains.systems import SYSTEMS, system
 from gss.pipeline.identify import near
 from gss.pipeline.identify.patterns import Level, build_level
@@ -36,11 +40,23 @@ DEEPER_MAG = 1.0  # how much fainter the second catalogue goes where a frame sho
 
 
 @dataclass(frozen=True)
+class Started:
+    """What a system's chain starts a frame with: its mode, what it knows, and how far that may be off."""
+
+    mode: Mode
+    hint: Hint | None
+    radius_rad: float | None = None
+
+
+@dataclass(frozen=True)
 class SolveRequest:
     """What to run. Exactly one way to know the camera: ``profile`` (a name), ``known`` (a whole camera, for example a
     calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
 
     ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's.
+    ``observer``: when, and on which orbit, the frame was taken; None: unknown, and aberration stays in. ``exposure_s``: gives
+    the rate of trailed frames. ``fast``: compiled loops or not, None = where they are installed. ``options``: constants of a
+    system's chain in the place of its own, as texts; ``started``: mode and knowledge of a system's chain, instead of ``hint``.
     """
 
     chain: str = reference.NAME
@@ -51,6 +67,11 @@ class SolveRequest:
     blind: bool = False
     hint: near.Hint | None = None
     epoch_jyear: float | None = None
+    observer: Observer | None = None
+    exposure_s: float | None = None
+    fast: bool | None = None
+    options: tuple[tuple[str, str], ...] = ()
+    started: Started | None = None
 
 
 T = TypeVar("T")
@@ -134,6 +155,10 @@ class Solver:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         known, camera = _camera_of(request, self._profiles)
         epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
+        if request.options and request.chain == reference.NAME:
+            raise BadInput(
+                "the reference chain has no constants to set", expected=" | ".join(SYSTEMS), got=request.chain
+            )
         if request.chain != reference.NAME:
             return self._system(pixels, known, request, epoch)
         if camera is None:
@@ -150,16 +175,35 @@ class Solver:
                 stars,
                 hint=request.hint,
                 deeper=lambda: self.cache.known(camera, fainter, epoch),
+                velocity_c=_velocity_c(request),
+                exposure_s=request.exposure_s,
+                fast=request.fast,
                 clock=self._stopwatch_s,
             )
-        return _noted(result, known, epoch)
+        return _noted(_moving(result, request.observer), known, epoch)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = (
             BLIND_FOV_RAD if request.fov_rad is None else (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
         )
         sky = self.cache.sky(epoch_jyear)
-        return reference.solve_foreign(pixels, limits, sky, self.cache.level(epoch_jyear), clock=self._stopwatch_s)
+        return solve_foreign(
+            pixels,
+            limits,
+            sky,
+            self.cache.level(epoch_jyear),
+            velocity_c=_velocity_c(request),
+            exposure_s=request.exposure_s,
+            fast=request.fast,
+            clock=self._stopwatch_s,
+        )
+
+    def parameters(self, request: SolveRequest) -> Any:
+        """The constants with which a system's chain would run a request for a calibrated camera."""
+        known, _ = _camera_of(request, self._profiles)
+        if known is None:
+            raise BadInput("a system's constants follow from its camera", expected="a camera profile")
+        return _parameters(system(request.chain), known, request.started or _started(request.hint), request.options)
 
     def _system(
         self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
@@ -172,17 +216,39 @@ class Solver:
                 got="a field of view or nothing",
                 hint="name a profile, or use the reference chain",
             )
-        chain = system(request.chain)
-        hint, mode, radius_rad = None, Mode.LOST_IN_SPACE, None
-        if request.hint is not None:
-            hint = Hint.from_quaternion(quaternion_from_matrix(request.hint.cam_from_icrs))
-            radius_rad = request.hint.radius_rad
-            mode = Mode.TRACKING if radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
+        chain, started = system(request.chain), request.started or _started(request.hint)
         prepared = self.cache.prepared(chain, known, epoch_jyear)
-        parameters = chain.parameters(known, None, Commanded(hint_radius_rad=radius_rad), mode)
-        work = Work(known.camera, prepared, parameters, mode, hint)
+        parameters = _parameters(chain, known, started, request.options)
+        work = Work(known.camera, prepared, parameters, started.mode, started.hint)
         result = solve(chain, pixels, work, self._stopwatch_s)
         return _noted(result, known, epoch_jyear)
+
+
+def _started(hint: near.Hint | None) -> Started:
+    """A hint as a system's chain takes it: one that is good enough is an attitude to track from."""
+    if hint is None:
+        return Started(Mode.LOST_IN_SPACE, None)
+    mode = Mode.TRACKING if hint.radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
+    return Started(mode, Hint.from_quaternion(quaternion_from_matrix(hint.cam_from_icrs)), hint.radius_rad)
+
+
+def _parameters(
+    chain: OnboardChain, known: CameraProfile, started: Started, options: tuple[tuple[str, str], ...]
+) -> Any:
+    own = chain.parameters(known, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
+    return with_options(own, dict(options))
+
+
+def _velocity_c(request: SolveRequest) -> Array | None:
+    return None if request.observer is None else np.array(request.observer.velocity_c)
+
+
+def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
+    """Say whether aberration was taken out."""
+    if result.attitude is None:
+        return result
+    words = "aberration was not taken out: the time is not known" if observer is None else observer.words
+    return replace(result, notes=(*result.notes, words))
 
 
 def _camera_of(

@@ -208,7 +208,8 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
         if limit < 0:
             return np.arange(image.size)
         whole = np.full(1, limit, image.dtype)
-        return _lit(np.ascontiguousarray(image).ravel(), whole[0])
+        found: Rows = _lit(np.ascontiguousarray(image).ravel(), whole[0])
+        return found
     return np.flatnonzero(image > threshold)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_st
 THRESHOLD_SIGMA = 5.5
 MAX_STARS = 400
 SIGMA_RANGE_PX = (0.55, 6.0)
+BRIGHTEST, BRIGHT_SNR = 12, 15.0  # stars that tell whether a known camera's stars are trailed
+DRAWN_OUT = 1.5  # by how much a trail adds to the variance along it before it is treated as one
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Detections:
 
     ``psf_covariance_px2``: (2, 2), shared by the stars. ``streak_px``: length of the trail in px (0 for round stars) and
     its direction from +col towards +row. ``loops``: which code ran, numpy or numba.
+    ``trailed``: stars are larger than this camera's, or longer than wide.
     """
 
     centroids: Centroids
@@ -37,6 +40,7 @@ class Detections:
     streak_direction_rad: float
     notes: tuple[str, ...]
     loops: str = NUMPY.name
+    trailed: bool = False
 
     @property
     def psf_sigma_px(self) -> float:
@@ -68,6 +72,15 @@ def find_stars(
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
     pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
+    usual, large = _sizes(image, pass_one, covariance, ceiling) if known else (0.0, 0.0)
+    trailed = large > DRAWN_OUT * covariance[0, 0]
+    if usual > DRAWN_OUT * covariance[0, 0]:
+        measured = _measure_psf(image, pass_one, ceiling)
+        if measured is not None:
+            covariance = measured
+            notes.clear()
+            pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
+            notes.append("stars are drawn out: the camera turned, or is out of focus")
     if not known:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
@@ -78,7 +91,8 @@ def find_stars(
                 pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             else:
                 pass_one = single_again(image, pass_one, covariance)
-    return _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
+    found = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
+    return replace(found, trailed=trailed or found.streak_px > 0)
 
 
 def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -100,6 +114,27 @@ def _ceiling(image: NDArray[Any]) -> float:
     floor_ = np.median(image[::8, ::8])
     enough = int((image == top).sum()) >= 6 and float(top) > float(floor_) + 20
     return float(top) if enough else float("inf")
+
+
+def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
+    """Variance, px², along the long axis of the typical bright star, and half the trace that a quarter of them exceed: both are
+    about 1 of this camera's where it stood still and in focus, and a turn about the boresight shows in the second only."""
+    pick = np.flatnonzero(~peaks.single & (peaks.snr > BRIGHT_SNR))[:BRIGHTEST]
+    if len(pick) < 3:
+        return 0.0, 0.0
+    half = int(np.ceil(4 * np.sqrt(covariance[0, 0])))
+    stamps = cut_stamps(image, peaks.col[pick], peaks.row[pick], peaks.sky[pick], half, ceiling)
+    value = stamps.value * stamps.use
+    plane = np.stack([np.ones_like(stamps.dx), stamps.dx, stamps.dy, stamps.dx**2, stamps.dy**2, stamps.dx * stamps.dy])
+    total, x, y, xx, yy, xy = (value @ plane.T).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y = x / total, y / total
+        each = np.stack([xx / total - x * x, xy / total - x * y, yy / total - y * y])
+    if not np.isfinite(each).all():
+        return 0.0, 0.0
+    middle = np.median(each, axis=1)
+    longest = widths_px(np.array([[middle[0], middle[1]], [middle[1], middle[2]]]))[1]
+    return longest**2, float(np.quantile((each[0] + each[2]) / 2, 0.75))
 
 
 def _measure_psf(image: NDArray[Any], peaks: Peaks, ceiling: float) -> Array | None:

@@ -20,7 +20,7 @@ from gss.domain.angles import Array
 FIT_ROUNDS = 6
 MOMENT_ROUNDS = 14
 STEP_DONE_PX = 2e-4
-MODEL_FLOOR = 0.012  # of the width: what a real lens differs from a Gaussian
+MODEL_FLOOR = 0.006  # of the width: what a real lens differs from a Gaussian
 
 
 def widths_px(covariance: Array) -> tuple[float, float]:

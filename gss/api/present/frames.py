@@ -19,6 +19,7 @@ from gss.api.schemas.frames import (
     SolutionDetailOut,
     SolutionOut,
     StarOut,
+    TurningOut,
 )
 from gss.api.schemas.replays import FrameReplayOut, ReplayStageOut
 from gss.domain.angles import wrap_pi_rad
@@ -120,6 +121,9 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
     optional = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
     return SolutionDetailOut(
         **_solution_values(row),
+        turning=_turning(detail.get("turning")),
+        aberration_arcsec=arcsec(math.hypot(*detail["velocity_c"])) if detail.get("velocity_c") else None,
+        versions=detail.get("versions", {}),
         regions=[RegionOut(**r) for r in detail["regions"]],
         stars=[StarOut(**(dict.fromkeys(optional) | s)) for s in detail["stars"]],
         predicted=[PredictedOut(**p) for p in detail["predicted"]],
@@ -127,6 +131,21 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
         grid=detail["grid"],
         north=detail["north"],
         field=[(math.degrees(a), math.degrees(d)) for a, d in detail["field"]],
+    )
+
+
+def _turning(record: dict[str, Any] | None) -> TurningOut | None:
+    if record is None:
+        return None
+    x, y, z = (math.degrees(v) for v in record["rad_s"])
+    variances = [record["covariance_rad2_s2"][k][k] for k in range(3)]
+    a, b, c = (None if v is None else math.degrees(math.sqrt(v)) for v in variances)
+    return TurningOut(
+        deg_s=(x, y, z),
+        sigma_deg_s=(a, b, c),
+        speed_deg_s=math.hypot(x, y, z),
+        stars=record["stars"],
+        sign_known=record["sign_known"],
     )
 
 

@@ -24,6 +24,7 @@ from gss.api.schemas.transfers import FrameUploadIn, TransferOut
 from gss.domain.errors import BadInput
 from gss.operations import pictures
 from gss.operations.fits_export import fits_file as fits_bytes
+from gss.operations.observer import observer_of_frame
 from gss.operations.rerun_export import recording
 from gss.operations.solve import SolveRequest
 from gss.store.models import Frame
@@ -181,5 +182,12 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
     named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
     blind = body.blind or (named is None and fov_rad is None)
-    request = SolveRequest(chain=body.chain, profile=named, fov_rad=fov_rad, blind=blind)
+    request = SolveRequest(
+        chain=body.chain,
+        profile=named,
+        fov_rad=fov_rad,
+        blind=blind,
+        observer=observer_of_frame(frame, body.aberration),
+        exposure_s=frame.exposure_s,
+    )
     return present.frames.solution_detail(app.frames.solve(frame_id, request))

@@ -146,9 +146,23 @@ class CameraOut(Out):
     distortion: dict[str, Any]
 
 
-class SolutionDetailOut(SolutionOut):
-    """A result with everything the overlays draw."""
+class TurningOut(Out):
+    """Angular velocity of the camera against the stars during the exposure, from their trails, about camera x, y, z."""
 
+    deg_s: tuple[float, float, float]
+    sigma_deg_s: tuple[float | None, float | None, float | None]
+    speed_deg_s: float
+    stars: int
+    sign_known: bool
+
+
+class SolutionDetailOut(SolutionOut):
+    """A result with everything the overlays draw. ``aberration_arcsec``: the largest shift that was taken out, null: none.
+    ``versions``: which code ran, by name."""
+
+    turning: TurningOut | None
+    aberration_arcsec: float | None
+    versions: dict[str, str]
     regions: list[RegionOut]
     stars: list[StarOut]
     predicted: list[PredictedOut]
@@ -186,6 +200,9 @@ class SolveIn(In):
     profile: str | None = None
     fov_deg: float | None = Field(default=None, gt=0.2, lt=120)
     blind: bool = False
+    aberration: bool | None = Field(
+        default=None, description="take the Earth's motion out; without: where the frame's time is known"
+    )
 
 
 class DownloadIn(In):

@@ -13,26 +13,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
+from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult, Turning
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
-from gss.pipeline.identify.blind import BlindFound, identify_blind
 from gss.pipeline.identify.faint import Named, Spots, name_the_rest
 from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
-from gss.pipeline.identify.patterns import Level
 from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, Field, Sky, field_of
 from gss.pipeline.refine import Refined, refine
+from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
 
 NAME = "reference"
 MANY_MORE = 1.5
+FIT_FLOOR_PX = 0.01
+BESIDE_RAD = 0.05  # stars so far outside the field may still lend light to it
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half as much
 DEEPER_ACCEPT = ACCEPT / 2  # a second search is a second chance of an accident
 MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
@@ -71,11 +73,16 @@ def solve_known(
     *,
     hint: Hint | None = None,
     deeper: Callable[[], KnownSky] | None = None,
+    velocity_c: Array | None = None,
+    exposure_s: float | None = None,
+    fast: bool | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
     """Solve a (rows, cols) frame of a calibrated camera; ``sensor`` None leaves photometry to the frame itself.
 
-    ``deeper`` gives fainter stars, asked for only when the frame shows many more stars than ``stars`` holds.
+    ``deeper`` gives fainter stars, asked for only when the frame shows many more stars than ``stars`` holds. ``velocity_c``: of
+    the observer against the barycentre, ICRS, in units of c: stars are taken where it sees them. ``exposure_s``: trails then give
+    the rate. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(
@@ -91,15 +98,62 @@ def solve_known(
             psf_sigma_px=sensor.psf_sigma_px if sensor else None,
             saturation_dn=float(sensor.saturation_dn) if sensor else None,
             e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
+            fast=fast,
         )
-    return _identify_known(found.centroids, camera, stars, deeper, hint, trace, found)
+    turning = None
+    if found.trailed and exposure_s:
+        with trace.stage("trails"):
+            turning = turning_of(pixels, found, camera, exposure_s, sensor)
+    result = _identify_known(found.centroids, camera, stars, deeper, hint, trace, found, velocity_c)
+    return replace(result, turning=turning)
 
 
 def solve_centroids(
-    centroids: Centroids, camera: Camera, stars: KnownSky, *, hint: Hint | None = None, clock: Clock | None = None
+    centroids: Centroids,
+    camera: Camera,
+    stars: KnownSky,
+    *,
+    hint: Hint | None = None,
+    velocity_c: Array | None = None,
+    clock: Clock | None = None,
 ) -> SolveResult:
     """The same from centroids alone, brightest first."""
-    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None)
+    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c)
+
+
+def turning_of(
+    pixels: NDArray[Any], found: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
+) -> Turning | None:
+    """The rate that the trails of a frame show."""
+    return measure_turning(
+        pixels,
+        found.centroids,
+        found.background,
+        camera,
+        exposure_s,
+        found.psf_covariance_px2,
+        psf_sigma_px=sensor.psf_sigma_px if sensor else None,
+        e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
+        saturation_dn=float(sensor.saturation_dn) if sensor else float(pixels.max()),
+    )
+
+
+def _apparent(sky: Sky, camera: Camera, cam_from_icrs: Array, velocity_c: Array | None) -> Sky:
+    """The sky with the stars near the field where a moving observer sees them."""
+    if velocity_c is None:
+        return sky
+    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi)))
+    icrs = sky.icrs.copy()
+    icrs[near] = aberrate(icrs[near], velocity_c)
+    return replace(sky, icrs=icrs)
+
+
+def as_velocity(velocity_c: Array | None) -> tuple[float, float, float] | None:
+    """Plain numbers of a velocity, for the result."""
+    if velocity_c is None:
+        return None
+    x, y, z = (float(v) for v in velocity_c)
+    return x, y, z
 
 
 def _identify_known(
@@ -110,6 +164,7 @@ def _identify_known(
     hint: Hint | None,
     trace: Trace,
     found: Detections | None,
+    velocity_c: Array | None = None,
 ) -> SolveResult:
     view = field_of(centroids, camera)
     with trace.stage("identify"):
@@ -118,21 +173,21 @@ def _identify_known(
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT)
             result = result if again.evidence is None else again
-    base = _unsolved(camera, centroids, found, (*(found.notes if found else ()), *said))
+    base = unsolved(camera, centroids, found, (*(found.notes if found else ()), *said))
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
-            mirrored = _solves_mirrored(centroids, camera, stars)
-        return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
+            reverse = _solves_mirrored(centroids, camera, stars)
+        return replace(base, reason=MIRRORED if reverse else result.reason, timing_s=dict(trace.timing_s))
     with trace.stage("focal length"):
         another = _another_focal_length(view, camera, stars.sky, evidence)
     if another:
         return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
-        named = _name_all(view, camera, stars, evidence, found)
+        named = _name_all(view, camera, stars, evidence, centroids, found, velocity_c)
     hip = stars.deep.hip[named.stars]
-    solved = _solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
-    return replace(solved, timing_s=dict(trace.timing_s))
+    answer = solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
+    return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
 
 
 def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evidence) -> str:
@@ -140,16 +195,29 @@ def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evide
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
-def _name_all(view: Field, camera: Camera, stars: KnownSky, evidence: Evidence, found: Detections | None) -> Named:
-    """Attitude from the stars of the proof, then from every star that can be named."""
-    deep = stars.deep
+def _name_all(
+    view: Field,
+    camera: Camera,
+    stars: KnownSky,
+    evidence: Evidence,
+    centroids: Centroids,
+    found: Detections | None,
+    velocity_c: Array | None,
+) -> Named:
+    """Attitude from the stars of the proof, then from every star that can be named.
+
+    Identification needs no aberration: across a field it differs by a tenth of a pixel at most. The attitude does.
+    """
+    deep = _apparent(stars.deep, camera, evidence.cam_from_icrs, velocity_c)
     picked = stars.deep_row[evidence.stars]
 
     def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
         return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, evidence.cam_from_icrs)
 
-    first = fit_to(evidence.rows, picked, view.sigma_px[evidence.rows])
-    spots = Spots(view.pixels, view.sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
+    # The search takes no star for better than a lens is known; the fit weighs each by its own error.
+    sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
+    first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
+    spots = Spots(view.pixels, sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
     named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
     return named if named is not None else Named(evidence.rows, picked, first, np.zeros(len(picked)))
 
@@ -163,22 +231,27 @@ def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> b
     """Whether the left-right reverse of a frame would solve: then the file or the optics are reversed."""
     if len(centroids) < 5:
         return False
-    view = field_of(_mirrored(centroids, camera.columns), camera)
+    view = field_of(mirrored(centroids, camera.columns), camera)
     return identify_lost(view, stars.sky, stars.pairs, camera).evidence is not None
 
 
-def _mirrored(centroids: Centroids, columns: int) -> Centroids:
+def mirrored(centroids: Centroids, columns: int) -> Centroids:
+    """Centroids as the left-right reverse of their frame would show them."""
     return replace(centroids, col_px=columns - 1 - centroids.col_px)
 
 
-def _unsolved(camera: Camera, centroids: Centroids, found: Detections | None, notes: tuple[str, ...]) -> SolveResult:
+def unsolved(camera: Camera, centroids: Centroids, found: Detections | None, notes: tuple[str, ...]) -> SolveResult:
+    """A result without an answer, to which a reason or an answer is added."""
     regions = found.regions if found else ()
-    return SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
+    versions = {"detect": found.loops} if found else {}
+    base = SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
+    return replace(base, versions=versions)
 
 
-def _solved(
+def solved(
     base: SolveResult, fit: Refined, rows: NDArray[np.intp], hip: NDArray[np.int32], false_match_probability: float
 ) -> SolveResult:
+    """A result with its answer: the fit, and which (m,) rows of the centroids are which (m,) stars."""
     matches = Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
     attitude = Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
     return replace(
@@ -200,57 +273,3 @@ def _where(view: Field, camera: Camera, stars: KnownSky, hint: Hint | None) -> t
         return near, ()
     note = f"not found near the hint ({near.reason}); the whole sky was searched"
     return identify_lost(view, stars.sky, stars.pairs, camera), (note,)
-
-
-def solve_foreign(
-    pixels: NDArray[Any],
-    fov_range_rad: tuple[float, float],
-    sky: Sky,
-    level: Callable[[float], Level],
-    *,
-    clock: Clock | None = None,
-) -> SolveResult:
-    """Solve a frame of an uncalibrated camera with square pixels whose horizontal field of view lies in a range.
-
-    The result's ``camera`` carries the fitted focal length and radial distortion.
-    """
-    trace = Trace(clock)
-    with trace.stage("detect"):
-        found = find_stars(pixels)
-    centroids = found.centroids
-    shape = (int(pixels.shape[1]), int(pixels.shape[0]))
-    with trace.stage("identify"):
-        result = _blind(centroids, found.psf_sigma_px, shape, fov_range_rad, sky, level)
-    notes = found.notes
-    if found.streak_px:
-        notes = (
-            *notes,
-            f"stars are trailed by about {found.streak_px:.0f} px; positions are the middles of the trails",
-        )
-    guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-    base = _unsolved(guess, centroids, found, notes)
-    solved = result.solved
-    if solved is None:
-        with trace.stage("why not"):
-            reverse = (
-                _blind(_mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level)
-                if len(centroids) >= 5
-                else None
-            )
-        mirrored = reverse is not None and reverse.placed and not result.placed
-        return replace(base, reason=MIRRORED if mirrored else result.reason, timing_s=dict(trace.timing_s))
-    answer = _solved(base, solved.fit, solved.rows, sky.hip[solved.stars], solved.false_match_probability)
-    return replace(answer, timing_s=dict(trace.timing_s))
-
-
-def _blind(
-    centroids: Centroids,
-    psf_sigma_px: float,
-    shape: tuple[int, int],
-    fov_range_rad: tuple[float, float],
-    sky: Sky,
-    level: Callable[[float], Level],
-) -> BlindFound:
-    magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
-    spots = Spots(centroids.pixels, centroids.sigma_px, magnitude, psf_sigma_px)
-    return identify_blind(spots, shape, fov_range_rad, sky, level)

@@ -1,0 +1,111 @@
+"""The reference chain on frames of a camera that nobody has calibrated: place, focal length and lens from the frame itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.aberration import aberrate
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import Centroids, SolveResult
+from gss.pipeline.chains.reference import MIRRORED, as_velocity, mirrored, solved, turning_of, unsolved
+from gss.pipeline.detect import find_stars
+from gss.pipeline.identify.blind import BlindFound, identify_blind
+from gss.pipeline.identify.blind_proof import Solved
+from gss.pipeline.identify.faint import Spots
+from gss.pipeline.identify.patterns import Level
+from gss.pipeline.identify.verify import Sky
+from gss.pipeline.refine import Refined, refine
+from gss.pipeline.trace import Clock, Trace
+
+
+def solve_foreign(
+    pixels: NDArray[Any],
+    fov_range_rad: tuple[float, float],
+    sky: Sky,
+    level: Callable[[float], Level],
+    *,
+    velocity_c: Array | None = None,
+    exposure_s: float | None = None,
+    fast: bool | None = None,
+    clock: Clock | None = None,
+) -> SolveResult:
+    """Solve a frame of an uncalibrated camera with square pixels whose horizontal field of view lies in a range.
+
+    The result's ``camera`` carries the fitted focal length and radial distortion.
+    """
+    trace = Trace(clock)
+    with trace.stage("detect"):
+        found = find_stars(pixels, fast=fast)
+    centroids = found.centroids
+    shape = (int(pixels.shape[1]), int(pixels.shape[0]))
+    with trace.stage("identify"):
+        result = _blind(centroids, found.psf_sigma_px, shape, fov_range_rad, sky, level)
+    notes = found.notes
+    if found.streak_px:
+        notes = (
+            *notes,
+            f"stars are trailed by about {found.streak_px:.0f} px; positions are the middles of the trails",
+        )
+    guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
+    base = unsolved(guess, centroids, found, notes)
+    place = result.solved
+    if place is None:
+        with trace.stage("why not"):
+            reverse = (
+                _blind(mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level)
+                if len(centroids) >= 5
+                else None
+            )
+        is_mirrored = reverse is not None and reverse.placed and not result.placed
+        return replace(base, reason=MIRRORED if is_mirrored else result.reason, timing_s=dict(trace.timing_s))
+    fit = _moving(place, centroids, sky, velocity_c)
+    turning = None
+    if found.trailed and exposure_s:
+        with trace.stage("trails"):
+            turning = turning_of(pixels, found, fit.camera, exposure_s, None)
+    answer = solved(base, fit, place.rows, sky.hip[place.stars], place.false_match_probability)
+    timing_s = dict(trace.timing_s)
+    return replace(answer, velocity_c=as_velocity(velocity_c), turning=turning, timing_s=timing_s)
+
+
+def _moving(place: Solved, centroids: Centroids, sky: Sky, velocity_c: Array | None) -> Refined:
+    """The fit of a foreign frame again, with its stars where a moving observer sees them."""
+    fit = place.fit
+    if velocity_c is None:
+        return fit
+    used = fit.weight > 0
+    sigma_px = 1 / np.sqrt(np.where(used, fit.weight, 1.0))
+    free = fit.parameters[4:] if "focal" in fit.parameters else fit.parameters[3:]
+    rows, stars = place.rows[used], place.stars[used]
+    icrs = aberrate(sky.icrs[stars], velocity_c)
+    again = refine(
+        centroids.pixels[rows],
+        icrs,
+        sigma_px[used],
+        fit.camera,
+        fit.cam_from_icrs,
+        fit_focal="focal" in fit.parameters,
+        fit_lens=free,
+    )
+    residual_px, weight = fit.residual_px.copy(), np.zeros(len(used))
+    residual_px[used], weight[used] = again.residual_px, again.weight
+    return replace(again, residual_px=residual_px, weight=weight)
+
+
+def _blind(
+    centroids: Centroids,
+    psf_sigma_px: float,
+    shape: tuple[int, int],
+    fov_range_rad: tuple[float, float],
+    sky: Sky,
+    level: Callable[[float], Level],
+) -> BlindFound:
+    magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
+    spots = Spots(centroids.pixels, centroids.sigma_px, magnitude, psf_sigma_px)
+    return identify_blind(spots, shape, fov_range_rad, sky, level)

@@ -1,0 +1,306 @@
+"""How fast a camera turned while it exposed: one angular velocity fitted to the trails of all its stars.
+
+A camera that turns by ω sees the direction u move with −ω × u; the trail of a star in pixels is therefore d = T M(u) ω with the
+known (2, 3) matrix M of its place. Each trail is a Gaussian drawn out along d; place, flux and the frame's common ω and
+width are fitted together to the pixels. A trail looks the same from either end: −ω fits as well as ω.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import Centroids, Turning
+from gss.pipeline.background import Background
+from gss.pipeline.psf import cut_stamps
+from gss.pipeline.trail_shape import drawn_out
+
+MAX_TRAILS = 24
+PROMISING = 2
+UNLIKE = 1.5
+MOST_ALIKE = 0.6
+MAX_EXCESS = 4.0
+BRIGHT_SIGMA = 3.0
+LEAST_TRAILS = 4
+MAX_HALF_PX = 40
+FIT_ROUNDS = 20
+DONE = 0.01  # of a standard deviation
+STEP_RAD = 1e-5
+LEAST_SIGNIFICANT = 25.0  # χ² by which trails must fit better than standing stars before a rate is told
+PIXEL_VARIANCE_PX2 = 1 / 12
+
+
+@dataclass(frozen=True)
+class Trails:
+    """What the fit sees: (n, k) pixels above the sky and whether each counts, (k,) offsets from the middles (n,), variance of
+    a sky pixel (n,), and (n, 2, 3) trail in px per radian turned."""
+
+    value: Array
+    use: NDArray[np.bool_]
+    dx: Array
+    dy: Array
+    col: Array
+    row: Array
+    sky_variance: Array
+    per_rad: Array
+
+    def take(self, which: NDArray[np.bool_]) -> Trails:
+        """The trails of a mask."""
+        return Trails(
+            self.value[which],
+            self.use[which],
+            self.dx,
+            self.dy,
+            self.col[which],
+            self.row[which],
+            self.sky_variance[which],
+            self.per_rad[which],
+        )
+
+
+def measure_turning(
+    image: NDArray[Any],
+    centroids: Centroids,
+    background: Background,
+    camera: Camera,
+    exposure_s: float,
+    covariance_px2: Array,
+    *,
+    psf_sigma_px: float | None = None,
+    e_per_dn: float = 0.0,
+    saturation_dn: float = float("inf"),
+) -> Turning | None:
+    """Angular velocity from a (rows, columns) frame, None where no trail shows.
+
+    ``covariance_px2``: (2, 2) of the frame's typical spot, trail included; ``psf_sigma_px``: of a standing star where the camera
+    knows it, else fitted with the rest.
+    """
+    trails = _cut(image, centroids, background, camera, covariance_px2, saturation_dn)
+    if trails is None:
+        return None
+    width2 = PIXEL_VARIANCE_PX2 + (psf_sigma_px**2 if psf_sigma_px else max(_narrow2(covariance_px2), 0.3))
+    best = _best(trails, _starts(trails, width2), width2, e_per_dn)
+    sound = _alike(trails, best, e_per_dn)
+    if int(sound.sum()) < max(LEAST_TRAILS, MOST_ALIKE * len(sound)):
+        return None  # what was drawn out are not the trails of one turn
+    if not sound.all():
+        trails = trails.take(sound)
+        best = _best(trails, [best.turned_rad], best.width2, e_per_dn)
+    still = _fit(trails, np.zeros(3), width2, e_per_dn, turn=False)
+    freedom = int(trails.use.sum()) - 3 * len(trails.value) - 4
+    longest_px = float(np.linalg.norm(trails.per_rad @ best.turned_rad, axis=1).max())
+    if freedom <= 0 or not np.isfinite(best.covariance).all() or longest_px > 2 * trails.dx.max():
+        return None
+    excess = max(best.chi2 / freedom, 1.0)
+    if excess > MAX_EXCESS or (still.chi2 - best.chi2) / excess < LEAST_SIGNIFICANT:
+        return None
+    turned, covariance = best.turned_rad, best.covariance[:3, :3] * excess
+    largest = int(np.argmax(np.abs(turned)))
+    if turned[largest] < 0:
+        turned = -turned
+    return Turning(turned / exposure_s, covariance / exposure_s**2, len(trails.value))
+
+
+def with_sign_of(turning: Turning, vector_rad_s: Array) -> Turning:
+    """The same rate, its sign settled by another measurement of it."""
+    sign = -1.0 if float(turning.vector_rad_s @ np.asarray(vector_rad_s)) < 0 else 1.0
+    return Turning(sign * turning.vector_rad_s, turning.covariance_rad2_s2, turning.stars, True)
+
+
+def trail_per_rad(camera: Camera, pixels: Array) -> Array:
+    """(n, 2, 3) how far, px, a star at (n, 2) pixels moves per radian that the camera turns about its x, y, z."""
+    unit = camera.unproject(pixels)
+    columns = []
+    for axis in np.eye(3):
+        moved = np.cross(axis, unit) * STEP_RAD
+        columns.append((camera.project(unit - moved) - camera.project(unit + moved)) / (2 * STEP_RAD))
+    return np.stack(columns, axis=-1)
+
+
+def _narrow2(covariance: Array) -> float:
+    return float(np.linalg.eigvalsh(covariance)[0]) - PIXEL_VARIANCE_PX2
+
+
+def _cut(
+    image: NDArray[Any],
+    centroids: Centroids,
+    background: Background,
+    camera: Camera,
+    covariance: Array,
+    saturation_dn: float,
+) -> Trails | None:
+    """The brightest stars whose trails are whole, unclipped and alone."""
+    longest = float(np.sqrt(np.linalg.eigvalsh(covariance)[1]))
+    half = int(min(np.ceil(2.6 * longest) + 3, MAX_HALF_PX))
+    col, row = np.rint(centroids.col_px).astype(np.intp), np.rint(centroids.row_px).astype(np.intp)
+    whole = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)
+    apart = np.maximum(np.abs(col[:, None] - col), np.abs(row[:, None] - row))
+    rivals = (apart <= 1.6 * half) & (centroids.flux_dn > 0.05 * centroids.flux_dn[:, None])
+    np.fill_diagonal(rivals, False)
+    alone = ~rivals.any(axis=1)
+    good = np.flatnonzero(whole & alone & (centroids.peak_dn > 0))[:MAX_TRAILS]
+    if len(good) < LEAST_TRAILS:
+        return None
+    sky, noise = background.at(col[good], row[good])
+    stamps = cut_stamps(image, col[good], row[good], sky, half, saturation_dn)
+    unclipped = stamps.use.all(axis=1)
+    significant = stamps.value.sum(axis=1) > 6 * noise * half
+    keep = unclipped & significant
+    good = good[keep]
+    per_rad = trail_per_rad(camera, centroids.pixels[good])
+    sound = np.isfinite(per_rad).all(axis=(1, 2))
+    if int(sound.sum()) < LEAST_TRAILS:
+        return None
+    rows = np.flatnonzero(keep)[sound]
+    return Trails(
+        stamps.value[rows],
+        stamps.use[rows],
+        stamps.dx,
+        stamps.dy,
+        centroids.col_px[good[sound]] - col[good[sound]],
+        centroids.row_px[good[sound]] - row[good[sound]],
+        noise[rows] ** 2,
+        per_rad[sound],
+    )
+
+
+def _starts(trails: Trails, width2: float) -> list[Array]:
+    """First guesses of the turn, rad: from second moments, with either sense of roll against the turn across it."""
+    weight = np.where(trails.value > BRIGHT_SIGMA * np.sqrt(trails.sky_variance)[:, None], trails.value, 0.0)
+    weight[:, (trails.dx == 0) & (trails.dy == 0)] += 1e-6
+    total = weight.sum(1)
+    ax, ay = trails.dx - trails.col[:, None], trails.dy - trails.row[:, None]
+    moments = np.stack([(weight * p).sum(1) / total for p in (ax * ax, ay * ay, ax * ay)], axis=1)
+    moments[:, :2] = np.maximum(moments[:, :2] - width2, 0.0)
+    # Second moments are linear in the six products of the turn's components.
+    m = trails.per_rad / np.sqrt(12)
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+    rows = []
+    for a, b in ((0, 0), (1, 1), (0, 1)):
+        rows.append(
+            np.stack([m[:, a, i] * m[:, b, j] + (m[:, a, j] * m[:, b, i] if i != j else 0) for i, j in pairs], axis=1)
+        )
+    system = np.concatenate(rows)
+    products, *_ = np.linalg.lstsq(system, moments.T.ravel(), rcond=None)
+    matrix = np.zeros((3, 3))
+    for (i, j), value in zip(pairs, products, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    values, vectors = np.linalg.eigh(matrix)
+    first = np.sqrt(max(values[-1], 0.0)) * vectors[:, -1]
+    least = 1.0 / float(np.abs(trails.per_rad).max())
+    if np.linalg.norm(first) < least:
+        first = np.array([least, least, 0.0])
+    across = np.array([*np.sqrt(np.maximum(np.diag(matrix)[:2], least**2)), np.sqrt(max(matrix[2, 2], 0.0))])
+    excess = float(np.median(moments[:, 0] + moments[:, 1]))
+    roll = np.sqrt(12 * excess / max(float(np.median((trails.per_rad[:, :, 2] ** 2).sum(1))), 1e-12))
+    starts = [np.array([0.0, 0.0, roll]), np.array([0.0, 0.0, 2 * roll])] + [
+        first * [1, 1, k] for k in (1, -1, 0, 3, -3)
+    ]
+    starts += [across * [a, 1, k] for a in (1, -1) for k in (1, -1, 0)]
+    return [np.asarray(start, float) for start in starts]
+
+
+def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -> _Fitted:
+    """The best fit from the first of the guesses, the pure roll, and the two others that promise most."""
+    variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
+    looks = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
+    tried = [0, *(int(k) + 1 for k in np.argsort(looks[1:])[:PROMISING])]
+    fits = [_fit(trails, starts[k], width2, e_per_dn, turn=True) for k in tried]
+    return min(fits, key=lambda f: f.chi2)
+
+
+def _alike(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
+    """Which trails the common turn explains as well as the others: no neighbour, defect or planet in them."""
+    variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
+    for _ in range(2):
+        model, _, _, variance = _linear(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance, e_per_dn)
+    each = (trails.use * (trails.value - model) ** 2 / variance).sum(1) / np.maximum(trails.use.sum(1), 1)
+    return np.asarray(each < UNLIKE * max(float(np.median(each)), 1.0))
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Turn, χ², covariance of turn and width, width, and the trails' middles."""
+
+    turned_rad: Array
+    chi2: float
+    covariance: Array
+    width2: float
+    x: Array
+    y: Array
+
+
+def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn: bool) -> _Fitted:
+    """Levenberg–Marquardt on the common turn and width; each trail's place and flux are eliminated star by star."""
+    x, y, w2 = trails.col.copy(), trails.row.copy(), width2
+    shared = 4 if turn else 1
+    variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
+    damping, before = 1e-3, np.inf
+    kept = (turned, w2, x, y)
+    normal = np.eye(shared)
+    step_size = np.inf
+    for _ in range(FIT_ROUNDS):
+        model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
+        if chi2 > before * (1 + 1e-12) and np.isfinite(before):
+            damping *= 10
+            turned, w2, x, y = kept
+            if damping > 1e6:
+                break
+            model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
+        else:
+            damping = max(damping / 10, 1e-9)
+        if step_size < DONE and np.isfinite(before):
+            break
+        before, kept = chi2, (turned, w2, x, y)
+        own, common = slopes[..., :3], slopes[..., 3:] if turn else slopes[..., 6:]
+        weight = trails.use / variance
+        rest = (trails.value - model) * weight
+        a = np.einsum("nki,nk,nkj->nij", own, weight, own)
+        b = np.einsum("nki,nk,nkj->nij", own, weight, common)
+        c = np.einsum("nki,nk,nkj->ij", common, weight, common)
+        p, q = np.einsum("nki,nk->ni", own, rest), np.einsum("nki,nk->i", common, rest)
+        solved = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), b)
+        own_step = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), p[..., None])
+        normal = c - np.einsum("nij,nik->jk", b, solved)
+        gradient = q - np.einsum("nij,ni->j", b, own_step[..., 0])
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(shared), gradient)
+        own_moved = own_step[..., 0] - np.einsum("nij,j->ni", solved, step)
+        x, y = x + np.clip(own_moved[:, 1], -0.5, 0.5), y + np.clip(own_moved[:, 2], -0.5, 0.5)
+        if turn:
+            turned = turned + step[:3]
+        w2 = float(np.clip(w2 + step[-1], 0.6 * w2, 1.6 * w2))
+        step_size = float(np.max(np.abs(step) * np.sqrt(np.maximum(np.diag(normal), 0.0))))
+        variance = variance_next
+    turned, w2, x, y = kept
+    with np.errstate(all="ignore"):
+        try:
+            covariance: Array = np.asarray(np.linalg.inv(normal), float)
+        except np.linalg.LinAlgError:
+            covariance = np.full((shared, shared), np.inf)
+    return _Fitted(turned, float(min(before, chi2)), covariance, w2, x, y)
+
+
+def _linear(
+    trails: Trails, turned: Array, width2: float, x: Array, y: Array, variance: Array, e_per_dn: float
+) -> tuple[Array, Array, float, Array]:
+    """Model (n, k) at the best fluxes, its slopes (n, k, 7) by flux, x, y, the three turns and the width, χ², and the
+    variance that the model itself expects."""
+    trail = trails.per_rad @ turned
+    shape, by = drawn_out(trails.dx - x[:, None], trails.dy - y[:, None], trail, width2)
+    weight = trails.use / variance
+    flux = (weight * shape * trails.value).sum(1) / np.maximum((weight * shape * shape).sum(1), 1e-300)
+    flux = np.maximum(flux, 1e-3 * np.abs(trails.value).sum(1))
+    model = flux[:, None] * shape
+    slopes = np.empty((*shape.shape, 7))
+    slopes[..., 0] = shape
+    slopes[..., 1:3] = -flux[:, None, None] * by[..., :2]
+    slopes[..., 3:6] = flux[:, None, None] * np.einsum("nkd,ndw->nkw", by[..., 2:4], trails.per_rad)
+    slopes[..., 6] = flux[:, None] * by[..., 4]
+    chi2 = float((weight * (trails.value - model) ** 2).sum())
+    expected = trails.sky_variance[:, None] + (np.maximum(model, 0) / e_per_dn if e_per_dn > 0 else 0.0)
+    return model, slopes, chi2, np.broadcast_to(expected, model.shape)

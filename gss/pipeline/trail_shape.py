@@ -1,0 +1,47 @@
+"""The light of a star drawn out by the camera's turn, and how it changes with everything it depends on."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import erf
+
+from gss.domain.angles import Array
+
+SHORTEST_PX = 0.3  # a shorter trail in the middle of an iteration would have no direction
+
+
+def drawn_out(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
+    """Unit-flux Gaussian of variance ``width2`` moved along ``trail`` (n, 2), at (n, k) offsets, and its derivatives
+    (n, k, 5) by the offsets, the trail's two components and the variance."""
+    length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), SHORTEST_PX)
+    direction = np.where(
+        (np.hypot(trail[:, 0], trail[:, 1]) > 1e-9)[:, None],
+        trail / np.maximum(np.hypot(trail[:, 0], trail[:, 1]), 1e-9)[:, None],
+        np.array([1.0, 0.0]),
+    )
+    ex, ey, long = direction[:, :1], direction[:, 1:], length[:, None]
+    sigma = np.sqrt(width2)
+    a, b = ax * ex + ay * ey, ay * ex - ax * ey
+    high, low = (a + long / 2) / sigma, (a - long / 2) / sigma
+    phi_high, phi_low = (np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi) for t in (high, low))
+    between = 0.5 * (erf(high / np.sqrt(2)) - erf(low / np.sqrt(2)))
+    across = np.exp(-0.5 * b * b / width2) / (sigma * np.sqrt(2 * np.pi))
+    shape = across * between / long
+    by_a = across * (phi_high - phi_low) / (sigma * long)
+    by_b = -b / width2 * shape
+    by_length = across * ((phi_high + phi_low) / (2 * sigma) - between / long) / long
+    by_turn = by_a * b - by_b * a
+    by_width = shape * (b * b / width2 - 1) / (2 * width2) - across / long * (phi_high * high - phi_low * low) / (
+        2 * width2
+    )
+    slopes = np.stack(
+        [
+            ex * by_a - ey * by_b,
+            ey * by_a + ex * by_b,
+            ex * by_length - ey * by_turn / long,
+            ey * by_length + ex * by_turn / long,
+            by_width,
+        ],
+        axis=-1,
+    )
+    return shape, slopes
