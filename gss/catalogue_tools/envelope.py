@@ -125,12 +125,14 @@ class BandEnvelope:
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
 
     def time_fraction(self, unit: Array) -> Array:
-        knots, share = self._share_by_angle
         rng = np.random.default_rng(0)
-        raan, inclination = self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1)
-        normal = np.stack(
-            [np.sin(raan) * np.sin(inclination), -np.cos(raan) * np.sin(inclination), np.cos(inclination)]
-        )
+        return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
+
+    def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
+        """(n,) share of the time in the field over (k,) planes, within the limits or not."""
+        knots, share = self._share_by_angle
+        flat = np.sin(inclination_rad)
+        normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
         total = np.zeros(len(unit))
         for plane in normal.T:
             total += np.interp(np.arccos(np.clip(-(unit @ plane), -1, 1)), knots, share, left=0.0, right=0.0)

@@ -25,11 +25,13 @@ from gss.catalogue_tools.counting import Shadow, fields_per_star
 from gss.catalogue_tools.envelope import BandEnvelope, Envelope, Moments, polar_range
 from gss.catalogue_tools.field import FieldShape
 from gss.catalogue_tools.hidden_bands import seen_bands
-from gss.catalogue_tools.orbits import EARTH_RADIUS_M, LOWEST_ORBIT_M, OrbitRanges
+from gss.catalogue_tools.orbits import EARTH_RADIUS_M, LOWEST_ORBIT_M, OrbitRanges, altitude_of_tle
 from gss.catalogue_tools.reach import TOLERANCE_RAD
 from gss.catalogue_tools.views import Views, views_of
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
+
+__all__ = ["Blinded", "Occultation", "OccultedEnvelope", "altitude_of_tle"]
 
 # Found stars need no proof: these random fields settle nearly all before the search.
 WITNESSES = 4096

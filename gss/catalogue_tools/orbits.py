@@ -92,8 +92,27 @@ def read_tle(text: str) -> Satrec:
     except (ValueError, IndexError) as error:
         raise BadInput("TLE cannot be read", expected="numbers in their columns", got=str(error)) from None
     if satellite.error:
-        raise BadInput("TLE describes no orbit", got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"))
+        raise BadInput(
+            "TLE describes no orbit",
+            expected="the elements of a satellite in orbit",
+            got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"),
+            hint="copy the TLE again",
+        )
+    perigee_m = satellite.altp * EARTH_RADIUS_M
+    if perigee_m < LOWEST_ORBIT_M:
+        raise BadInput(
+            "the orbit has decayed",
+            expected=f"a perigee above {LOWEST_ORBIT_M / 1e3:g} km",
+            got=f"{perigee_m / 1e3:.0f} km",
+            hint="a newer TLE, if the satellite is still up",
+        )
     return satellite
+
+
+def altitude_of_tle(text: str) -> float:
+    """Metres above the equator of the mean orbit, its long axis less the Earth's radius."""
+    satellite = read_tle(text)
+    return float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M)
 
 
 def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
@@ -142,7 +161,12 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
         error, _, _ = satellite.sgp4(*_julian(moment))
         if error:
             words = SGP4_WORDS.get(error, f"SGP4 error {error}")
-            raise BadInput(f"no orbit at {moment:%Y-%m-%d}", expected="a satellite in orbit", got=words)
+            raise BadInput(
+                f"no orbit at {moment:%Y-%m-%d}",
+                expected="a satellite in orbit",
+                got=words,
+                hint="a newer TLE, fewer days",
+            )
 
 
 def _mean_normal(satellite: Satrec, moment: datetime) -> Array:
