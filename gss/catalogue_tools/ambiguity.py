@@ -135,20 +135,21 @@ class _Neighbours:
         sort = np.argsort(whole)
         self.key, self.neighbour = whole[sort], np.concatenate([two, one])[sort]
 
+    def range_like(self, side: Array, tolerance_rad: float) -> tuple[Rows, Rows]:
+        """(m,) first and past-the-last place in the table of pairs that long, within the tolerance."""
+        low = np.searchsorted(self.by_distance, side - tolerance_rad, "left")
+        return low, np.searchsorted(self.by_distance, side + tolerance_rad, "right")
+
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
         """(m,) how many pairs are that long, within the tolerance."""
-        low, high = (
-            np.searchsorted(self.by_distance, side + s * tolerance_rad, w) for s, w in ((-1, "left"), (1, "right"))
-        )
+        low, high = self.range_like(side, tolerance_rad)
         return np.asarray(high - low, float)
 
 
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
     """(m,) other triangles like each: pairs like the first side, both ways round, then third stars by the second side, then
     the third side."""
-    low, high = (
-        np.searchsorted(table.by_distance, sides[0] + s * tolerance_rad, w) for s, w in ((-1, "left"), (1, "right"))
-    )
+    low, high = table.range_like(sides[0], tolerance_rad)
     who, row = _expanded(low, high)
     who = np.concatenate([who, who])
     i = np.concatenate([table.first[row], table.second[row]])

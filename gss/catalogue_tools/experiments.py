@@ -130,8 +130,8 @@ def jacobs_5_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         "The document gives neither its steps nor when a block is included within the field. Whole blocks in one field come "
         "nearest: within 1 % of the paper for 120° and a year of nodes, 4 to 9 % above it for two weeks.",
         "What is lost on the way: the distortion's wider corners (2 %), blocks whose centre no field meets (1 to 6 %), then the "
-        "blocks that the edge cuts (7 %). Coarser steps cost next to nothing where nodes are many and some stars where "
-        "they are few. Right ascension needs no care: a node turned by whole degrees turns the blocks with it, and the band ends 21° from the poles.",
+        "blocks that the edge cuts (7 %). Coarser steps cost next to nothing where nodes are many, some stars where they are few.",
+        "Right ascension needs no care: a node turned by whole degrees turns the blocks with it; the poles are out of reach.",
         "Stars of marked blocks are all within the exact set. The column 'recomputed' is another recomputation on Hipparcos.",
         "The paper's own catalogue has 5026 stars to magnitude 6, Hipparcos 5044.",
     )

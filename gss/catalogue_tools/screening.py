@@ -1,0 +1,125 @@
+"""How likely a star is taken for another one, from how crowded the sky is (Moniteq 1983 §2.1), and which stars his list
+leaves out or flags (his Table 2.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.stars import FLAG_MULTIPLE, FLAG_VARIABLE, StarTable
+
+# Moniteq 1983 §2.1: errors of magnitude and separation, and the arc, of his example.
+MONITEQ_MAG, MONITEQ_RAD, MONITEQ_ARC_RAD = 0.5, float(np.radians(0.01)), float(np.radians(8.0))
+# Table 2.4: proper motion above 1″ a year; bright pairs are mostly closer than 30″ (§2.2).
+FAST_RAD_YR = float(np.radians(1 / 3600))
+DOUBLE_RAD = float(np.radians(30 / 3600))
+
+
+@dataclass(frozen=True)
+class FalseMatches:
+    """Expected numbers of stars that fit by chance, and the Poisson probability of exactly one, which is what the document prints.
+
+    ``second``: in the ring at the arc from a star. ``third``: in the patch where two stars leave room for a third.
+    ``joint_probability``: of both, for three stars of one field.
+    """
+
+    density_per_sr: float
+    second: float
+    third: float
+
+    @property
+    def second_probability(self) -> float:
+        """Of one star in the ring."""
+        return _one(self.second)
+
+    @property
+    def third_probability(self) -> float:
+        """Of one star in the patch."""
+        return _one(self.third)
+
+    @property
+    def joint_probability(self) -> float:
+        """Of a second and a third star by chance."""
+        return self.second_probability * self.third_probability
+
+
+def false_matches(
+    v_mag: Array,
+    at_mag: float | None = None,
+    tolerance_mag: float = MONITEQ_MAG,
+    tolerance_rad: float = MONITEQ_RAD,
+    arc_rad: float = MONITEQ_ARC_RAD,
+    area_sr: float = 4 * np.pi,
+) -> FalseMatches:
+    """Chance companions in a catalogue of (n,) magnitudes spread over ``area_sr``.
+
+    ``at_mag``: stars within ± ``tolerance_mag`` of it count; None: all of the catalogue, as the document's 0.17 does.
+    The ring of half width δ at arc ρ has 4π·sin ρ·sin δ (4πρδ in the document, 0.3 % more at 8°), the patch 2π(1 − cos δ).
+    """
+    bad = not (tolerance_mag > 0 and 0 < tolerance_rad < np.pi / 2 and 0 < arc_rad < np.pi and 0 < area_sr <= 4 * np.pi)
+    if bad:
+        raise BadInput(
+            "tolerances, arc and area must be possible",
+            expected="all above 0, arc below 180°, area at most the sphere",
+            got=f"{tolerance_mag:g} mag, {tolerance_rad:g} rad, {arc_rad:g} rad, {area_sr:g} sr",
+        )
+    magnitudes = np.asarray(v_mag, float)
+    counted = len(magnitudes) if at_mag is None else np.count_nonzero(np.abs(magnitudes - at_mag) <= tolerance_mag)
+    density = float(counted / area_sr)
+    ring = 4 * np.pi * np.sin(arc_rad) * np.sin(tolerance_rad)
+    patch = 2 * np.pi * (1 - np.cos(tolerance_rad))
+    return FalseMatches(density, float(density * ring), float(density * patch))
+
+
+def companions(
+    unit: Array, v_mag: Array, arc_rad: float, tolerance_rad: float, at_mag: float, tolerance_mag: float
+) -> Array:
+    """(n,) stars within ± ``tolerance_mag`` of ``at_mag`` that each of (n, 3) stars really has in the ring round it: what
+    :func:`false_matches` takes for the same everywhere."""
+    wanted = unit[np.abs(np.asarray(v_mag) - at_mag) <= tolerance_mag]
+    if not len(wanted) or not len(unit):
+        return np.zeros(len(unit))
+    tree = cKDTree(wanted)
+    near, far = (2 * np.sin(np.clip(arc_rad + s * tolerance_rad, 0, np.pi) / 2) for s in (-1, 1))
+    outer, inner = (tree.query_ball_point(unit, radius, return_length=True) for radius in (far, near))
+    return np.asarray(outer - inner, float)
+
+
+@dataclass(frozen=True)
+class Screening:
+    """(n,) marks of Moniteq's screening (§2.2, §2.3, Table 2.4)."""
+
+    double: NDArray[np.bool_]
+    variable: NDArray[np.bool_]
+    fast: NDArray[np.bool_]
+
+    @property
+    def marked(self) -> NDArray[np.bool_]:
+        """(n,) any of them."""
+        return self.double | self.variable | self.fast
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many by reason; a star may have several."""
+        named = {"double": self.double, "variable": self.variable, "fast": self.fast, "any": self.marked}
+        return {name: int(np.count_nonzero(mask)) for name, mask in named.items()}
+
+
+def screen(stars: StarTable, double_rad: float = DOUBLE_RAD, fast_rad_yr: float = FAST_RAD_YR) -> Screening:
+    """Doubles (a neighbour of the table closer than ``double_rad``, or known as multiple), variables, and stars that move fast."""
+    if not (0 <= double_rad < np.pi and fast_rad_yr > 0):
+        raise BadInput("screening limits are out of range", expected="separation 0 to 180°, motion above 0")
+    close = np.zeros(len(stars), bool)
+    if double_rad > 0 and len(stars) > 1:
+        close[cKDTree(stars.icrs).query_pairs(2 * np.sin(double_rad / 2), output_type="ndarray").ravel()] = True
+    moving = np.linalg.norm(stars.proper_motion_rad_yr, axis=1) > fast_rad_yr
+    return Screening(close | ((stars.flags & FLAG_MULTIPLE) > 0), (stars.flags & FLAG_VARIABLE) > 0, moving)
+
+
+def _one(mean: float) -> float:
+    return float(mean * np.exp(-mean))
