@@ -15,6 +15,8 @@ from gss.domain.results import Attitude, Centroids, Verdict
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.sensor import Sensor
 from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.pipeline.analysis.series import FEWEST, AttitudeSeries
+from gss.pipeline.analysis.steady import earth_fixed
 from gss.pipeline.attitude import quest
 from gss.pipeline.chains.cubestar import default_parameters, next_mode, solve
 from gss.pipeline.chains.cubestar_match import unit_vectors
@@ -131,7 +133,8 @@ def _watch(
     p = default_parameters(replace(known, sensor=sensor), EXPOSURE_S)
     believed = calibrated(known.camera, weather.lens_sigmas)
     mode, hint = Mode.LOST_IN_SPACE, None
-    angles: list[tuple[float, float, float, float]] = []
+    times_s: list[float] = []
+    attitudes: list[Attitude] = []
     for k in range(frames):
         attitude = cam_from_icrs(start_rad + SIDEREAL_RAD_S * FRAME_S * k, DEC_RAD, ROLL_RAD)
         frame = _frame(sky, known, sensor, attitude, weather, rng)
@@ -148,13 +151,13 @@ def _watch(
             continue
         hint = Hint.from_quaternion(found.quaternion)
         night.matched += matched
-        ra_rad, dec_rad, roll_rad = found.ra_dec_roll_rad
-        angles.append((k * FRAME_S, (ra_rad - start_rad + np.pi) % (2 * np.pi) - np.pi, dec_rad, roll_rad))
+        times_s.append(k * FRAME_S)
+        attitudes.append(found)
         night.sigma_deg.append(np.degrees([found.sigma_rad[0], found.sigma_rad[0], found.sigma_rad[1]]))
     night.frames += frames
-    night.solved += len(angles)
-    if len(angles) > 2:
-        _fit(night, np.array(angles))
+    night.solved += len(attitudes)
+    if len(attitudes) >= FEWEST:
+        _fit(night, np.array(times_s), attitudes)
 
 
 def document_track(
@@ -199,13 +202,16 @@ def _frame(
     return render(seen, known.camera, sensor, attitude, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
 
 
-def _fit(night: _Night, angles: Array) -> None:
-    """Straight lines through (m, 4) times, right ascensions, declinations and rotations."""
-    at_s, values = angles[:, 0] - angles[:, 0].mean(), angles[:, 1:] * np.array([np.cos(DEC_RAD), 1.0, 1.0])
-    slope, level = np.polyfit(at_s, values, 1)
-    freedom = np.sqrt(len(at_s) / (len(at_s) - 2))
-    night.residual_deg.append(np.degrees(values - level - slope * at_s[:, None]) * freedom)
-    night.drift_arcsec_s.append(slope / ARCSEC_RAD / np.array([np.cos(DEC_RAD), 1.0, 1.0]))
+def _fit(night: _Night, times_s: Array, attitudes: list[Attitude]) -> None:
+    """The Earth-fixed test of these attitudes. Every deviation counts, the farthest too: they are what the paper has."""
+    n = len(attitudes)
+    none = np.zeros(n, np.intp)
+    quaternion = np.stack([a.quaternion for a in attitudes])
+    covariance = np.stack([a.covariance_rad2 for a in attitudes])
+    test = earth_fixed(AttitudeSeries(times_s, quaternion, covariance, none, none, np.full(n, np.nan)))
+    freedom = np.sqrt(n / (n - 2))
+    night.residual_deg.append(np.degrees(test.sky_deviation_rad) * freedom)
+    night.drift_arcsec_s.append(np.array([axis.drift_rad_s for axis in test.sky]) / ARCSEC_RAD)
 
 
 def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
