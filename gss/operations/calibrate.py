@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from gss.device.table_use import calibrated, calibration_values
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.operations import calibration_report as report
-from gss.operations.night_frames import Shot, Tell, solve_shots, stack
+from gss.operations.night_frames import Shot, Solved, Tell, solve_shots, stack
 from gss.operations.solve import Solver
 from gss.pipeline.calibration.apply import calibrated_profile, detector_figures
 from gss.pipeline.calibration.dark import calibrate_dark, pixel_response
@@ -23,7 +23,9 @@ from gss.pipeline.calibration.lens_models import LENS_MODELS
 from gss.pipeline.calibration.photometric import calibrate_photometry
 from gss.pipeline.calibration.photon_transfer import FlatPair, photon_transfer
 from gss.pipeline.calibration.psf_field import psf_over_field
+from gss.pipeline.calibration.result import CameraCalibration
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
+from gss.pipeline.calibration.sightings import FrameStars
 
 PSF_SHOTS = 8
 """Shots whose stars are measured for their width: more add nothing but time."""
@@ -58,15 +60,28 @@ def from_stars(
 ) -> Found:
     """Geometry, magnitudes and spots from frames of stars. ``known`` None: a camera that nobody described, solved blind."""
     check_models(models)
-    solved = solve_shots(solver, shots, known, fov_rad, lambda share, text: tell(0.6 * share, text))
-    tell(0.6, "fitting the camera")
-    geometry = calibrate_camera(
-        solved.stars,
-        solved.start,
-        models=tuple(models) or tuple(LENS_MODELS),
-        focal_mm=known.focal_mm if known else None,
-        progress=lambda share: tell(0.6 + 0.25 * share, "fitting the camera"),
+    solved = solve_shots(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
+    focal_mm = known.focal_mm if known else None
+
+    def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
+        tell(begin, "fitting the camera")
+        lenses = tuple(models) or tuple(LENS_MODELS)
+        return calibrate_camera(
+            stars,
+            solved.start,
+            models=lenses,
+            focal_mm=focal_mm,
+            progress=lambda share: tell(begin + 0.1 * share, "fitting the camera"),
+        )
+
+    geometry = fit(solved.stars, 0.5)
+    # Where the camera was believed to be somewhere else, stars at the edge were not matched: look again with what is known now.
+    again = solve_shots(
+        solver, shots, known, fov_rad, lambda share, text: tell(0.6 + 0.15 * share, text), camera=geometry.camera
     )
+    if _matched(again) > _matched(solved):
+        solved = replace(again, start=solved.start)
+        geometry = fit(solved.stars, 0.75)
     result: dict[str, Any] = {"geometry": report.geometry(geometry), "account": solved.account}
     light = None
     gain_e_per_dn = known.sensor.gain_e_per_dn if known else math.nan
@@ -87,6 +102,10 @@ def from_stars(
     result["warnings"] = report.warnings(geometry, light)
     values = dict(calibration_values(calibrated_profile(known, geometry, light))) if known else {}
     return Found("stars", values, result)
+
+
+def _matched(solved: Solved) -> int:
+    return sum(len(stars.hip) for stars in solved.stars)
 
 
 def from_darks(darks: Sequence[Shot], flat_pairs: Sequence[Sequence[Shot]], known: CameraProfile, tell: Tell) -> Found:

@@ -195,7 +195,8 @@ def _dark(d: Mapping[str, Any]) -> list[Section]:
         Fact("noisy pixels", number(d["noisy_count"])),
     ]
     rows = [[number(int(c)), number(int(r)), number(e)] for (c, r), e in zip(d["hot"], d["hot_excess_dn"], strict=True)]
-    return [Section("Dark frames", "", facts, [], [Table("Hottest pixels", ["column", "row", "DN above"], rows[:40])])]
+    hottest = [Table("Hottest pixels", ["column", "row", "DN above"], rows[:40])] if rows else []
+    return [Section("Dark frames", "", facts, [], hottest)]
 
 
 def _photon_transfer(p: Mapping[str, Any]) -> list[Section]:

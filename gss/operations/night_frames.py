@@ -84,14 +84,16 @@ def solve_shots(
     fov_rad: float | None,
     tell: Tell,
     chain: str = "reference",
+    camera: Camera | None = None,
 ) -> Solved:
-    """Solve shots of a known camera, of one whose field's width is known, or blind. BadInput where none is solved."""
+    """Solve shots of a known camera, of one whose field's width is known, or blind. ``camera``: its geometry where that is
+    better known than the profile's. BadInput where none is solved."""
     taken: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[dict[str, Any]] = []
     for k, shot in enumerate(shots):
         tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
-            result = solver.solve(shot.pixels(), request_of(shot, known, fov_rad, chain))
+            result = solver.solve(shot.pixels(), request_of(shot, known, fov_rad, chain, camera))
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
@@ -123,11 +125,16 @@ def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
     return np.stack(images)
 
 
-def request_of(shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str) -> SolveRequest:
-    """What to ask of the solver: a known camera, one whose field's width is known, or blind."""
+def request_of(
+    shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
+) -> SolveRequest:
+    """What to ask of the solver: a known camera, with another geometry where one is given, one whose field's width is known,
+    or blind."""
     request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot))
     if known is not None:
-        return replace(request, known=known)
+        return replace(request, known=known if camera is None else replace(known, camera=camera))
+    if camera is not None:
+        return replace(request, camera=camera)
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
 
 

@@ -141,7 +141,7 @@ def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
     usual = float(np.median(steps)) if len(steps) else 0.0
     gaps = int(np.count_nonzero(steps > GAP_TIMES * usual)) if usual > 0 else 0
     if gaps:
-        text = f"{gaps} gaps longer than {GAP_TIMES * usual:.3g} s between frames"
+        text = f"gaps longer than {GAP_TIMES * usual:.3g} s between frames: {gaps}"
         found.append(Advice("gaps", text, "the figures hold for the frames there are"))
     share = float(series.solved.mean()) if len(series) else 0.0
     if share < POOR_SHARE:

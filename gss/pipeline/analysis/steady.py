@@ -211,10 +211,14 @@ def _said(
     jumps = _jumps(good.times_s, deviation)
     if jumps:
         hint = "look for a knock on the mount or a jump of the clock at that frame; analyse both sides by themselves"
-        found.append(Advice("jump", f"the attitude jumps {jumps} times from one level to another", hint))
+        found.append(Advice("jump", f"jumps of the attitude from one level to another: {jumps}", hint))
     strays = int(np.count_nonzero(~keep))
     if strays:
-        found.append(Advice("strays", f"{strays} attitudes far from all others were left out", "look at those frames"))
+        found.append(
+            Advice(
+                "strays", f"far from all others and left out: {strays} of {len(keep)} attitudes", "look at those frames"
+            )
+        )
     wander = [a.name for a in body if a.sigma_rad > WANDER * a.noise_rad]
     if wander:
         text = f"{', '.join(wander)}: scatter over the run is far above that from frame to frame"
