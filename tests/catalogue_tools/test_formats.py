@@ -31,6 +31,7 @@ from gss.catalogue_tools.onboard import (
     stars_of,
     tables_for,
 )
+from gss.catalogue_tools.sin2_directory import pair_directory
 from gss.domain.angles import ARCSEC_RAD, unit_from_ra_dec
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.neighbours import neighbour_links
@@ -125,6 +126,15 @@ def test_directory_is_columns_of_sin2_with_its_k_vector():
     assert list(k) == [sum(v <= start + step * t for v in sin2) for t in range(m)]
     v_mmag = struct.unpack_from(f"<{n}h", image, 64 + 12 * n)
     assert np.array_equal(v_mmag, np.rint(sky().v_mag * 1000))
+
+
+def test_directory_of_the_bank_is_that_of_the_stars():
+    """The same pairs with the same sin² as the directory that the ground makes straight from the stars."""
+    made, kept = pair_directory(sky(), MAX_RAD), decode(small("far-mst"))
+    far = made.sin2 >= np.sin(MIN_RAD) ** 2
+    assert np.array_equal(kept.distances.first, made.first[far])
+    assert np.array_equal(kept.distances.second, made.second[far])
+    assert kept.tables.sin2 == pytest.approx(made.sin2[far], rel=1e-6)
 
 
 def test_linked_list_is_counts_pointers_and_neighbours():

@@ -92,3 +92,19 @@ def test_a_star_table_gives_its_own_net() -> None:
     """Rows are those of the table."""
     stars = load_stars(3.0)
     assert len(links_of(stars)) == len(stars)
+
+
+@pytest.mark.parametrize("spots", [1, 3, 40])
+def test_stars_in_one_plane_or_at_one_place_are_linked_too(spots: int) -> None:
+    """A list without a hull, all on one great circle or on few places of it, still is one net with both ends of each link."""
+    angle = 2 * np.pi * (np.arange(40) % spots) / 40
+    links = neighbour_links(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)]))
+    first, second = links.pairs()
+    assert first.size == links.links
+    met = np.zeros(40, bool)
+    met[0] = True
+    for _ in range(40):
+        met[second[met[first]]] = True
+        met[first[met[second]]] = True
+    assert met.all()
+    assert all(row in links.of(int(other)) for row in range(40) for other in links.of(row))

@@ -13,6 +13,7 @@ from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.sin2_directory import figures, pair_directory
 from gss.catalogue_tools.uniform_density import merge_doubles, reduce_catalogue, square_field, survey_attitudes
 from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
 from gss.domain.stars import StarTable
 from gss.pipeline.identify.sin2_directory import sin2_directory
 
@@ -116,6 +117,14 @@ def test_survey_pointings_leave_no_gap() -> None:
     assert np.degrees(np.arccos(np.max(anywhere @ at.T, axis=1).min())) < 5
     with pytest.raises(BadInput, match="step"):
         survey_attitudes(0.0)
+
+
+def test_survey_attitudes_are_cameras_on_the_sky() -> None:
+    """Each is the rotation of a camera at its own right ascension and declination with the roll asked for."""
+    for m in survey_attitudes(np.radians(20), 0.7)[::7]:
+        ra, dec, roll = ra_dec_roll_rad(m)
+        assert roll == pytest.approx(0.7)
+        np.testing.assert_allclose(m, cam_from_icrs(ra, dec, roll), atol=1e-12)
 
 
 def _two(m1: float, m2: float, apart_rad: float) -> StarTable:

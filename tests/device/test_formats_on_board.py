@@ -135,6 +135,11 @@ def test_the_tables_of_the_bank_decide_and_not_the_stars() -> None:
     made = tables_for("far-mst", stars, pairs, own["far_mst"].camera, reduced=few)
     bank = decode(encode(stars, made.distances, "far-mst", "far_mst", tables=made.tables))
     assert len(on_board("far_mst").prepare(bank, own["far_mst"]).directory) == len(made.distances) < len(pairs)
+    # The reduced catalogue counts in a bank of another format too.
+    bank = decode(encode(stars, made.distances, "sunsat", "far_mst", tables=made.tables))
+    prepared = on_board("far_mst").prepare(bank, own["far_mst"])
+    assert made.tables.reduced is not None
+    assert np.array_equal(prepared.reduced, made.tables.reduced.kept)
     coarse = tables_for("oersted", stars, pairs, own["oersted"].camera, uncertainty_rad=0.002)
     bank = decode(encode(stars, coarse.distances, "oersted", "oersted", tables=coarse.tables))
     assert on_board("oersted").prepare(bank, own["oersted"]).triplets.classes.uncertainty_rad == 0.002

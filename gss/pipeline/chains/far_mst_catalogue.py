@@ -35,15 +35,17 @@ class FarMstCatalogue:
 
 
 def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
-    """The bank's directory, or one of the ``brightest`` per field (0: of all stars). The bank's own distances are used, none is
-    made up."""
+    """The bank's directory, or one of its reduced catalogue or of the ``brightest`` per field (0: of all stars). The bank's own
+    distances are used, none is made up."""
     bank.need_distances()
     icrs = bank.icrs.astype(float)
     icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
     if bank.tables.sin2 is not None:
         return _as_stored(bank, icrs, bank.tables.sin2)
     reduced = np.ones(len(bank), bool)
-    if brightest:
+    if bank.tables.reduced is not None:
+        reduced = bank.tables.reduced.kept
+    elif brightest:
         fov_h, fov_v = camera.fov_rad
         reduced = brightest_per_field(icrs, brightness_order(bank), min(fov_h, fov_v) / 2, brightest)
     table = bank.distances
