@@ -21,7 +21,7 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, attitudes_of, huber_cost, stack
 from gss.pipeline.calibration.hold_out import held_out
-from gss.pipeline.calibration.lens_models import LENS_MODELS, UNITS, vector_of
+from gss.pipeline.calibration.lens_models import GEOMETRY, LENS_MODELS, UNITS, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures, residual_map
 from gss.pipeline.calibration.result import CameraCalibration, FrameFit, Frozen, ModelFit, Parameter, StarResiduals
 from gss.pipeline.calibration.screening import Screened, poor_data, screen
@@ -60,6 +60,7 @@ def calibrate_camera(
     """
     known = dict(priors or {})
     chosen_models = _models(models, start, focal_mm)
+    _known_names(known, chosen_models)
     screened = screen(frames, start)
     _enough(screened, len(frames))
     stars = stack(screened.frames)
@@ -83,6 +84,17 @@ def _models(models: Sequence[str], start: Camera, focal_mm: float | None) -> tup
             "a polynomial in millimetres needs a focal length in millimetres", expected="focal_mm", got="none"
         )
     return tuple(m for m in models if scaled or m != "radial-tilt")
+
+
+def _known_names(priors: Mapping[str, Prior], models: Sequence[str]) -> None:
+    names = {*GEOMETRY, *(n for m in models for n in LENS_MODELS[m])}
+    wrong = [n for n, p in priors.items() if n not in names or not p.sigma > 0]
+    if wrong:
+        raise BadInput(
+            "these cannot be known beforehand",
+            expected=f"a value and a σ above zero of {', '.join(sorted(names))}",
+            got=", ".join(wrong),
+        )
 
 
 def _enough(screened: Screened, given: int) -> None:

@@ -12,6 +12,7 @@ from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.pipeline.calibration.apply import camera_difference
+from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.result import CameraCalibration
 from gss.pipeline.calibration.screening import is_mirrored, plate_scale, screen
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
@@ -191,4 +192,8 @@ def test_unknown_models_are_refused(night: Night, known: Known) -> None:
         calibrate_camera(frames, camera, models=["fisheye"])
     with pytest.raises(BadInput, match="millimetres"):
         calibrate_camera(frames, camera, models=["radial-tilt"])
+    with pytest.raises(BadInput, match="known beforehand"):
+        calibrate_camera(frames, camera, priors={"centre_px": Prior(1.0, 1.0)})
+    with pytest.raises(BadInput, match="known beforehand"):
+        calibrate_camera(frames, camera, priors={"centre_col_px": Prior(300.0, 0.0)})
     assert "radial-tilt" not in {m.model for m in calibrate_camera(frames, camera).comparison}

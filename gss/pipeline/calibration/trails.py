@@ -1,0 +1,52 @@
+"""How far stars were drawn out during an exposure: told from their shapes, whoever found them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.results import Centroids
+from gss.pipeline.psf import adaptive_shapes, cut_stamps
+
+BRIGHTEST = 30
+FEWEST = 4
+HALF_PX = 11
+START_SIGMA_PX = 1.5
+TOGETHER = 0.7
+LEAST_PX = 1.5
+
+
+def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = float("inf")) -> float:
+    """Length of the trails of a frame in px, to a quarter of it; 0 for round stars.
+
+    A star moved evenly over L has L²/12 more variance along the motion than across it. All stars of a moving camera are long in
+    nearly one direction; where they are not (coma, doubles, a turn about the boresight), or fewer than four stars can be
+    measured, the answer is 0.
+    """
+    pick = np.argsort(-np.nan_to_num(centroids.flux_dn), kind="stable")[:BRIGHTEST]
+    col, row = (np.rint(v[pick]).astype(np.intp) for v in (centroids.col_px, centroids.row_px))
+    if len(pick) < FEWEST:
+        return 0.0
+    stamps = cut_stamps(image, col, row, np.zeros(len(pick)), HALF_PX, saturation_dn)
+    ring = np.maximum(np.abs(stamps.dx), np.abs(stamps.dy)) > HALF_PX - 2
+    sky = np.array(
+        [
+            float(np.median(v[ring & u])) if (ring & u).any() else np.nan
+            for v, u in zip(stamps.value, stamps.use, strict=True)
+        ]
+    )
+    whole = np.isfinite(sky) & stamps.use.all(axis=1)
+    if whole.sum() < FEWEST:
+        return 0.0
+    stamps = cut_stamps(image, col[whole], row[whole], sky[whole], HALF_PX, saturation_dn)
+    shapes = adaptive_shapes(stamps, START_SIGMA_PX)
+    if shapes.good.sum() < FEWEST:
+        return 0.0
+    moments = shapes.covariance[shapes.good]
+    # Twice the angle, so that a direction and its opposite are one.
+    along = (moments[:, 0, 0] - moments[:, 1, 1]) + 2j * moments[:, 0, 1]
+    together = abs(np.mean(along / np.maximum(np.abs(along), 1e-12)))
+    length = float(np.sqrt(12 * np.median(np.abs(along))))
+    return length if together > TOGETHER and length > LEAST_PX else 0.0
