@@ -6,7 +6,6 @@ from gss.catalogue_tools.formats.c_source import c_source, read_c_source
 from gss.catalogue_tools.formats.header import HEADER, HEADER_BYTES, HEADER_VERSION, MAGIC, SECTIONS_VERSION, BankHeader
 from gss.catalogue_tools.formats.own_tables import OwnTables, frame_of, reduced_catalogue, tables_for
 from gss.catalogue_tools.formats.registry import (
-    BY_NAME,
     C_FORMATS,
     FORMATS,
     QuantisationError,
@@ -26,10 +25,6 @@ from gss.catalogue_tools.formats.registry import (
     stars_of,
 )
 
-STAR_BYTES = {name: f.stars.row_bytes for name, f in BY_NAME.items()}
-PAIR_BYTES = 8
-"""Bytes of a pair in the formats that keep distances as real numbers; of any format: ``format_of(name).pair_bytes``."""
-
 __all__ = [
     "C_FORMATS",
     "FORMATS",
@@ -37,9 +32,7 @@ __all__ = [
     "HEADER_BYTES",
     "HEADER_VERSION",
     "MAGIC",
-    "PAIR_BYTES",
     "SECTIONS_VERSION",
-    "STAR_BYTES",
     "BankHeader",
     "OwnTables",
     "QuantisationError",

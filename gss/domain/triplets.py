@@ -196,6 +196,8 @@ def find_constellations(
         kind, who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
         measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
         table = np.unique(np.column_stack([kind, rows[who], *_classes(*measured, classes)]), axis=0)
+        # One class beyond the last still spreads into it; what is further has no reference.
+        table = table[table[:, 3] <= MOST_DISTANCE + 1]
     star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
     return Constellations(
         table[:, 0].astype(np.uint8),

@@ -78,6 +78,6 @@ def _check(c: Columns, stars: int) -> None:
     if c["star"].max() >= stars:
         raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
     fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MOST_ANGLE)
-    fits &= np.maximum(c["first"], c["second"]) <= MOST_DISTANCE
+    fits &= np.maximum(c["first"], c["second"]) <= MOST_DISTANCE + 1
     if not fits.all():
         raise CorruptData("a triplet's classes are impossible", expected="at most 12 bits and 6 bits, angles in order")

@@ -44,7 +44,6 @@ from gss.domain.stars import DistanceTable
 MAGIC = b"GSSX"
 HEAD_BYTES = 8
 Sections = dict[str, bytes]
-# --- triplets ---
 
 
 def _write_kind(kind: int) -> Callable[[BankTables, int, int], bytes | None]:
