@@ -122,12 +122,7 @@ def _made(
     places = np.concatenate([c.reshape(-1, 2) for c in corners if c is not None])
     cell = np.clip((places + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
     covered = len(set(map(tuple, cell.tolist()))) / GRID**2
-    lens = camera.distortion
-    assert isinstance(lens, Brown)  # noqa: S101 - made above
-    values = (
-        *(camera.focal_col_px, camera.focal_row_px, camera.centre_col_px, camera.centre_row_px),
-        *(lens.k1, lens.k2, lens.p1, lens.p2, lens.k3),
-    )
+    values = tuple(float(getattr(camera if n.endswith("_px") else camera.distortion, n)) for n in NAMES)
     said: list[Advice] = []
     if len(off) < FEW_IMAGES:
         said.append(Advice("few-frames", f"the board was found in {len(off)} pictures", "take 10 to 20"))

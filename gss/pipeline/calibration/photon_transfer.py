@@ -21,6 +21,7 @@ from gss.pipeline.calibration.robust import fit_linear
 CLIP_SIGMAS = 5.0
 LEAST_SPREAD_DN = 0.8
 TURN_SHARE = 0.8
+NOT_LINEAR = 0.1
 FEWEST_LEVELS = 3
 
 
@@ -57,7 +58,6 @@ def photon_transfer(
     pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
 ) -> PhotonTransfer:
     """From pairs at several levels. ``dark_pair``: the shortest exposure in the dark, which gives bias and read noise directly."""
-    warnings: list[Advice] = []
     levels = [_level(p) for p in pairs]
     dark = None if dark_pair is None else _level(dark_pair)
     bias = 0.0 if dark is None else dark[0]
@@ -73,17 +73,27 @@ def photon_transfer(
             got=str(int(fitted.sum())),
             hint="pairs of flats from nearly dark to half the converter's range",
         )
-    x, y = signal[fitted], variance[fitted]
-    if dark is not None:
-        x, y = np.append(x, 0.0), np.append(y, dark[1])
-    else:
-        warnings.append(
-            Advice(
-                "no-dark",
-                "no dark pair: signals count from zero DN",
-                "add two frames with the lens covered, shortest exposure",
-            )
-        )
+    slope, floor, gain_sigma, floor_sigma, departure = _line(signal[fitted], variance[fitted], dark, pixels)
+    gain, read2 = 1 / slope, floor if dark is None else dark[1]
+    read2_sigma = floor_sigma if dark is None else dark[1] * float(np.sqrt(2 / pixels))
+    read = read_sigma = float("nan")
+    if read2 > 0:
+        read = float(np.sqrt(read2)) * gain
+        read_sigma = float(np.hypot(gain * read2_sigma / (2 * np.sqrt(read2)), read * gain_sigma / gain))
+    full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
+    response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
+    said = tuple(_said(dark is not None, departure, full))
+    bias_dn = float("nan") if dark is None else bias
+    return PhotonTransfer(
+        gain, gain_sigma, read, read_sigma, bias_dn, response, full, departure, signal, variance, fitted, said
+    )
+
+
+def _line(
+    signal: Array, variance: Array, dark: tuple[float, float, float, int] | None, pixels: float
+) -> tuple[float, float, float, float, float]:
+    """Slope and floor of the variance, σ of the gain and of the floor, and the largest relative departure."""
+    x, y = (signal, variance) if dark is None else (np.append(signal, 0.0), np.append(variance, dark[1]))
     # A variance measured on n pixels is known to √(2/n) of itself.
     fit = fit_linear(np.column_stack([x, np.ones(len(x))]), y, y * np.sqrt(2 / pixels))
     slope, floor = (float(c) for c in fit.coefficients)
@@ -92,48 +102,25 @@ def photon_transfer(
             "the variance does not grow with light",
             expected="noise of photons",
             got=f"slope {slope:g}",
-            hint="raw frames, not processed",
+            hint="raw frames, not processed ones",
         )
-    gain = 1 / slope
-    gain_sigma = float(np.sqrt(fit.covariance[0, 0])) * gain**2
-    read2 = dark[1] if dark is not None else floor
-    read2_sigma = read2 * float(np.sqrt(2 / pixels)) if dark is not None else float(np.sqrt(fit.covariance[1, 1]))
-    read = float(np.sqrt(read2)) * gain if read2 > 0 else float("nan")
-    read_sigma = (
-        float(np.hypot(gain * read2_sigma / (2 * np.sqrt(read2)), read * gain_sigma / gain))
-        if read2 > 0
-        else float("nan")
-    )
+    sigma = np.sqrt(np.diag(fit.covariance))
     departure = float(np.max(np.abs(fit.residual / (slope * x + floor)), initial=0.0))
-    if departure > 0.1:
-        warnings.append(
-            Advice(
-                "not-linear",
-                f"variances depart by up to {departure:.0%} from a line",
-                "even light, no automatic gain, raw frames",
-            )
-        )
-    full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
-    if not np.isfinite(full):
-        warnings.append(
-            Advice("no-full-well", "no level reached saturation: the full well is unknown", "add brighter pairs")
-        )
-    response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
-    bias_dn = float("nan") if dark is None else bias
-    return PhotonTransfer(
-        gain,
-        gain_sigma,
-        read,
-        read_sigma,
-        bias_dn,
-        response,
-        full,
-        departure,
-        signal,
-        variance,
-        fitted,
-        tuple(warnings),
-    )
+    return slope, floor, float(sigma[0]) / slope**2, float(sigma[1]), departure
+
+
+def _said(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]:
+    said: list[Advice] = []
+    if not with_dark:
+        hint = "add two frames with the lens covered, shortest exposure"
+        said.append(Advice("no-dark", "no dark pair: signals count from zero DN", hint))
+    if departure > NOT_LINEAR:
+        text = f"variances depart by up to {departure:.0%} from a line"
+        said.append(Advice("not-linear", text, "even light, no automatic gain, raw frames"))
+    if not np.isfinite(full_well_e):
+        text = "no level reached saturation: the full well is unknown"
+        said.append(Advice("no-full-well", text, "add brighter pairs"))
+    return said
 
 
 def _level(pair: FlatPair) -> tuple[float, float, float, int]:

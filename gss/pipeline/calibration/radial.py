@@ -43,8 +43,10 @@ def radial_polynomial(
     tilt = camera.distortion
     flat = RadialTilt(focal_mm, tilt.tilt_max_rad, tilt.tilt_direction_rad) if isinstance(tilt, RadialTilt) else None
     r_parts, delta_parts, used_frames = [], [], 0
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    focal = np.array([camera.focal_col_px, camera.focal_row_px])
     for frame in frames:
-        place = (frame.pixels - camera._centre()) / camera._focal()
+        place = (frame.pixels - centre) / focal
         place_mm = (place if flat is None else flat.undistort(place)) * focal_mm
         far = np.hypot(place_mm[:, 0], place_mm[:, 1])
         k = int(np.argmin(far)) if len(far) else 0

@@ -9,6 +9,7 @@ import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
 from gss.domain.camera import Camera, Pinhole, RadialTilt
+from gss.domain.errors import BadInput
 from gss.domain.experiment import Cell, Experiment, Progress, Series
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
@@ -71,7 +72,7 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
     """``trials``: images to calibrate with, and as many others to measure errors on."""
     known = profile("sunsat")
     rng = np.random.default_rng(seed)
-    bench = _bench(known.camera, rng)
+    bench = _bench(known, rng)
     col_px, row_px = bench.centre.col_px, bench.centre.row_px
     start = replace(known.camera, centre_col_px=col_px, centre_row_px=row_px, distortion=Pinhole())
     start = start.with_focal_scaled(1 + FOCAL_ERROR)
@@ -88,11 +89,10 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
     return made
 
 
-def _bench(camera: Camera, rng: np.random.Generator) -> _Bench:
+def _bench(known: CameraProfile, rng: np.random.Generator) -> _Bench:
     """Two dots, 36 turns by 10°; the clamp lets the axis wander by some pixels, both dots alike. The lens is stopped down: its
     aberration does not show (§6.2.3.1)."""
-    lens = camera.distortion
-    assert isinstance(lens, RadialTilt)  # noqa: S101 - the profile's own
+    camera, lens = known.camera, _lens(known)
     bare = replace(camera, distortion=replace(lens, radial=()))
     angle = np.arange(TURNS) * 2 * np.pi / TURNS + rng.uniform(0, 0.1)
     play = rng.normal(0, PLAY_PX, (TURNS, 2)) / camera.focal_col_px
@@ -254,8 +254,7 @@ def _rows(
 ) -> list[tuple[Cell, ...]]:
     first, second = ([s[k] for s in sheets.values()] for k in (0, 1))
     blank: tuple[Cell, ...] = (None,) * (len(cameras) - 1)
-    truth = known.camera.distortion
-    assert isinstance(truth, RadialTilt)  # noqa: S101 - the profile's own
+    truth = _lens(known)
     sigma_mag = round(light.sigma_mag, 3)
     plain = round(_without_colour(light), 3)
     return [
@@ -273,7 +272,7 @@ def _rows(
         (
             "centre off by, px",
             "a few",
-            *(round(float(np.hypot(*(c._centre() - known.camera._centre()))), 1) for c in cameras.values()),
+            *(round(_centre_off_px(c, known.camera), 1) for c in cameras.values()),
         ),
         (
             "tilt of the CCD, ° (true 0.733)",
@@ -290,6 +289,17 @@ def _rows(
         ("k_area", "by experiment", f"{light.k_area:.2f} ±{light.k_area_sigma:.2f}", *blank),
         ("k_illum, 10⁻⁹ lux per level", 16.0, round(light.k_illum_lux_per_dn * 1e9, 2), *blank),
     ]
+
+
+def _centre_off_px(camera: Camera, truth: Camera) -> float:
+    return float(np.hypot(camera.centre_col_px - truth.centre_col_px, camera.centre_row_px - truth.centre_row_px))
+
+
+def _lens(known: CameraProfile) -> RadialTilt:
+    lens = known.camera.distortion
+    if not isinstance(lens, RadialTilt):
+        raise BadInput("this profile has another lens", expected="tilt and polynomial", got=type(lens).__name__)
+    return lens
 
 
 def _tilt_deg(camera: Camera) -> float | None:
