@@ -11,6 +11,7 @@ from typing import Any
 from gss.catalogue_tools import experiments as catalogue
 from gss.catalogue_tools import huffman
 from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.moniteq import moniteq_screening
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import Cell, Experiment, Progress, Series
 from gss.domain.stars import StarTable
@@ -80,6 +81,7 @@ ENTRIES: dict[str, Entry] = {
         Entry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
         Entry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),
         Entry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
+        Entry("moniteq-screening", "False matches by chance, and stars to screen out", moniteq_screening, 9_000),
         Entry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )
 }

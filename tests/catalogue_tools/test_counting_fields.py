@@ -1,0 +1,75 @@
+"""Counting stars in a million fields: the fast way against asking every field about every star."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy_healpix import HEALPix
+
+from gss.catalogue_tools.counting import Shadow, fields_per_star, stars_per_field
+from gss.catalogue_tools.envelope import WholeSky
+from gss.catalogue_tools.field import Disc, FieldShape
+from gss.catalogue_tools.healpix import centres, pixel_of, pixel_radius_rad
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.domain.profiles import PROFILES, profile
+
+
+def attitudes(count, seed=3):
+    return WholeSky(FieldShape(profile("sunsat").camera)).attitudes(np.random.default_rng(seed), count)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_counts_are_those_of_brute_force(name):
+    """Every camera: identical to asking the field about each star."""
+    shape, unit, cam = FieldShape(profile(name).camera), load_stars(5.0).icrs, attitudes(3000)
+    counts = stars_per_field(unit, cam, shape)
+    assert np.array_equal(counts[:400], [shape.inside(unit @ a.T).sum() for a in cam[:400]])
+    assert counts.sum() > 0
+
+
+@pytest.mark.parametrize("radius", [0.001, 0.3, 1.7, 3.1])
+def test_circles_of_any_size_are_counted(radius):
+    """Circles, those larger than half the sky included."""
+    unit, cam = load_stars(4.0).icrs, attitudes(500)
+    disc = Disc(radius)
+    assert np.array_equal(stars_per_field(unit, cam, disc), [disc.inside(unit @ a.T).sum() for a in cam])
+
+
+def test_threads_count_the_same():
+    """A pool of threads gives the same counts in the same order."""
+    shape, unit, cam = FieldShape(profile("cubestar").camera), load_stars(4.0).icrs, attitudes(60_000)
+    with ThreadPoolExecutor(2) as pool:
+        assert np.array_equal(stars_per_field(unit, cam, shape), stars_per_field(unit, cam, shape, pool.map))
+
+
+def test_both_ways_of_counting_add_up():
+    """Stars over fields and fields over stars are the same pairs, with a shadow too, and a shadow only takes away."""
+    shape, unit, cam = FieldShape(profile("cubestar").camera), load_stars(4.0).icrs, attitudes(4000)
+    nadir = attitudes(4000, 9)[:, 0]
+    shadow = Shadow(nadir, 1.2)
+    plain, shaded = stars_per_field(unit, cam, shape), stars_per_field(unit, cam, shape, shadow=shadow)
+    assert fields_per_star(unit, cam, shape).sum() == plain.sum()
+    assert fields_per_star(unit, cam, shape, shadow).sum() == shaded.sum()
+    assert np.all(shaded <= plain)
+    clear = unit @ nadir[7] <= np.cos(1.2)
+    assert shaded[7] == shape.inside(unit[clear] @ cam[7].T).sum()
+
+
+def test_nothing_to_count_is_zero():
+    """No stars or no fields."""
+    shape = FieldShape(profile("cubestar").camera)
+    assert stars_per_field(np.empty((0, 3)), attitudes(3), shape).tolist() == [0, 0, 0]
+    assert len(stars_per_field(centres(2), attitudes(0), shape)) == 0
+
+
+@pytest.mark.parametrize("nside", [1, 3, 8, 64])
+def test_pixels_are_astropys_and_no_wider_than_said(nside):
+    """Pixel numbers of random directions are those of astropy-healpix; no direction is beyond the radius from its centre."""
+    unit = attitudes(20_000)[:, 0]
+    ours = pixel_of(nside, unit)
+    lon, lat = np.arctan2(unit[:, 1], unit[:, 0]), np.arcsin(unit[:, 2])
+    assert np.array_equal(ours, HEALPix(nside).lonlat_to_healpix(lon * u.rad, lat * u.rad))
+    apart = np.arccos(np.clip(np.einsum("ij,ij->i", centres(nside)[ours], unit), -1, 1))
+    assert apart.max() <= pixel_radius_rad(nside)
+    assert np.array_equal(pixel_of(nside, centres(nside)), np.arange(12 * nside**2))

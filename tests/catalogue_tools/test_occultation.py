@@ -1,0 +1,246 @@
+"""What Earth, Sun and Moon hide, for every law: against brute force over the sphere and astropy's Sun and Moon."""
+
+import astropy.units as units
+import numpy as np
+import pytest
+from astropy.coordinates import GCRS, get_body
+from astropy.time import Time
+
+from gss.catalogue_tools.attitude import AttitudeLimits, off_nadir_rad
+from gss.catalogue_tools.baffle_search import Baffle
+from gss.catalogue_tools.blocks import BlockEnvelope
+from gss.catalogue_tools.counting import fields_per_star
+from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.hidden_bands import seen_bands
+from gss.catalogue_tools.occultation import Occultation, OccultedEnvelope
+from gss.catalogue_tools.orbits import from_elements
+from gss.catalogue_tools.quality import assess
+from gss.catalogue_tools.views import views_of
+from gss.domain.angles import separation_rad
+from gss.domain.errors import BadInput
+from gss.domain.profiles import profile
+from gss.domain.rotation import rotation_x
+
+START, END = 2026.92, 2026.92 + 14 / 365.25
+UNIT = np.concatenate([centres(16), [[0, 0, 1.0], [0, 0, -1.0]]])
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+def planes(inclination, low, high):
+    return from_elements(deg(inclination, inclination), deg(low, high))
+
+
+SUNSAT, CUBESTAR = (FieldShape(profile(name).camera) for name in ("sunsat", "cubestar"))
+SUNSAT_LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140))
+SIDE = AttitudeLimits("target", off_nadir_rad=0.5, body_from_cam=tuple(rotation_x(2.0).ravel()))
+ALL = Occultation(700e3, *deg(20, 28.1, 28.1))
+CASES = {
+    "sunsat, Earth": (BandEnvelope(SUNSAT, SUNSAT_LIMITS, planes(97, 133, 149)), Occultation(700e3, *deg(28))),
+    "sunsat, all": (BandEnvelope(SUNSAT, SUNSAT_LIMITS, planes(97, 133, 149)), ALL),
+    "sunsat, a year of nodes": (BandEnvelope(SUNSAT, SUNSAT_LIMITS, planes(97, 0, 360)), ALL),
+    "zenith, tilted": (
+        BandEnvelope(CUBESTAR, AttitudeLimits("zenith", deg(50, 70), deg(-3, 3), deg(-5, 5)), planes(97.6, 350, 364)),
+        Occultation(500e3, *deg(10, 45, 20)),
+    ),
+    "nadir, past the limb": (
+        BandEnvelope(SUNSAT, AttitudeLimits("nadir", deg(50, 75), deg(-3, 3)), planes(51.6, 0, 10)),
+        Occultation(400e3),
+    ),
+    "target": (BandEnvelope(SUNSAT, SIDE, planes(51.6, 350, 370)), Occultation(400e3, *deg(5, 30))),
+    "inertial": (
+        PatchEnvelope(CUBESTAR, AttitudeLimits("inertial", deg(-9, 9), deg(-9, 9), deg(-20, 20), *deg(290, -10, 0))),
+        Occultation(700e3, *deg(20, 40, 10)),
+    ),
+    "inertial, over the pole": (
+        PatchEnvelope(SUNSAT, AttitudeLimits("inertial", deg(-5, 5), deg(-5, 5), deg(0, 0), *deg(2, 88, 0))),
+        Occultation(700e3, *deg(20, 113)),
+    ),
+    "anti-Sun": (
+        PatchEnvelope(SUNSAT, AttitudeLimits("anti_sun", deg(-8, 8), deg(-8, 8), deg(-5, 5)), deg(250, 264)),
+        Occultation(700e3, *deg(20, 172, 10)),
+    ),
+    "beside the Sun": (
+        PatchEnvelope(SUNSAT, AttitudeLimits("sun_pointing", deg(-1, 1), deg(-9, 9), deg(-40, 40)), deg(250, 264)),
+        Occultation(700e3, *deg(20, 85)),
+    ),
+    "whole sky": (WholeSky(SUNSAT), Occultation(None, 0.0, *deg(80, 20))),
+}
+
+
+def hidden(name):
+    base, occultation = CASES[name]
+    return OccultedEnvelope(base, occultation, getattr(base, "orbit", planes(97, 0, 14)), START, END)
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    envelope = hidden(request.param)
+    return envelope, envelope.contains(UNIT), envelope.usable_moments(np.random.default_rng(5), 12_000)
+
+
+def test_membership_is_brute_force_over_the_sphere(case):
+    """Every law, RA wrap and poles included: no usable field shows a star that is left out, and all that is kept is shown by
+    one, but for the rim."""
+    envelope, kept, moments = case
+    shown = fields_per_star(UNIT, moments.cam_from_icrs, envelope.shape, envelope.shadow(moments)) > 0
+    assert kept.any()
+    assert not np.any(shown & ~kept)
+    missing = np.flatnonzero(kept & ~shown)
+    edge = UNIT[~kept] if (~kept).any() else UNIT[shown]
+    rim = [min(separation_rad(UNIT[m], edge).min(), separation_rad(UNIT[m], UNIT[shown]).min()) for m in missing]
+    assert all(r < np.radians(8) for r in rim)
+    assert len(missing) < 0.25 * kept.sum()
+
+
+def test_usable_fields_keep_their_distance(case):
+    """Every usable boresight is clear of the limb with its margin, and of Sun and Moon by the baffle's angles."""
+    envelope, _, moments = case
+    o, boresight = envelope.occultation, moments.cam_from_icrs[:, 2]
+    if o.altitude_m is not None:
+        assert separation_rad(boresight, moments.nadir).min() >= o.earth_rad - 1e-9
+    if o.baffled:
+        sun, moon = envelope.baffle.bodies(moments.part)
+        assert separation_rad(boresight, sun).min() >= o.sun_rad - 1e-9
+        assert separation_rad(boresight, moon).min() >= o.moon_rad - 1e-9
+
+
+def test_hiding_only_takes_away(case):
+    """What is seen with bodies in the way lies within what is seen without; shares of time do not grow and add up."""
+    envelope, kept, _ = case
+    assert not np.any(kept & ~envelope.base.contains(UNIT))
+    share = envelope.time_fraction(UNIT)
+    assert not np.any((share > 0) & ~kept)
+    assert share[:-2].mean() * 4 * np.pi <= envelope.shape.area_sr * (1 - envelope.blinded.total) * 1.12
+
+
+def test_shares_of_blinded_time_are_consistent(case):
+    """Each body blinds no more than all together, all together no more than the sum, and rejection leaves the rest."""
+    b = case[0].blinded
+    each = (b.earth, b.sun, b.moon)
+    assert max(each) - 1e-12 <= b.total <= min(1.0, sum(each)) + 1e-12
+    cube = np.random.default_rng(8).random((20_000, case[0].dimensions))
+    assert np.mean(~case[0].usable(case[0].at(cube))) == pytest.approx(b.total, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["sunsat, Earth", "nadir, past the limb", "zenith, tilted"])
+def test_ends_of_what_the_earth_leaves_are_sharp(name):
+    """The angles from the orbit's axis at which a clear view exists are those of 2 million random views, reached to 0.3°,
+    never surpassed."""
+    base, occultation = CASES[name]
+    bands = seen_bands(base, views_of(base.shape, base.limits), occultation.earth_rad)
+    limit = np.cos(occultation.earth_rad)
+    angles = []
+    for seed in range(10, 20):
+        views = views_of(base.shape, base.limits, seed)
+        angles.append(views.from_y_rad[(views.direction[:, 2] <= limit) & (views.boresight[:, 2] <= limit)])
+    angles = np.concatenate(angles)
+    ends = [(np.arccos(high), np.arccos(low)) for low, high in bands]
+    assert np.any([(angles >= a - 1e-9) & (angles <= b + 1e-9) for a, b in ends], axis=0).all()
+    assert angles.min() - min(a for a, _ in ends) < np.radians(0.3)
+    assert max(b for _, b in ends) - angles.max() < np.radians(0.3)
+
+
+def test_without_an_earth_the_band_is_whole():
+    """No Earth: the one interval of the exact band."""
+    base = CASES["sunsat, Earth"][0]
+    assert seen_bands(base, views_of(base.shape, base.limits), 0.0) == [base.polar_interval]
+    assert not Occultation().active
+
+
+def test_sun_and_moon_stand_where_astropy_says():
+    """Directions from the Earth's centre over a year, to 0.1°."""
+    baffle, part = Baffle(1.0, 1.0, 2026.0, 2027.0), np.linspace(0, 1, 40)
+    times = Time(2026.0 + part, format="jyear", scale="tt")
+    for name, ours in zip(("sun", "moon"), baffle.bodies(part), strict=True):
+        place = get_body(name, times, ephemeris="builtin").transform_to(GCRS(obstime=times)).cartesian.xyz
+        truth = place.to_value(units.km).T
+        truth = truth / np.linalg.norm(truth, axis=1, keepdims=True)
+        assert separation_rad(ours, truth).max() < np.radians(0.1)
+
+
+def test_moments_lie_where_attitudes_do():
+    """The two ways to draw fields of an envelope agree: boresights cover the same sky."""
+    for base, _ in CASES.values():
+        cube = np.random.default_rng(3).random((4000, base.dimensions))
+        moments = base.at(cube)
+        assert np.abs(moments.cam_from_icrs @ np.swapaxes(moments.cam_from_icrs, 1, 2) - np.eye(3)).max() < 1e-12
+        other = base.attitudes(np.random.default_rng(4), 4000)
+        assert np.abs(moments.cam_from_icrs[:, 2].mean(axis=0) - other[:, 2].mean(axis=0)).max() < 0.06
+        assert base.contains(moments.cam_from_icrs[:100, 2]).all()
+
+
+def test_node_and_date_move_together():
+    """At the start of validity the plane has the first node, at its end the last."""
+    base = CASES["sunsat, Earth"][0]
+    cube = np.full((2, 6), 0.5)
+    cube[:, 0] = 0.0, 1.0
+    normal = np.cross(base.at(cube).nadir, base.at(np.where(np.arange(6) == 2, 0.7, cube)).nadir)
+    raan = np.arctan2(normal[:, 0], -normal[:, 1])
+    assert np.degrees(raan) == pytest.approx([133, 149], abs=1e-6)
+
+
+def test_imager_at_a_target_looks_no_farther_than_its_angle():
+    """Off-nadir angle by the elevation at the ground: 0 at the zenith, the limb at the horizon; the body's +z keeps it."""
+    assert off_nadir_rad(700e3, np.pi / 2) == pytest.approx(0.0, abs=1e-12)
+    assert off_nadir_rad(700e3, 0.0) == pytest.approx(Occultation(700e3).earth_rad)
+    assert SIDE.low[:2] == pytest.approx([-0.5, -0.5])
+    with pytest.raises(BadInput, match="off-nadir"):
+        AttitudeLimits("zenith", off_nadir_rad=0.1)
+
+
+def test_camera_beside_the_sun_sees_the_ring_round_it():
+    """Law sun_pointing: the boresight stays at right angles to the Sun, body +z points to it."""
+    limits = AttitudeLimits("sun_pointing", yaw_rad=deg(-180, 180))
+    base = PatchEnvelope(SUNSAT, limits, deg(250, 264))
+    sun, _ = Baffle(1.0, 0.0, START, END).bodies(np.array([0.5]))
+    moments = base.at(np.column_stack([np.full(50, 0.5), np.zeros((50, 2)), np.linspace(0, 1, 50)]))
+    assert separation_rad(moments.cam_from_icrs[:, 2], sun[0]) == pytest.approx(np.pi / 2, abs=np.radians(20))
+    spread = separation_rad(moments.cam_from_icrs[:1, 2], moments.cam_from_icrs[:, 2])
+    assert spread.max() > np.radians(175)
+
+
+def test_quality_counts_clear_stars_in_usable_fields():
+    """With the Earth in the way fewer stars count, and the share of lost time is told."""
+    envelope = hidden("zenith, tilted")
+    unit = centres(16)
+    free = assess(unit, envelope.base, CUBESTAR, 2000, np.random.default_rng(1))
+    less = assess(unit, envelope, CUBESTAR, 2000, np.random.default_rng(1))
+    assert less.mean < free.mean
+    assert less.blinded_share == envelope.blinded.total
+    assert free.blinded_share == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Occultation(50e3), "no satellite stays up"),
+        (lambda: Occultation(float("nan")), "no satellite stays up"),
+        (lambda: Occultation(700e3, -0.1), "earth margin angle is out of range"),
+        (lambda: Occultation(700e3, 2.5), "cover the sky"),
+        (lambda: Occultation(sun_rad=4.0), "sun angle is out of range"),
+        (lambda: Occultation(moon_rad=float("nan")), "moon angle is out of range"),
+        (lambda: OccultedEnvelope(WholeSky(SUNSAT), Occultation(sun_rad=0.5)), "need dates"),
+        (lambda: BlockEnvelope(SUNSAT, SUNSAT_LIMITS, planes(97, 0, 1), rule="most"), "unknown rule for blocks"),
+    ],
+)
+def test_impossible_occultations_are_named(make, words):
+    """Each kind of nonsense is bad input that says what is wrong."""
+    with pytest.raises(BadInput, match=words):
+        make()
+
+
+def test_a_camera_that_never_sees_sky_is_named():
+    """A camera to nadir, or into the Sun, has no usable field: said so, with how many were tried."""
+    nadir = BandEnvelope(SUNSAT, AttitudeLimits("nadir"), planes(97, 0, 1))
+    envelope = OccultedEnvelope(nadir, Occultation(700e3))
+    assert not envelope.contains(UNIT).any()
+    with pytest.raises(BadInput, match="blind every field") as error:
+        envelope.attitudes(np.random.default_rng(1), 10)
+    assert error.value.expected
+    assert error.value.got
+    assert error.value.hint
