@@ -1,0 +1,100 @@
+"""The engineer's night on the roof, in a browser: frames become a calibration that reruns use and the sensor gets, and a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from playwright.sync_api import Page, expect
+
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.solve import SolverCache
+from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
+from gss.pipeline.render import render
+
+pytestmark = pytest.mark.browser
+KNOWN = profile("cubestar")
+UNIT = replace(
+    KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
+)
+FRAMES = 8
+
+
+def files() -> list[dict[str, str | bytes]]:
+    """Eight frames of a camera that stands still, four minutes apart."""
+    stars, rng = SolverCache().stars(2026.5).brighter_than(6.0), np.random.default_rng(11)
+    out: list[dict[str, str | bytes]] = []
+    for k in range(FRAMES):
+        attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * 240 * k, 0.2, 0.5)
+        hdu = fits.PrimaryHDU(render(stars, UNIT, KNOWN.sensor, attitude, 0.25, rng).pixels)
+        hdu.header["DATE-OBS"], hdu.header["EXPTIME"] = f"2026-07-01T00:{4 * k:02d}:00", 0.25
+        data = BytesIO()
+        hdu.writeto(data)
+        out.append({"name": f"roof-{k}.fits", "mimeType": "application/fits", "buffer": data.getvalue()})
+    return out
+
+
+@pytest.fixture(scope="module")
+def imported(address: str, browser) -> str:  # type: ignore[no-untyped-def]
+    """The frames are in the store and solved; their numbers as the page writes them."""
+    context = browser.new_context(base_url=address)
+    ids = []
+    for file in files():
+        answer = context.request.post(
+            "/api/frames/import", headers={"X-GSS": "1"}, multipart={"file": file, "profile": "cubestar"}
+        )
+        assert answer.ok, answer.text()
+        ids.append(answer.json()["id"])
+    context.close()
+    return f"{min(ids)}-{max(ids)}"
+
+
+def test_a_camera_is_calibrated_used_and_made_into_a_table(
+    page: Page, imported: str, picture: Callable[[str], None]
+) -> None:
+    """Frames in, residuals before and after on the page, reruns with the new camera, a table for the sensor, a report on paper."""
+    page.goto("/calibration")
+    form = page.get_by_test_id("calibrate-form")
+    form.get_by_test_id("calibrate-frames").fill("12-")
+    expect(form).to_contain_text("not a number or a range")
+    form.get_by_test_id("calibrate-frames").fill(imported)
+    expect(form).to_contain_text(f"{FRAMES} frames")
+    form.get_by_label("Lens model").select_option("brown-4")
+    form.get_by_test_id("calibrate-start").click()
+    expect(page.get_by_test_id("version-row")).to_have_count(1)
+    report = page.get_by_test_id("study-report")
+    expect(report).to_contain_text("Residuals after")
+    expect(report).to_contain_text("focal_px")
+    page.get_by_test_id("use-calibration").click()
+    expect(page.get_by_text("cubestar: calibration 1 in use")).to_be_visible()
+    page.get_by_test_id("make-table").click()
+    expect(page.get_by_test_id("table-row")).to_have_count(1)
+    picture("calibration")
+    page.get_by_test_id("use-documented").click()
+    expect(page.get_by_text("not used for reruns")).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="PDF").click()
+    assert download.value.path().read_bytes().startswith(b"%PDF")
+
+
+def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[str], None]) -> None:
+    """The Earth-fixed test names the sidereal rate; a slew without its rate cannot be asked for; too few frames are told."""
+    page.goto("/calibration?tab=analyses")
+    form = page.get_by_test_id("analyse-form")
+    form.get_by_test_id("analyse-frames").fill(imported)
+    form.get_by_test_id("analyse-kind").select_option("slew")
+    expect(form.get_by_test_id("analyse-start")).to_be_disabled()
+    form.get_by_test_id("analyse-kind").select_option("earth-fixed")
+    form.get_by_test_id("analyse-start").click()
+    report = page.get_by_test_id("study-report")
+    expect(report).to_contain_text("turn of the camera")
+    expect(report).to_contain_text("expected 15.04")
+    picture("analyses")
+    form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])
+    form.get_by_test_id("analyse-start").click()
+    expect(page.get_by_test_id("study-failed")).to_contain_text("too few attitudes")
