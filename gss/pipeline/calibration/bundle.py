@@ -7,7 +7,7 @@ blocks of frames, a border, a small corner. The Schur complement of the blocks i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
-from gss.pipeline.attitude import svd
 from gss.pipeline.calibration.lens_models import Vector, difference_steps
-from gss.pipeline.calibration.sightings import FrameStars
+from gss.pipeline.calibration.star_stack import Stack
 
 ROUNDS = 40
 DONE = 1e-12
@@ -37,57 +36,6 @@ class Prior:
 
     value: float
     sigma: float
-
-
-@dataclass(frozen=True)
-class Stack:
-    """All stars of all frames, frame after frame. ``frame``: (n,) index; ``first``: (f,) where each frame begins."""
-
-    pixels: Array
-    sigma_px: Array
-    icrs: Array
-    frame: NDArray[np.intp]
-    first: NDArray[np.intp]
-
-    def __len__(self) -> int:
-        return len(self.pixels)
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return len(self.first)
-
-    def of_frames(self, keep: NDArray[np.bool_]) -> Stack:
-        """The frames of an (f,) mask."""
-        stars = keep[self.frame]
-        counts = np.bincount(self.frame, minlength=self.frames)[keep]
-        frame = np.repeat(np.arange(len(counts)), counts)
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
-        return Stack(self.pixels[stars], self.sigma_px[stars], self.icrs[stars], frame, first)
-
-
-def stack(frames: Sequence[FrameStars]) -> Stack:
-    """Frames, none of them empty, one after the other."""
-    counts = np.array([len(f) for f in frames])
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
-    return Stack(
-        np.concatenate([f.pixels for f in frames]),
-        np.concatenate([f.sigma_px for f in frames]),
-        np.concatenate([f.icrs for f in frames]),
-        np.repeat(np.arange(len(frames)), counts),
-        first,
-    )
-
-
-def attitudes_of(stars: Stack, camera: Camera) -> Array:
-    """(f, 3, 3) cam_from_icrs of each frame by itself, for a camera taken as right."""
-    cam = camera.unproject(stars.pixels)
-    ends = np.append(stars.first[1:], len(stars))
-    made = []
-    for low, high in zip(stars.first, ends, strict=True):
-        good = np.isfinite(cam[low:high]).all(axis=1)
-        made.append(svd(cam[low:high][good], stars.icrs[low:high][good]))
-    return np.stack(made)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, adjust
+from gss.pipeline.calibration.bundle import Adjusted, Prior, adjust
 from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures
+from gss.pipeline.calibration.star_stack import Stack
 
 ROUNDS = 8
 FEWEST_FRAMES = 3

@@ -12,9 +12,10 @@ from gss.domain.camera import Camera
 from gss.domain.errors import NotFound
 from gss.domain.stars import Ids
 from gss.pipeline.calibration.advice import Advice
-from gss.pipeline.calibration.bundle import Stack, derivatives
+from gss.pipeline.calibration.bundle import derivatives
 from gss.pipeline.calibration.lens_models import Vector, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, ResidualMap
+from gss.pipeline.calibration.star_stack import Stack
 
 GRID = 11
 

@@ -19,13 +19,14 @@ from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress
 from gss.domain.rotation import quaternion_from_matrix
 from gss.pipeline.calibration.advice import Advice
-from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, attitudes_of, huber_cost, stack
+from gss.pipeline.calibration.bundle import Adjusted, Prior, huber_cost
 from gss.pipeline.calibration.hold_out import held_out
 from gss.pipeline.calibration.lens_models import GEOMETRY, LENS_MODELS, UNITS, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures, residual_map
 from gss.pipeline.calibration.result import CameraCalibration, FrameFit, Frozen, ModelFit, Parameter, StarResiduals
 from gss.pipeline.calibration.screening import Screened, poor_data, screen
 from gss.pipeline.calibration.sightings import FrameStars
+from gss.pipeline.calibration.star_stack import Stack, attitudes_of, stack
 from gss.pipeline.calibration.support import hold_unsupported
 
 MODELS = tuple(LENS_MODELS)

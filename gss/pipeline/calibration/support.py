@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.pipeline.calibration.bundle import Adjusted, Prior, Stack, adjust
+from gss.pipeline.calibration.bundle import Adjusted, Prior, adjust
 from gss.pipeline.calibration.lens_models import FREEZING_ORDER, TILT, Vector, most_allowed_sigma
 from gss.pipeline.calibration.result import Frozen
+from gss.pipeline.calibration.star_stack import Stack
 
 TWINS = 0.998  # a correlation from here on: one of the two says nothing of its own
 TWIN_GROUPS = ({"centre_col_px", "centre_row_px"}, {"p1", "p2", *TILT})
