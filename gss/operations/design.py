@@ -92,8 +92,12 @@ def answer(
     if quick:
         report = design(request, stars, QUICK)
     else:
-        with ThreadPoolExecutor(WORKERS, thread_name_prefix="design") as pool:
+        pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="design")
+        try:
             report = design(request, stars, FULL, each=pool.map, progress=_by_percent(progress))
+        finally:
+            # After a cancel what is queued must not be worked off first.
+            pool.shutdown(wait=True, cancel_futures=True)
     fixed = document_rows(stars) if documents is None else documents
     mine = () if request.camera in [r.camera for r in fixed] else (_row(request.camera, stars),)
     record = record_of(report, question.profile, (*mine, *fixed))
