@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.domain.profiles import profile
-from gss.pipeline.experiments.never_wrong import judge
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.experiments.never_wrong import judge, judge_with
 from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, Campaign, Shard, setting_of, shards
 from gss.pipeline.experiments.never_wrong_faults import FAULTS, Fault, Place, attitude_at
 from gss.pipeline.experiments.never_wrong_frames import FRAME_FAULTS, FrameCampaign, FrameShard, spoilt
@@ -108,3 +109,14 @@ def test_frames_are_spoilt_and_judged() -> None:
         rng = np.random.default_rng(5)
         pixels, _ = spoilt(fault, known, STARS, attitude_at(fault.place, known.camera, rng), rng)
         assert pixels.shape == (known.camera.rows, known.camera.columns)
+
+
+@pytest.mark.parametrize(("camera", "attitude"), [("aim", 4085), ("aim", 5417), ("sunsat", 1784)])
+def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -> None:
+    """Two stars of a mirrored frame that would turn a tracked attitude, and three in a corner with another focal length."""
+    asked = subject(setting_of(camera, "own"), propagate(load_stars(8.0), 2000.0))
+    rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])
+    share = np.array([f.share for f in FAULTS])
+    fault = FAULTS[int(rng.choice(len(FAULTS), p=share / share.sum()))]
+    assert fault.mirrored or fault.scale != 1.0
+    assert judge_with(asked, fault, list(Mode)[attitude % 3], rng).verdict.value != "wrong"

@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import Attitude, Centroids, Matches
-from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.attitude import weighted_covariance_rad2
 from gss.pipeline.chains.aim_detect import find_centroids
@@ -30,6 +30,7 @@ from gss.pipeline.track.differential import differential_attitude
 PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
 DENSITY_RADIUS_RAD = float(np.radians(5.0))
 LOOSE, COMPANION = 2.0, 6.0
+PAIR, TURN_SIGMAS = 2, 3.0
 
 
 def calculate_attitude(
@@ -82,10 +83,9 @@ def _objection(
     sound = errors_objection(miss_rad, sigma_rad, parameters.tolerance_rad, camera.pixel_rad)
     if sound:
         return sound
-    if matching.mode is not Mode.TRACKING and not is_handed(
-        matching.unit_cam[chosen], reference, parameters.tolerance_rad
-    ):
-        return f"{len(chosen)} stars in a pattern that is its own mirror image"
+    mirrored = _may_be_mirrored(matching, attitude, reference, sigma_rad, parameters, hint)
+    if mirrored:
+        return mirrored
     if matching.mode is not Mode.LOST_IN_SPACE and hint is not None:
         boresight = np.asarray(hint.boresight_icrs, float)
         off_rad = float(np.arccos(np.clip(boresight @ attitude[2] / np.linalg.norm(boresight), -1, 1)))
@@ -98,6 +98,29 @@ def _objection(
             f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
         )
     return ""
+
+
+def _may_be_mirrored(
+    matching: Matching,
+    attitude: Array,
+    reference: Array,
+    sigma_rad: Array,
+    parameters: AimParameters,
+    hint: Hint | None,
+) -> str:
+    """Why the stars may be those of a mirrored frame, or "". Two stars always may; in tracking a mirrored pair seldom lies as the
+    pair did that was expected, hence no large turn is believed to two."""
+    unit = matching.unit_cam[matching.selected]
+    if len(unit) > PAIR or matching.mode is not Mode.TRACKING or hint is None or hint.quaternion is None:
+        handed = is_handed(unit, reference, parameters.tolerance_rad)
+        return "" if handed else f"{len(unit)} stars in a pattern that is its own mirror image"
+    turn = attitude @ matrix_from_quaternion(hint.quaternion).T
+    turn_rad = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    apart_rad = float(np.linalg.norm(unit[1] - unit[0]))
+    limit_rad = parameters.capture_rad + TURN_SIGMAS * float(np.linalg.norm(sigma_rad)) / max(apart_rad, 1e-9)
+    if turn_rad <= limit_rad:
+        return ""
+    return f"two stars would turn the attitude by {np.degrees(turn_rad):.2f}°; {np.degrees(limit_rad):.2f}° believed"
 
 
 def _hint_error_rad(camera: Camera, parameters: AimParameters) -> float:

@@ -30,7 +30,8 @@ SOURCES: dict[str, str] = {
     "max_hypotheses": "ours: how many pairs of linked stars a blind search tries, best first",
     "max_centroids": "ours: a field of 3.45° has some ten stars to V 7.5",
     "min_verified": "ours: four without knowledge, three with a hint (Moniteq 1983 §2.1 asks for three), two in tracking (Fig. 6.1 "
-    "step 2f); with acceptance 'document' two everywhere (Fig. 6.1 step 3h)",
+    "step 2f), where two may turn the attitude by capture_rad only, because two fit a mirrored frame; with acceptance 'document' "
+    "two everywhere (Fig. 6.1 step 3h)",
     "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
     "acceptance": "ours 'proved': residuals and the false-match bound decide; 'document': a pattern of two linked stars is enough, "
     "which by the document's own figure (§2.1) is accidental once in six",
@@ -88,7 +89,9 @@ class AimParameters:
 
     def min_verified(self, mode: Mode) -> int:
         """Fewest verified stars for an attitude."""
-        if self.acceptance == "document" or mode is Mode.TRACKING:
+        if self.acceptance == "document":
+            return DOCUMENT_VERIFIED
+        if mode is Mode.TRACKING:
             return self.min_verified_tracking
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
 
@@ -99,6 +102,7 @@ class AimParameters:
 
 
 NOISE_SIGMAS = 5.0
+DOCUMENT_VERIFIED = 2
 TOLERANCE_PX = 0.25
 HINT_ERROR_RAD = float(np.radians(5.0))
 FAINTEST_AREA_PX = 3.0

@@ -22,7 +22,10 @@ from gss.pipeline.chains.sunsat_detect import brightest, dark_rows_dn, find_star
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, candidates
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.chains.sunsat_track import off_prediction_px
+from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.regions import Pixels
+
+FOCAL_TOLERANCES = 2.0
 
 
 def find_in_frame(pixels: Pixels, parameters: SunsatParameters) -> Detection:
@@ -104,6 +107,7 @@ def calculate_attitude(
         _off_hint(matching.mode, hint, cam_from_icrs, camera, catalogue, p)
         or _too_probable(probability, matching, len(extra), p)
         or _unlike_the_sky(stars, matching, len(extra), p)
+        or _another_focal_length(matching, centroids, catalogue, camera, p)
     )
     if reason:
         return Solution(None, None, probability, reason)
@@ -112,6 +116,21 @@ def calculate_attitude(
     residual_px = centroids.pixels[named] - camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
     matches = Matches(named.astype(np.int32), catalogue.bank.hip[rows].astype(np.int32), weight, residual_px)
     return Solution(Attitude(quaternion_from_matrix(cam_from_icrs), covariance), matches, probability, "")
+
+
+def _another_focal_length(
+    matching: SunsatMatching, centroids: Centroids, catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters
+) -> str:
+    """Ours: three stars in a corner fit another focal length too, with a boresight that is off."""
+    if p.acceptance == "document":
+        return ""
+    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
+    matched = np.searchsorted(good, matching.selected)
+    bank = catalogue.guides.unit
+    radius_px = FOCAL_TOLERANCES * p.distance_tolerance_rad / camera.pixel_rad
+    return focal_objection(
+        centroids.pixels[good], matched, bank[matching.row[matching.selected]], bank, camera, radius_px
+    )
 
 
 def _triad(

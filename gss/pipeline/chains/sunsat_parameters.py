@@ -36,7 +36,7 @@ SOURCES: dict[str, str] = {
     "min_group": "Jacobs 1995 §3.3.5: ICLim ends at one, which is three stars",
     "matcher": "match_groups is Jacobs 1995 §3.3, star_vectors §3.2.2 (Baldini)",
     "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound: ours as well, an accidental group must be "
-    "improbable",
+    "improbable and the field must not show another focal length",
     "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
     "residual_tolerance_rad": "ours: largest misfit of a matched star in the TRIAD attitude; three distance tolerances",
     "sure_mag": "ours: half a magnitude above the catalogue's limit a star is found without fail",
