@@ -97,8 +97,11 @@ def from_stars(
         full_dn = float(known.sensor.saturation_dn) if known else float((1 << shots[0].bits) - 1)
         images = [shot.pixels() for shot in solved.shots[:PSF_SHOTS]]
         e_per_dn = known.sensor.gain_e_per_dn if known else 0.0
-        width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
-        result["psf"] = report.psf(width, focus_advice(width.centre_sigma_px))
+        try:
+            width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
+            result["psf"] = report.psf(width, focus_advice(width.centre_sigma_px))
+        except BadInput as error:
+            result["psf_problem"] = str(error)
     result["warnings"] = report.warnings(geometry, light)
     values = dict(calibration_values(calibrated_profile(known, geometry, light))) if known else {}
     return Found("stars", values, result)

@@ -6,19 +6,25 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.catalogue_tools.corrections import aberrate
 from gss.catalogue_tools.orbits import jyear_of
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import SolveResult
+from gss.domain.stars import StarTable
 from gss.operations.frames import FrameService, Pixels
+from gss.operations.observer import Observer, observer_of_frame
 from gss.operations.solve import Solver, SolveRequest
 from gss.pipeline.calibration.sightings import FrameStars, frame_stars
+from gss.pipeline.calibration.trails import trail_px
+from gss.pipeline.calibration.trails import trail_px
 from gss.store import frames as store
 from gss.store.engine import Database
 
@@ -30,7 +36,8 @@ EPOCH_STEP_YR = 0.25
 
 @dataclass(frozen=True)
 class Shot:
-    """One frame of a night. ``pixels`` reads it when it is wanted; ``frame_id``: its number in the store, if it is there."""
+    """One frame of a night. ``pixels`` reads it when it is wanted; ``frame_id``: its number in the store, if it is there.
+    ``observer``: how fast who took it moved; None: not known, and aberration stays in the stars' places."""
 
     name: str
     taken: datetime
@@ -38,6 +45,7 @@ class Shot:
     bits: int
     pixels: Callable[[], Pixels]
     frame_id: int | None = None
+    observer: Observer | None = None
 
 
 @dataclass(frozen=True)
@@ -60,8 +68,9 @@ class StoredShots:
     def __init__(self, database: Database, frames: FrameService) -> None:
         self._database, self._frames = database, frames
 
-    def of(self, ids: Sequence[int]) -> list[Shot]:
-        """The frames of those ids, oldest first; BadInput where one has missing rows."""
+    def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
+        """The frames of those ids, oldest first; BadInput where one has missing rows. ``aberration``: taken out or not; None:
+        where the time is that of the sky, and not for the simulator's frames, which come without it."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
         partial = [row.id for row in rows if not row.complete]
@@ -72,7 +81,15 @@ class StoredShots:
                 hint="ask the sensor for the missing rows first",
             )
         return [
-            Shot(f"frame {r.id}", r.taken, r.exposure_s, r.bits, lambda r=r: self._frames.pixels(r), r.id)  # type: ignore[misc]
+            Shot(
+                f"frame {r.id}",
+                r.taken,
+                r.exposure_s,
+                r.bits,
+                partial(self._frames.pixels, r),
+                r.id,
+                observer_of_frame(r, aberration),
+            )
             for r in sorted(rows, key=lambda row: (row.taken, row.id))
         ]
 
@@ -93,11 +110,12 @@ def solve_shots(
     for k, shot in enumerate(shots):
         tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
-            result = solver.solve(shot.pixels(), request_of(shot, known, fov_rad, chain, camera))
+            pixels = shot.pixels()
+            result = solver.solve(pixels, request_of(shot, known, fov_rad, chain, camera))
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
-        stars = _stars(solver, shot, result, known)
+        stars = _stars(solver, shot, pixels, result, known)
         account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
         if stars is not None:
             taken.append((shot, result, stars))
@@ -130,7 +148,9 @@ def request_of(
 ) -> SolveRequest:
     """What to ask of the solver: a known camera, with another geometry where one is given, one whose field's width is known,
     or blind."""
-    request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot))
+    request = SolveRequest(
+        chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s
+    )
     if known is not None:
         return replace(request, known=known if camera is None else replace(known, camera=camera))
     if camera is not None:
@@ -139,14 +159,26 @@ def request_of(
 
 
 def _stars(solver: Solver, shot: Shot, result: SolveResult, known: CameraProfile | None) -> FrameStars | None:
+    saturation_dn = float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1)
+    trails = trail_px(shot.pixels(), result.centroids, saturation_dn) if result.attitude is not None else 0.0
     return frame_stars(
         shot.name,
         result,
-        solver.cache.stars(epoch_of(shot)),
+        seen_stars(solver, shot),
         exposure_s=math.nan if shot.exposure_s is None else shot.exposure_s,
         time_s=shot.taken.timestamp(),
-        saturation_dn=float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1),
+        streak_px=trails,
+        saturation_dn=saturation_dn,
     )
+
+
+def seen_stars(solver: Solver, shot: Shot) -> StarTable:
+    """The stars of a shot's date where its observer sees them. Aberration stretches the sky ahead and shrinks it behind by up to
+    a ten-thousandth: a camera that is fitted to places without it gets that much of another focal length."""
+    stars = solver.cache.stars(epoch_of(shot))
+    if shot.observer is None:
+        return stars
+    return replace(stars, icrs=aberrate(stars.icrs, np.array(shot.observer.velocity_c)))
 
 
 def epoch_of(shot: Shot) -> float:
