@@ -77,7 +77,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         raise BadInput("focal lengths and gain must be above zero")
     own = calibration_values(profile)
     for name in numbers:
-        within_reason(name, numbers[name], own.get(name, 0.0))
+        known = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
+        # A coefficient of a lens may turn out to be nothing, or of the other sign.
+        within_reason(name, numbers[name], -abs(float(known)) if name in coefficients and name != "focal_mm" else known)
     if not numbers["bright_limit_mag"] < numbers["faint_limit_mag"]:
         raise BadInput("limiting magnitudes are crossed", expected="bright_limit_mag below faint_limit_mag")
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
