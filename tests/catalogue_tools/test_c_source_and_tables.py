@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from astropy.io import fits
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gss.catalogue_tools.distances import distance_table
@@ -182,7 +182,7 @@ def test_a_changed_table_is_found(name, change, words):
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "fits"])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None)
 @given(st.data())
 def test_any_changed_byte_of_a_file_is_found_or_harmless(kind, data):
     """A byte changed anywhere in the file gives the same image or a clear error, never another image."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gss.catalogue_tools.distances import distance_table
@@ -248,6 +248,7 @@ dec_s = st.one_of(st.floats(-np.pi / 2, np.pi / 2), near_poles)
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
+@settings(deadline=None)
 @given(st.lists(st.tuples(ra_s, dec_s, st.floats(-1.5, 12.0)), min_size=1, max_size=12, unique=True))
 def test_any_list_comes_back_and_encodes_the_same(format_name, places):
     """Poles, the wrap of right ascension, stars at one place: near in position, and the same bytes again."""
@@ -265,6 +266,7 @@ def test_any_list_comes_back_and_encodes_the_same(format_name, places):
 
 
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
+@settings(deadline=None)
 @given(st.data())
 def test_any_changed_byte_is_found(format_name, data):
     """One byte of the image changed to any other value, with flash behind it: found."""
