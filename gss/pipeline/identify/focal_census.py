@@ -18,7 +18,7 @@ from gss.pipeline.attitude import svd
 Rows = NDArray[np.intp]
 
 # Neighbours in the grid are half a pixel apart at 200 px from the middle; a list further off is hardly ever matched at all.
-STEP, LARGEST = 0.0025, 0.015
+STEP, LARGEST = 0.0025, 0.03
 # A calibration may be off by one step: 1.5 px at 600 px is no false attitude.
 AS_KNOWN = (1 + STEP, 1 - STEP)
 OTHERS = tuple(round(1 + sign * k * STEP, 6) for k in range(2, round(LARGEST / STEP) + 1) for sign in (1, -1))
