@@ -28,7 +28,7 @@ from typing import Any  # noqa: E402
 
 from tools.bench_catalogue import catalogues  # noqa: E402
 from tools.bench_frames import chains, drawing, finding  # noqa: E402
-from tools.bench_identify import lost_in_space  # noqa: E402
+from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_tables import Table, machine  # noqa: E402
 
@@ -37,6 +37,7 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
     "centroid": finding,
     "chain": chains,
     "lost_in_space": lost_in_space,
+    "near_attitude": near_attitude,
     "catalogue": catalogues,
     "packets": packets,
     "transfer": transfers,

@@ -15,6 +15,7 @@ from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import SolveResult, Truth, Verdict
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.domain.stars import OnboardCatalogue
+from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar, reference
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.verify import Sky
@@ -54,10 +55,14 @@ def finding(quick: bool) -> list[Table]:
     """Detection and centroids on the same frames for all, in turns, so that the machine's moods fall on all alike."""
     frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
     finders: dict[str, Finder] = {
-        "reference, known camera": _ours(SIGMA_PX),
-        "reference, unknown width": _ours(None),
+        "reference, known camera": _ours(SIGMA_PX, fast=False),
+        "reference, unknown width": _ours(None, fast=False),
     }
     skipped: list[str] = []
+    if kernels.AVAILABLE:
+        finders["reference [fast], known camera"] = _ours(SIGMA_PX, fast=True)
+    else:
+        skipped.append("the extra [fast] is not installed")
     for peer in (_sep_finders, _tetra3rs_finders):
         try:
             finders |= peer()
@@ -90,11 +95,12 @@ def finding(quick: bool) -> list[Table]:
     return [Table("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
 
 
-def _ours(sigma_px: float | None) -> Finder:
+def _ours(sigma_px: float | None, *, fast: bool) -> Finder:
     def find(pixels: NDArray[np.uint8]) -> Array:
         if sigma_px is None:
-            return find_stars(pixels).centroids.pixels
-        return find_stars(pixels, psf_sigma_px=sigma_px, saturation_dn=255.0, e_per_dn=E_PER_DN).centroids.pixels
+            return find_stars(pixels, fast=fast).centroids.pixels
+        found = find_stars(pixels, psf_sigma_px=sigma_px, saturation_dn=255.0, e_per_dn=E_PER_DN, fast=fast)
+        return found.centroids.pixels
 
     return find
 
@@ -161,12 +167,17 @@ def chains(quick: bool) -> list[Table]:
     """Both chains from pixels to attitude on the same frames."""
     known = profile("cubestar")
     bank, sky, parameters = _bank(known), _known_sky(known), cubestar.default_parameters(known)
-    results: dict[str, list[tuple[float, Verdict]]] = {"cubestar": [], "reference": []}
+    loops = {"": False} | ({" [fast]": True} if kernels.AVAILABLE else {})
+    results: dict[str, list[tuple[float, Verdict]]] = {n + f: [] for n in ("cubestar", "reference") for f in loops}
     for pixels, truth in _frames_of(known, 3 if quick else 200):
-        solves: dict[str, Callable[[], SolveResult]] = {
-            "cubestar": lambda p=pixels: cubestar.solve(p, known.camera, bank, parameters),  # type: ignore[misc]
-            "reference": lambda p=pixels: reference.solve_known(p, known.camera, known.sensor, sky),  # type: ignore[misc]
-        }
+        solves: dict[str, Callable[[], SolveResult]] = {}
+        for suffix, fast in loops.items():
+            solves["cubestar" + suffix] = lambda p=pixels, f=fast: cubestar.solve(  # type: ignore[misc]
+                p, known.camera, bank, parameters, fast=f
+            )
+            solves["reference" + suffix] = lambda p=pixels, f=fast: reference.solve_known(  # type: ignore[misc]
+                p, known.camera, known.sensor, sky, fast=f
+            )
         for name, solve in solves.items():
             if not results[name]:
                 solve()

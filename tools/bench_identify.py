@@ -11,8 +11,10 @@ import numpy as np
 from gss.catalogue_tools.distances import distance_table_of_units
 from gss.domain.profiles import profile
 from gss.domain.results import Centroids
+from gss.domain.rotation import rotation_from_vector
 from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import cubestar, reference
+from gss.pipeline.identify.near import Hint
 from gss.pipeline.identify.verify import Sky
 from tools.bench_scenes import CAMERAS, Array, Optics, StarList, star_lists, visible_stars
 from tools.bench_tables import Table, Value, spread, timed_ms
@@ -21,6 +23,7 @@ SEED = 2025
 NOISE_PX = 0.2
 FALSE_STARS = (0, 1, 5, 10)
 FEWEST = 4
+PRIOR_OFF_RAD = float(np.radians(0.5))
 Solver = Callable[[StarList], tuple[float, Array | None]]
 """A list in, duration in ms and the (3,) boresight in ICRS out; None when there is no solution."""
 
@@ -28,6 +31,40 @@ Solver = Callable[[StarList], tuple[float, Array | None]]
 def lost_in_space(quick: bool) -> list[Table]:
     """One table for each camera."""
     return [_table(optics, 5 if quick else 300) for optics in CAMERAS]
+
+
+def near_attitude(quick: bool) -> list[Table]:
+    """Assisted and tracking: a prior attitude off by up to 0.5°, lists with and without false stars."""
+    return [_near_table(optics, 5 if quick else 300) for optics in CAMERAS]
+
+
+def _near_table(optics: Optics, count: int) -> Table:
+    sky = visible_stars(optics)
+    camera, known = optics.camera, reference.known_sky(sky, optics.camera, optics.faint_mag)
+    rows: list[tuple[str, dict[str, Value]]] = []
+    for false_stars in FALSE_STARS:
+        rng = np.random.default_rng(SEED + false_stars)
+        scenes = star_lists(sky, optics, count, false_stars, NOISE_PX, SEED + false_stars)
+        answers: list[tuple[float, Array | None]] = []
+        for scene in scenes:
+            centroids = _centroids(scene, optics)
+            turn = rng.normal(size=3)
+            prior = (
+                rotation_from_vector(turn / np.linalg.norm(turn) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
+            )
+            hint = Hint(prior, PRIOR_OFF_RAD)
+            duration_ms, result = timed_ms(
+                lambda c=centroids, h=hint: reference.solve_centroids(c, camera, known, hint=h)  # type: ignore[misc]
+            )
+            answers.append((duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]))
+        few = sum(scene.true_stars < FEWEST for scene in scenes)
+        spent = spread([ms for ms, _ in answers[1:]])
+        rows.append((f"{false_stars} false, reference", spent | _judged(answers, scenes, optics) | {"few": few}))
+    conditions = (
+        f"{count} lists as lost in space; the prior attitude is off by up to {np.degrees(PRIOR_OFF_RAD):g}° about any axis; "
+        "identification, attitude and covariance together. Where the prior leads nowhere the whole sky is searched."
+    )
+    return Table("near_attitude", f"Near a known attitude, {optics.name}", conditions, SEED, rows)
 
 
 def _table(optics: Optics, count: int) -> Table:
