@@ -1,9 +1,10 @@
 """How unique the sky is: what else in the catalogue looks like the stars of a field, field by field.
 
-A matcher that knows distances only is misled by other triangles with the same three sides. For every triangle of a field's
-brightest stars the other triangles of the catalogue within the tolerance are counted, mirrored ones too, which distances
-cannot tell apart. The mean over the field's triangles is the figure: about the number of false answers a single triangle
-brings. Fewer than three stars leave everything open: infinite.
+Two kinds of matchers, two figures. One that takes a triangle is misled by other triangles with the same three sides: for
+every triangle of a field's brightest stars those of the catalogue are counted, mirrored ones too, which distances cannot
+tell apart. One that votes is misled where wrong names get as many votes as the right one: ``rivals`` is how many names do
+by chance, from the number of stars and the wrong pairs that each distance brings. Fewer than three stars leave everything
+open: infinite.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import gammainc
 
 from gss.catalogue_tools.envelope import Envelope
 from gss.catalogue_tools.healpix import centres
@@ -29,24 +31,25 @@ Rows = NDArray[np.intp]
 @dataclass(frozen=True)
 class AmbiguityMap:
     """By HEALPix ring pixel, NaN (``stars``: −1) outside the envelope: stars in a circle there, mean number of other pairs that
-    look like a pair of its brightest, mean number of other triangles that look like one of theirs."""
+    look like a pair of its brightest, mean number of other triangles that look like one of theirs, and expected number of
+    wrong names per star with as many votes as the right one."""
 
     nside: int
     tolerance_rad: float
     stars: NDArray[np.int64]
     wrong_pairs: Array
     wrong_triangles: Array
+    rivals: Array
 
     @property
     def worst(self) -> tuple[float, float, float]:
-        """Right ascension, declination and figure of the least unique place; among those of infinite figure the one with
-        fewest stars."""
+        """Right ascension, declination and ``rivals`` of the least unique place; among infinite ones that with the fewest stars."""
         inside = np.flatnonzero(self.stars >= 0)
         if not len(inside):
             return float("nan"), float("nan"), float("nan")
-        order = np.lexsort((self.stars[inside], -self.wrong_triangles[inside]))
+        order = np.lexsort((self.stars[inside], -self.rivals[inside]))
         x, y, z = centres(self.nside)[inside[order[0]]]
-        figure = float(self.wrong_triangles[inside[order[0]]])
+        figure = float(self.rivals[inside[order[0]]])
         return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
 
     def facts(self) -> dict[str, Any]:
@@ -59,10 +62,11 @@ class AmbiguityMap:
             "tolerance_rad": self.tolerance_rad,
             "median_wrong_pairs": float(np.median(self.wrong_pairs[finite])) if finite.any() else None,
             "median_wrong_triangles": float(np.median(self.wrong_triangles[finite])) if finite.any() else None,
+            "median_rivals": float(np.median(self.rivals[finite])) if finite.any() else None,
             "share_without_triangle": float(np.mean(~finite[inside])) if inside.any() else None,
             "worst_ra_rad": ra,
             "worst_dec_rad": dec,
-            "worst_wrong_triangles": figure if np.isfinite(figure) else None,
+            "worst_rivals": figure if np.isfinite(figure) else None,
         }
 
 
@@ -89,14 +93,14 @@ def ambiguity_map(
     pairs, triangles = np.full(len(places), np.nan), np.full(len(places), np.nan)
     if not len(inside) or not len(unit):
         stars[inside], triangles[inside] = 0, np.inf
-        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles)
+        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
     found = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
     stars[inside] = [len(f) for f in found]
     trios = [list(combinations(f[:brightest], 3)) for f in found]
     owner = np.repeat(inside, [len(t) for t in trios])
     triangles[inside] = np.inf
     if not len(owner):
-        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles)
+        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
     every = np.array([t for group in trios for t in group], np.intp)
     unique, back = np.unique(every, axis=0, return_inverse=True)
     other_pairs, other_triangles = wrong_matches(unit, unique, tolerance_rad, max_rad)
@@ -104,7 +108,17 @@ def ambiguity_map(
     some = count > 0
     for target, figure in ((pairs, other_pairs), (triangles, other_triangles)):
         target[some] = np.bincount(owner, figure[back.ravel()], len(places))[some] / count[some]
-    return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles)
+    rivals = triangles.copy()
+    rivals[some] = expected_rivals(np.minimum(stars[some], brightest), pairs[some], len(unit))
+    return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, rivals)
+
+
+def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
+    """(m,) expected wrong names with at least the votes that the right one is sure of: one per other star of the field. Wrong
+    pairs name two stars each, anywhere in the catalogue: Poisson's law."""
+    votes = field_stars - 1
+    mean = votes * 2 * wrong_pairs / max(catalogue_stars, 1)
+    return np.asarray(catalogue_stars * gammainc(np.maximum(votes, 1), mean))
 
 
 def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float) -> tuple[Array, Array]:

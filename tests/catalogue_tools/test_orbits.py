@@ -8,7 +8,7 @@ from astropy.coordinates import ICRS, TEME, CartesianRepresentation
 from astropy.time import Time
 from sgp4.api import Satrec, jday
 
-from gss.catalogue_tools.orbits import from_tle, jyear_of, node_rate_rad_s, read_tle
+from gss.catalogue_tools.orbits import altitude_of_tle, from_tle, jyear_of, node_rate_rad_s, read_tle
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
 
@@ -102,3 +102,28 @@ def test_lines_of_two_satellites_are_named():
 def test_julian_year_is_astropys():
     """Epochs agree with astropy to a minute."""
     assert jyear_of(START) == pytest.approx(Time(START).jyear, abs=2e-6)
+
+
+def test_altitude_is_that_of_the_mean_orbit():
+    """The station at 15.501 turns a day flies some 417 km up."""
+    assert altitude_of_tle(TLE) == pytest.approx(417e3, abs=5e3)
+
+
+def test_perigee_in_the_air_is_a_decayed_orbit():
+    """A perigee below 100 km is no orbit, whatever the mean motion says, and the error says what to try."""
+    low = with_checksum(TLE.splitlines()[2].replace("0007417", "0550000"))
+    for use in (read_tle, altitude_of_tle, lambda text: from_tle(text, START, 5)):
+        with pytest.raises(BadInput, match="decayed") as error:
+            use("\n".join([TLE.splitlines()[1], low]))
+        assert error.value.expected
+        assert error.value.got
+        assert error.value.hint
+
+
+def test_elements_that_describe_no_orbit_are_named():
+    """SGP4's own complaints come as bad input with what was expected."""
+    wild = with_checksum(TLE.splitlines()[2].replace("15.50103472", "99.50103472"))
+    with pytest.raises(BadInput) as error:
+        read_tle("\n".join([TLE.splitlines()[1], wild]))
+    assert error.value.expected
+    assert error.value.hint

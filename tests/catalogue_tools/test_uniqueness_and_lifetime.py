@@ -1,0 +1,330 @@
+"""Ambiguity of the sky, the poorest field, chance matches, drift out of the envelope, and Jacobs' blocks."""
+
+import itertools
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.ambiguity import ambiguity_map, wrong_matches
+from gss.catalogue_tools.attitude import AttitudeLimits
+from gss.catalogue_tools.blocks import RULES, BlockEnvelope, BlockSteps, stepped
+from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.lifetime import lifetime
+from gss.catalogue_tools.moniteq import moniteq_screening
+from gss.catalogue_tools.orbits import from_elements
+from gss.catalogue_tools.poorest import search_poorest
+from gss.catalogue_tools.quality import assess, candidates_per_star, stars_per_field
+from gss.catalogue_tools.screening import companions, false_matches, screen
+from gss.domain.angles import separation_rad
+from gss.domain.errors import BadInput
+from gss.domain.profiles import profile
+from gss.pipeline.identify.geometric_voting import pairs_of, vote
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140))
+SUNSAT, CUBESTAR = (FieldShape(profile(name).camera) for name in ("sunsat", "cubestar"))
+VALID_TO = datetime(2026, 12, 15, tzinfo=UTC)
+
+
+def sunsat(low, high):
+    return BandEnvelope(SUNSAT, LIMITS, from_elements(deg(97, 97), deg(low, high)))
+
+
+def scattered(count, seed=2):
+    unit = np.random.default_rng(seed).normal(size=(count, 3))
+    return unit / np.linalg.norm(unit, axis=1, keepdims=True)
+
+
+# Ambiguity
+
+
+def test_wrong_triangles_are_those_of_full_enumeration():
+    """Every other triangle of 40 stars with the same sides in some order is counted once, and every other pair."""
+    unit, tolerance, longest = scattered(40), 0.05, 1.2
+    apart = separation_rad(unit[:, None], unit[None])
+    trios = np.array(
+        [
+            t
+            for t in itertools.combinations(range(40), 3)
+            if max(apart[i, j] for i, j in itertools.combinations(t, 2)) < longest
+        ]
+    )[:60]
+    pairs, triangles = wrong_matches(unit, trios, tolerance, longest)
+    listed = [apart[i, j] for i, j in itertools.combinations(range(40), 2) if apart[i, j] <= longest + tolerance]
+    for trio, found, near in zip(trios, triangles, pairs, strict=True):
+        a, b, c = trio
+        sides = apart[a, b], apart[a, c], apart[b, c]
+        like = {
+            tuple(sorted(t))
+            for t in itertools.permutations(range(40), 3)
+            if abs(apart[t[0], t[1]] - sides[0]) <= tolerance
+            and abs(apart[t[0], t[2]] - sides[1]) <= tolerance
+            and abs(apart[t[1], t[2]] - sides[2]) <= tolerance
+        }
+        assert found == len(like - {tuple(trio)})
+        assert near == pytest.approx(np.mean([sum(abs(d - s) <= tolerance for d in listed) for s in sides]) - 1)
+
+
+@pytest.mark.parametrize(("tolerance", "times"), [(0.001, 5), (0.003, 2)])
+def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
+    """Geometric voting on noisy fields of a small catalogue: in the third of the sky that the map calls least unique it names
+    far more stars wrongly than in the third it calls most unique."""
+    stars = load_stars(3.2).brighter_than(3.2)
+    longest, radius = float(np.radians(43)), CUBESTAR.equal_circle_rad
+    made = ambiguity_map(stars.icrs, WholeSky(CUBESTAR), radius, tolerance, longest, nside=8)
+    table = distance_table(stars, 1e-4, longest)
+    rng, figure, wrong = np.random.default_rng(4), [], []
+    for pixel in np.flatnonzero(made.stars >= 3):
+        rows = np.flatnonzero(separation_rad(stars.icrs, centres(8)[pixel]) <= radius)[:6]
+        seen = stars.icrs[rows] + rng.normal(size=(len(rows), 3)) * tolerance / 4
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        ballot = vote(pairs_of(seen), len(rows), table, len(stars), tolerance)
+        figure.append(made.rivals[pixel])
+        wrong.append(np.mean(ballot.row != rows))
+    order, third = np.argsort(figure, kind="stable"), len(figure) // 3
+    unique, ambiguous = np.array(wrong)[order[:third]].mean(), np.array(wrong)[order[-third:]].mean()
+    assert ambiguous > times * unique
+    assert np.corrcoef(np.argsort(np.argsort(figure)), wrong)[0, 1] > 0.4
+
+
+def test_map_knows_its_envelope_and_its_holes():
+    """NaN outside, infinite where fewer than three stars are, finite elsewhere; the worst place is inside."""
+    stars = load_stars(4.5).brighter_than(4.5)
+    envelope = sunsat(133, 149)
+    made = ambiguity_map(stars.icrs, envelope, SUNSAT.equal_circle_rad, 3e-4, np.radians(14))
+    inside = envelope.contains(centres(16))
+    assert np.array_equal(made.stars >= 0, inside)
+    assert np.isnan(made.wrong_triangles[~inside]).all()
+    assert np.array_equal(np.isinf(made.wrong_triangles), inside & (made.stars < 3))
+    ra, dec, figure = made.worst
+    place = np.array([[np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]])
+    assert separation_rad(place, centres(16)[inside]).min() < 1e-6
+    assert figure == np.max(made.rivals[inside])
+    facts = made.facts()
+    assert facts["share_without_triangle"] == pytest.approx(np.mean(made.stars[inside] < 3))
+    assert facts["worst_rivals"] is None
+
+
+def test_wider_tolerance_is_more_ambiguous():
+    """Wrong pairs and triangles grow with the tolerance; a catalogue of no stars is all holes."""
+    stars = load_stars(3.8).brighter_than(3.8)
+    sky = WholeSky(CUBESTAR)
+    sharp, blunt = (ambiguity_map(stars.icrs, sky, 0.3, t, 0.75, nside=4) for t in (5e-4, 5e-3))
+    assert np.nanmean(blunt.wrong_pairs) > 5 * np.nanmean(sharp.wrong_pairs)
+    finite = np.isfinite(sharp.wrong_triangles)
+    assert blunt.wrong_triangles[finite].sum() > 10 * sharp.wrong_triangles[finite].sum()
+    assert np.isinf(ambiguity_map(np.empty((0, 3)), sky, 0.3, 1e-3, 0.7, nside=2).wrong_triangles).all()
+    with pytest.raises(BadInput, match="ambiguity needs"):
+        ambiguity_map(stars.icrs, sky, 0.3, 0.0, 0.7)
+
+
+# The poorest field
+
+
+def test_search_finds_a_hole_that_random_fields_miss():
+    """A hole in an even sky, a little smaller than the field: the search comes nearer to its middle than as many random fields."""
+    unit = scattered(30_000)
+    unit = unit[separation_rad(unit, centres(8)[100]) > SUNSAT.half_diagonal_rad * 0.8]
+    sky = WholeSky(SUNSAT)
+    found = search_poorest(unit, sky, SUNSAT)
+    random = stars_per_field(unit, sky.attitudes(np.random.default_rng(3), found.searched), SUNSAT)
+    assert found.stars < random.min()
+    assert stars_per_field(unit, found.cam_from_icrs[None], SUNSAT)[0] == found.stars
+    assert separation_rad(found.cam_from_icrs[2], centres(8)[100]) < np.radians(1)
+
+
+def test_quality_reports_the_poorest_field_where_it_is():
+    """The worst field is at the attitude told, in the envelope, and no richer than any of the pointings."""
+    stars = load_stars(5.0)
+    envelope = sunsat(133, 149)
+    quality = assess(stars.icrs, envelope, SUNSAT, 2000, np.random.default_rng(1))
+    assert quality.worst_stars <= np.flatnonzero(quality.histogram)[0]
+    assert quality.searched > 1000
+    place = np.array(
+        [
+            np.cos(quality.worst_dec_rad) * np.cos(quality.worst_ra_rad),
+            np.cos(quality.worst_dec_rad) * np.sin(quality.worst_ra_rad),
+            np.sin(quality.worst_dec_rad),
+        ]
+    )
+    assert envelope.contains(place[None])[0]
+
+
+def test_candidates_per_star_are_those_of_random_answers():
+    """Distinct stars named by random pairs: the law against drawing; without a table unknown."""
+    rng = np.random.default_rng(5)
+    drawn = [len(np.unique(np.concatenate([rng.choice(200, 2, replace=False) for _ in range(60)]))) for _ in range(300)]
+    assert candidates_per_star(200, 10.0, 7.0) == pytest.approx(np.mean(drawn), rel=0.01)
+    assert np.isnan(candidates_per_star(200, float("nan"), 7.0))
+
+
+# False matches and screening
+
+
+def test_moniteqs_false_match_figures():
+    """His 0.17, 6.4e-5 and 1.1e-5 come out of Hipparcos to 6.49 within a tenth (Moniteq 1983 §2.1)."""
+    found = false_matches(load_stars(6.49).v_mag)
+    assert found.second_probability == pytest.approx(0.17, rel=0.05)
+    assert found.third_probability == pytest.approx(6.4e-5, rel=0.1)
+    assert found.joint_probability == pytest.approx(1.1e-5, rel=0.1)
+
+
+def test_law_of_chance_companions_is_that_of_an_even_sky():
+    """Stars strewn evenly have on average as many in the ring as the law says; the counted ones are brute force."""
+    unit, mag = scattered(4000), np.random.default_rng(7).uniform(3, 7, 4000)
+    counted = companions(unit, mag, 0.3, 0.02, 6.0, 0.5)
+    assert counted.mean() == pytest.approx(false_matches(mag, 6.0, 0.5, 0.02, 0.3).second, rel=0.03)
+    apart = separation_rad(unit[11], unit)
+    assert counted[11] == np.count_nonzero((np.abs(apart - 0.3) <= 0.02) & (np.abs(mag - 6) <= 0.5))
+
+
+def test_screening_marks_doubles_variables_and_fast_stars():
+    """61 Cygni is fast, Mizar double, Mira variable; an ordinary bright star is none; a zero separation leaves the flags."""
+    stars = load_stars(6.5)
+    marks = screen(stars)
+    row = stars.row_of_hip
+    assert marks.fast[row[104214]]
+    assert marks.double[row[65378]]
+    assert marks.variable[row[10826]]
+    assert not marks.marked[row[91262]] or marks.variable[row[91262]]
+    assert marks.counts["any"] <= marks.counts["double"] + marks.counts["variable"] + marks.counts["fast"]
+    assert np.count_nonzero(screen(stars, double_rad=0.0).double) <= np.count_nonzero(marks.double)
+
+
+@pytest.mark.parametrize("bad", [{"tolerance_mag": 0.0}, {"tolerance_rad": -1.0}, {"arc_rad": 4.0}, {"area_sr": 0.0}])
+def test_impossible_tolerances_are_named(bad):
+    """Tolerances, arcs and areas that cannot be."""
+    with pytest.raises(BadInput, match="must be possible"):
+        false_matches(np.array([5.0]), **bad)
+
+
+def test_screening_experiment_stands_beside_the_document():
+    """The table: figures of the document, the law and what is counted, by the same seed the same."""
+    stars = load_stars(8.0)
+    made = moniteq_screening(stars, 500, 3, lambda _: None)
+    assert made.rows == moniteq_screening(stars, 500, 3, lambda _: None).rows
+    assert made.rows[0][1] == 0.17
+    assert made.rows[0][2] == pytest.approx(0.17, rel=0.05)
+
+
+# Lifetime
+
+
+def test_lifetime_is_the_day_on_which_the_share_falls():
+    """On that day the share of what an oversized band still covers is the threshold; a higher one comes earlier, a faster
+    drift earlier still, in proportion."""
+    envelope = sunsat(133, 149)
+    day = lifetime(envelope, np.radians(1.0), VALID_TO, 0.9)
+    assert 0 < day.days < 30
+    assert day.until == VALID_TO + timedelta(days=day.days)
+    moved = sunsat(149 + day.days, 149 + day.days)
+    share = moved.time_fraction(centres(32))
+    assert share[envelope.contains(centres(32))].sum() / share.sum() == pytest.approx(0.9, abs=0.01)
+    assert lifetime(envelope, np.radians(1.0), None, 0.99).days < day.days
+    assert lifetime(envelope, np.radians(2.0), None, 0.9).days == pytest.approx(day.days / 2, abs=0.05)
+    assert day.share_curve[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_wider_band_lasts_longer_westward_too():
+    """Drift to the other side counts as well: from the end of validity the node runs back through the whole band first."""
+    envelope = sunsat(133, 149)
+    assert lifetime(envelope, np.radians(-1.0)).days > lifetime(envelope, np.radians(1.0)).days + 10
+
+
+def test_laws_that_do_not_drift_last_for_ever():
+    """Whole sky, a camera held still, every node, no drift: infinite, with no date."""
+    still = PatchEnvelope(SUNSAT, AttitudeLimits("inertial", deg(-1, 1), deg(-1, 1)))
+    for envelope, rate in ((WholeSky(SUNSAT), 0.1), (still, 0.1), (sunsat(0, 360), 0.02), (sunsat(133, 149), 0.0)):
+        found = lifetime(envelope, rate, VALID_TO)
+        assert np.isinf(found.days)
+        assert found.until is None
+
+
+def test_a_camera_away_from_the_sun_drifts_a_degree_a_day():
+    """Facing away from the Sun the field has moved out within about its own width."""
+    away = PatchEnvelope(SUNSAT, AttitudeLimits("anti_sun"), deg(70, 84))
+    days = lifetime(away, 2 * np.pi / 365.25, threshold=0.5).days
+    assert 3 < days < 9
+
+
+@pytest.mark.parametrize(
+    "bad", [{"threshold": 0.0}, {"threshold": 1.5}, {"longest_days": 0.0}, {"rate_rad_day": float("nan")}]
+)
+def test_impossible_lifetimes_are_named(bad):
+    """Thresholds and drifts that cannot be."""
+    with pytest.raises(BadInput):
+        lifetime(sunsat(0, 1), **({"rate_rad_day": 0.01} | bad))
+
+
+# Jacobs' blocks
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_blocks_are_those_of_stepping_every_field(rule):
+    """Marks turned with the node are those of stepping every node; one by one, by the definition of the rule."""
+    orbit = from_elements(deg(97, 97), deg(133, 134))
+    steps = BlockSteps(*deg(20, 10, 20, 120, 1, 1))
+    blocks = BlockEnvelope(SUNSAT, LIMITS, orbit, steps, rule)
+    marked = np.zeros((180, 360), bool)
+    for node in stepped(orbit.raan_rad, steps.raan_rad):
+        for cam in blocks._attitudes(float(node)):
+            marked |= _blocks_of(SUNSAT, cam, rule)
+    assert marked.any()
+    assert np.mean(marked != blocks.marked) < 2e-4
+
+
+def _blocks_of(shape, cam, rule):
+    offsets = {"centre": [0.5], "whole": [0, 1], "touched": np.linspace(0, 1, 5)}[rule]
+    dec, ra = np.meshgrid(np.arange(180) - 90.0, np.arange(360.0), indexing="ij")
+    middle = _unit(ra + 0.5, dec + 0.5)
+    near = middle @ cam[2] > np.cos(shape.half_diagonal_rad + np.radians(1.5))
+    states = [shape.inside(_unit(ra[near] + x, dec[near] + y) @ cam.T) for y, x in itertools.product(offsets, offsets)]
+    blocks = np.zeros((180, 360), bool)
+    blocks[near] = np.all(states, axis=0) if rule == "whole" else np.any(states, axis=0)
+    return blocks
+
+
+def _unit(ra_deg, dec_deg):
+    ra, dec = np.radians(ra_deg), np.radians(dec_deg)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
+
+def test_whole_blocks_reproduce_the_documents_counts():
+    """Jacobs' 113, 540 and 1300: whole blocks come within a tenth, centres of blocks lie above them, the exact set above all."""
+    stars = load_stars(6.0).icrs
+    steps = BlockSteps(*deg(20, 10, 10, 30, 1, 4))
+    for (low, high), paper in (((133, 149), 113), ((0, 120), 540), ((0, 360), 1300)):
+        orbit = from_elements(deg(97, 97), deg(low, high))
+        whole, centre = (
+            BlockEnvelope(SUNSAT, LIMITS, orbit, steps, rule).contains(stars).sum() for rule in ("whole", "centre")
+        )
+        assert whole == pytest.approx(paper, rel=0.1)
+        assert whole < centre < BandEnvelope(SUNSAT, LIMITS, orbit).contains(stars).sum()
+
+
+def test_blocks_cross_0h_and_the_pole():
+    """A band over 0h and one over the pole are marked without a seam."""
+    across = BlockEnvelope(
+        SUNSAT, LIMITS, from_elements(deg(97, 97), deg(260, 280)), BlockSteps(*deg(20, 10, 10, 30, 1, 1))
+    )
+    assert across.marked[97, 350:].all()
+    assert across.marked[97, :10].all()
+    polar = BlockEnvelope(SUNSAT, LIMITS, from_elements(deg(1, 1), deg(0, 359)), BlockSteps(*deg(10, 5, 5, 30, 1, 1)))
+    assert polar.marked[0].all()
+
+
+def test_steps_end_at_the_maximum_if_they_fit():
+    """From the minimum by the step, as in a loop of the time; a step of nothing is bad input."""
+    assert np.degrees(stepped(deg(-10, 10), deg(5)[0])) == pytest.approx([-10, -5, 0, 5, 10])
+    assert np.degrees(stepped(deg(133, 149), deg(5)[0])) == pytest.approx([133, 138, 143, 148])
+    with pytest.raises(BadInput, match="step of yaw"):
+        BlockSteps(yaw_rad=0.0)
