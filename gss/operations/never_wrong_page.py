@@ -7,7 +7,7 @@ from typing import Any
 
 from gss.domain.experiment import share_interval
 from gss.domain.results import Verdict
-from gss.operations.never_wrong import Hunt, selected
+from gss.operations.never_wrong import Hunt, keys, selected
 from gss.pipeline.experiments.never_wrong import MODES
 from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, OWN, setting_of
 from gss.pipeline.experiments.never_wrong_faults import FAULTS
@@ -27,8 +27,7 @@ def page(wanted: Hunt, done: dict[Any, dict[str, Any]]) -> str:
         for fault, mode, verdict, number in done[key]["counts"]:
             cells[done[key]["kind"], key.camera, key.chain][fault, mode][verdict] += number
     wrong = sorted(text for key in used for text in done[key]["wrong"])
-    codes = sorted({done[key]["code"] for key in used})
-    parts = [_head(wanted, cells, wrong, codes), _summary(cells)]
+    parts = [_head(wanted, wrong, _made_by(used, done), len(keys(wanted)) - len(used)), _summary(cells)]
     for kind, faults, title in (("lists", FAULTS, "Lists of centroids"), ("frames", FRAME_FAULTS, "From pixels")):
         here = [c for c in CAMERAS if any((kind, c, chain) in cells for chain in wanted.chains)]
         tables = [_table(kind, camera, wanted, cells, [f.title for f in faults]) for camera in here]
@@ -42,7 +41,13 @@ _MODES_SAID = (
 )
 
 
-def _head(wanted: Hunt, cells: Cells, wrong: list[str], codes: list[str]) -> str:
+def _made_by(used: set[Any], done: dict[Any, dict[str, Any]]) -> str:
+    """Which sources made how many shards."""
+    codes = Counter(done[key]["code"] for key in used)
+    return ", ".join(f"{code} ({number} shards)" for code, number in sorted(codes.items())) or "none"
+
+
+def _head(wanted: Hunt, wrong: list[str], made_by: str, missing: int) -> str:
     conditions = "\n".join(
         f"- {s.camera}: bank to V {s.bank_mag}, sees to V {s.seen_mag}, errors {s.noise_px} px and {s.noise_mag} mag; frames of "
         f"“another camera” are {ANOTHER[s.camera]}'s"
@@ -53,11 +58,12 @@ def _head(wanted: Hunt, cells: Cells, wrong: list[str], codes: list[str]) -> str
         if wrong
         else "None: no false attitude left any chain in this campaign."
     )
+    left = f" {missing} shards are still to be run: their attitudes are in no count." if missing else ""
     asked = "" if wanted == Hunt() else f" --attitudes {wanted.attitudes} --frames {wanted.frames} --seed {wanted.seed}"
     return f"""# Never wrong
 
-Written by `gss experiments never-wrong{asked} --page FILE`; sources {", ".join(codes)}. Every camera's own chain and the
-reference chain were asked for {wanted.attitudes} random attitudes as lists and {wanted.frames} as frames, each with one fault
+Written by `gss experiments never-wrong{asked} --page FILE`; sources {made_by}.{left} Every camera's own chain and
+the reference chain were asked for {wanted.attitudes} random attitudes as lists and {wanted.frames} as frames, each with one fault
 and one mode; a seed ({wanted.seed}), the camera and the number of the attitude make any of them again. No answer is an answer; a
 false one is not:
 

@@ -19,9 +19,11 @@ from gss.domain.errors import BadInput, GssError
 from gss.domain.profiles import CameraProfile
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.jobs import JobService, Progress
+from gss.operations.observer import observer_of_frame
 from gss.operations.reprocess_worker import Order, Task, run_batch
 from gss.operations.solve import CHAINS
 from gss.operations.warm_pool import WarmPool
+from gss.pipeline.chains import reference
 from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Frame, Job
@@ -98,7 +100,7 @@ class ReprocessService:
                 frames = store.page(session, MOST_FRAMES, 0, **filters)[1]
             done = set() if wanted.again else store.solved_by(session, wanted.chain, __version__)
         rows = sorted((f for f in frames if f.complete and f.id not in done), key=lambda f: f.id)
-        return [_task(f, wanted.profile) for f in rows]
+        return [_task(f, wanted) for f in rows]
 
     def work(self, wanted: Reprocessing, tasks: Sequence[Task], progress: Progress) -> dict[str, Any]:
         """Do it; the job's result is a count of outcomes and verdicts."""
@@ -132,9 +134,22 @@ class ReprocessService:
             store.add_solutions(session, [common | row for row in rows])
 
 
-def _task(frame: Frame, profile_name: str | None) -> Task:
+def _task(frame: Frame, wanted: Reprocessing) -> Task:
+    """What the page's own run of that chain would be given."""
+    observer = observer_of_frame(frame) if wanted.chain == reference.NAME else None
+    named = frame.profile or wanted.profile
     return Task(
-        frame.id, frame.sha256, frame.dtype, frame.rows, frame.columns, frame.profile or profile_name, frame.truth
+        *(
+            frame.id,
+            frame.sha256,
+            frame.dtype,
+            frame.rows,
+            frame.columns,
+            named,
+            frame.truth,
+            observer,
+            frame.exposure_s,
+        )
     )
 
 

@@ -14,6 +14,7 @@ from gss.domain.errors import GssError
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
+from gss.operations.observer import Observer
 from gss.operations.solution_rows import solution_values
 from gss.operations.solve import Solver, SolverCache, SolveRequest
 from gss.store.blobs import BlobStore
@@ -30,6 +31,8 @@ class Task:
     columns: int
     profile: str | None
     truth: list[Any] | None
+    observer: Observer | None = None
+    exposure_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,13 @@ def _run(kept: _Kept, order: Order, task: Task) -> dict[str, Any]:
     try:
         data = np.frombuffer(kept.blobs.get(task.sha256), np.dtype(task.dtype))
         pixels = data.reshape(task.rows, task.columns)
-        request = SolveRequest(chain=order.chain, profile=task.profile, blind=task.profile is None)
+        request = SolveRequest(
+            chain=order.chain,
+            profile=task.profile,
+            blind=task.profile is None,
+            observer=task.observer,
+            exposure_s=task.exposure_s,
+        )
         result = kept.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
     except GssError as error:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import multiprocessing
+import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +20,7 @@ from pyarrow import parquet as pq
 from gss.api.app import create_app
 from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.cli import main
+from gss.domain.errors import GssError
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.operations.jobs import Cancelled
@@ -96,6 +100,24 @@ def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
         services.reprocessing.work(wanted, tasks, cancel)
     left = services.reprocessing.tasks(wanted)
     assert 0 < len(left) < len(tasks)
+
+
+def test_a_killed_worker_costs_its_batch_only(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker that dies ends the job with that word; what was done is kept, and the next start does the rest."""
+    monkeypatch.setattr("gss.operations.reprocess.BATCH", 1)
+    wanted = Reprocessing("far_mst", profile="cubestar")
+    tasks = services.reprocessing.tasks(wanted)
+
+    def kill(_done: int, _total: int, _text: str) -> None:
+        for child in multiprocessing.active_children():
+            os.kill(child.pid or 0, signal.SIGKILL)
+
+    with pytest.raises(GssError, match="worker process died"):
+        services.reprocessing.work(wanted, tasks, kill)
+    left = services.reprocessing.tasks(wanted)
+    assert 0 < len(left) < len(tasks)
+    assert services.reprocessing.work(wanted, left, lambda *_: None)["frames"] == len(left)
+    assert services.reprocessing.tasks(wanted) == []
 
 
 def test_workers_and_server_give_the_same_result(client: TestClient, services: Services) -> None:
