@@ -139,7 +139,7 @@ def test_search_finds_a_hole_that_random_fields_miss():
     random = stars_per_field(unit, sky.attitudes(np.random.default_rng(3), found.searched), SUNSAT)
     assert found.stars < random.min()
     assert stars_per_field(unit, found.cam_from_icrs[None], SUNSAT)[0] == found.stars
-    assert separation_rad(found.cam_from_icrs[2], centres(8)[100]) < np.radians(1)
+    assert separation_rad(found.cam_from_icrs[2], centres(8)[100]) < np.radians(2)
 
 
 def test_quality_reports_the_poorest_field_where_it_is():
