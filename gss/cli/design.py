@@ -44,6 +44,7 @@ def register(subparsers: Subparsers) -> None:
     for name in ("roll", "pitch", "yaw"):
         p.add_argument(f"--{name}-deg", type=_range, default=(0.0, 0.0), metavar="MIN:MAX", help=f"limits of {name}")
     p.add_argument("--seed", type=int, default=1, help="of every pointing (default 1)")
+    p.add_argument("--pointings", type=int, default=1_000_000, metavar="N", help="fields counted (default a million)")
     p.add_argument("--quick", action="store_true", help="two thousand pointings instead of a million, no lens trade")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.add_argument("--html", type=Path, metavar="FILE", help="write a page of figures and drawings")
@@ -80,7 +81,9 @@ def question_of(arguments: argparse.Namespace) -> Any:
     exclusion = None if arguments.exclusion_deg is None else math.radians(arguments.exclusion_deg)
     if arguments.seed < 0:
         raise BadInput("a seed is not negative", expected="0 or more", got=str(arguments.seed))
-    return Question(arguments.profile, changes, exclusion, arguments.spare_mm, along, arguments.seed)
+    return Question(
+        arguments.profile, changes, exclusion, arguments.spare_mm, along, arguments.seed, arguments.pointings
+    )
 
 
 def as_text(record: dict[str, Any]) -> str:

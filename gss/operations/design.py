@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from gss.store.models import Job
 
 STEPS = 100
 WORKERS = 2
+FEWEST, MOST = 1_000, 10_000_000
 CAMERA_LOOKS, CAMERA_PAIRS = 1500, 3e4
 
 
@@ -43,7 +44,7 @@ class Along:
 @dataclass(frozen=True)
 class Question:
     """``profile``: the camera to start from; ``changes``: fields of :class:`DesignCamera` with other values. ``exclusion_rad``
-    None: 40°. ``along`` None: the whole sky."""
+    None: 40°. ``along`` None: the whole sky. ``pointings``: of the full count."""
 
     profile: str
     changes: Mapping[str, float]
@@ -51,12 +52,15 @@ class Question:
     spare_mm: float = 0.0
     along: Along | None = None
     seed: int = 1
+    pointings: int = FULL.pointings
 
 
 def request_of(question: Question) -> DesignRequest:
     """The edited camera and where it looks; BadInput where that cannot be."""
     camera = design_camera(question.profile).edited(**question.changes)
     exclusion = EXCLUSION_RAD if question.exclusion_rad is None else question.exclusion_rad
+    if not FEWEST <= question.pointings <= MOST:
+        raise BadInput("pointings are out of range", expected=f"{FEWEST} to {MOST}", got=str(question.pointings))
     if not 0 <= question.spare_mm <= 1000:
         raise BadInput(
             "the baffle's spare width is out of range", expected="0 to 1000 mm", got=f"{question.spare_mm:g}"
@@ -92,9 +96,10 @@ def answer(
     if quick:
         report = design(request, stars, QUICK)
     else:
+        effort = replace(FULL, pointings=question.pointings, looks=min(FULL.looks, question.pointings))
         pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="design")
         try:
-            report = design(request, stars, FULL, each=pool.map, progress=_by_percent(progress))
+            report = design(request, stars, effort, each=pool.map, progress=_by_percent(progress))
         finally:
             # After a cancel what is queued must not be worked off first.
             pool.shutdown(wait=True, cancel_futures=True)

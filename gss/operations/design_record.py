@@ -46,7 +46,8 @@ def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...])
             "worst_ra_deg": math.degrees(seen.worst_ra_rad),
             "worst_dec_deg": math.degrees(seen.worst_dec_rad),
         },
-        "curves": curves_of(report, papers),
+        # The documents' counts are those of their own fields.
+        "curves": curves_of(report, papers if c.fov_rad == base.fov_rad else ()),
         "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
         "baffle_problem": report.baffle_problem,
         "trade": [row_of(r) for r in report.trade],

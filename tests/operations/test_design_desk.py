@@ -51,6 +51,7 @@ def test_an_edited_camera_stands_above_the_documents_own() -> None:
     """As it is there are five lines; edited there are six, the edited one first, and the lens moves its figures."""
     assert [c["name"] for c in quick()["cameras"]] == ["sunsat", "cubestar", "far_mst", "oersted", "aim"]
     longer = quick(focal_mm=50.0)
+    assert not any(c["marks"] for c in longer["curves"])
     assert len(longer["cameras"]) == 6
     assert longer["cameras"][0]["focal_mm"] == 50.0
     assert figure(longer, "pixel_arcsec")["value"] == pytest.approx(

@@ -28,6 +28,7 @@ NOT_OF_THE_CAMERA = {
     "pitch_deg",
     "yaw_deg",
     "seed",
+    "pointings",
 }
 
 
@@ -75,4 +76,4 @@ def question_of(body: DesignIn) -> Question:
             radians(body.yaw_deg),
         )
     exclusion = None if body.exclusion_deg is None else math.radians(body.exclusion_deg)
-    return Question(body.profile, values, exclusion, body.spare_mm, along, body.seed)
+    return Question(body.profile, values, exclusion, body.spare_mm, along, body.seed, body.pointings)

@@ -14,7 +14,8 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 class DesignIn(In):
     """A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
-    radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees."""
+    radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees. ``pointings``: of the full
+    count."""
 
     profile: str = Field(default="cubestar", max_length=40)
     columns: int | None = None
@@ -48,6 +49,7 @@ class DesignIn(In):
     pitch_deg: Range = Field(default=[-5.0, 5.0])
     yaw_deg: Range = Field(default=[-5.0, 5.0])
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
+    pointings: int = Field(default=1_000_000, ge=1_000, le=10_000_000)
 
 
 class DesignFigureOut(Out):

@@ -4168,7 +4168,8 @@ export interface components {
         /**
          * DesignIn
          * @description A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
-         *     radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees.
+         *     radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees. ``pointings``: of the full
+         *     count.
          */
         DesignIn: {
             /**
@@ -4278,6 +4279,11 @@ export interface components {
              * @default 1
              */
             seed: number;
+            /**
+             * Pointings
+             * @default 1000000
+             */
+            pointings: number;
         };
         /**
          * DesignOut

@@ -10,13 +10,14 @@ export const GROUPS: readonly { name: string; fields: readonly DesignField[] }[]
   { name: 'Exposure and threshold', fields: [{ key: 'exposure_s', label: 'Exposure', unit: 's' }, { key: 'threshold_snr', label: 'Threshold SNR', unit: '' }, { key: 'mag_limit', label: 'Limit V', unit: 'mag', optional: true }] },
   { name: 'Detector', fields: [{ key: 'columns', label: 'Columns', unit: 'px' }, { key: 'rows', label: 'Rows', unit: 'px' }, { key: 'pitch_col_um', label: 'Pitch, columns', unit: 'µm' }, { key: 'pitch_row_um', label: 'Pitch, rows', unit: 'µm' }, { key: 'efficiency', label: 'Efficiency', unit: 'e/ph' }, { key: 'bits', label: 'Converter', unit: 'bit' }, { key: 'gain_e_per_dn', label: 'Gain', unit: 'e/DN' }, { key: 'bias_dn', label: 'Bias', unit: 'DN' }, { key: 'full_well_e', label: 'Full well', unit: 'e' }, { key: 'read_noise_e', label: 'Read noise', unit: 'e' }, { key: 'dark_current_e_s', label: 'Dark current', unit: 'e/s' }, { key: 'background_e_s', label: 'Background', unit: 'e/s' }, { key: 'response_sigma', label: 'Response, σ', unit: '' }] },
   { name: 'Baffle', fields: [{ key: 'exclusion_deg', label: 'Keeps out from', unit: '°' }, { key: 'spare_mm', label: 'Spare width', unit: 'mm' }] },
+  { name: 'Full count', fields: [{ key: 'pointings', label: 'Pointings', unit: '' }] },
 ];
 export const ORBIT: readonly DesignField[] = [{ key: 'inclination_deg', label: 'Inclination', unit: '°' }, { key: 'raan_from', label: 'Ω from', unit: '°' }, { key: 'raan_to', label: 'Ω to', unit: '°' }, { key: 'roll', label: 'Roll ±', unit: '°' }, { key: 'pitch', label: 'Pitch ±', unit: '°' }];
 const MORE: Record<string, { min: number; max: number; base: number }> = {
   mag_limit: { min: -1.4, max: 12, base: NaN }, exclusion_deg: { min: 1, max: 89, base: 40 }, spare_mm: { min: 0, max: 1000, base: 0 },
-  inclination_deg: { min: 0, max: 180, base: 97.6 }, raan_from: { min: 0, max: 360, base: 0 }, raan_to: { min: 0, max: 720, base: 360 }, roll: { min: 0, max: 180, base: 5 }, pitch: { min: 0, max: 180, base: 5 },
+  pointings: { min: 1000, max: 10_000_000, base: 1_000_000 }, inclination_deg: { min: 0, max: 180, base: 97.6 }, raan_from: { min: 0, max: 360, base: 0 }, raan_to: { min: 0, max: 720, base: 360 }, roll: { min: 0, max: 180, base: 5 }, pitch: { min: 0, max: 180, base: 5 },
 };
-const WHOLE = ['columns', 'rows', 'bits'];
+const WHOLE = ['columns', 'rows', 'bits', 'pointings'];
 const WAIT_MS = 250;
 export type Pointing = 'zenith' | 'nadir' | 'sunsat';
 
