@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.ambiguity import AmbiguityMap, ambiguity_map
+from gss.catalogue_tools.envelope import Envelope
 from gss.catalogue_tools.exclusions import exclusions, within
 from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.lifetime import Lifetime
 from gss.catalogue_tools.occultation import OccultedEnvelope
 from gss.catalogue_tools.plan import Plan
 from gss.catalogue_tools.quality import Quality, assess
@@ -50,12 +53,18 @@ class Assessment:
 
     quality: Quality
     map: EnvelopeMap
+    ambiguity: AmbiguityMap | None
+    lifetime: Lifetime
     blinded: dict[str, float]
     wanderers: tuple[Wanderer, ...]
 
     def facts(self) -> dict[str, Any]:
         """Plain values for the manifest."""
         return {
+            "lifetime_days": _finite(self.lifetime.days),
+            "lifetime_until": self.lifetime.until.isoformat() if self.lifetime.until else None,
+            "lifetime_threshold": self.lifetime.threshold,
+            "ambiguity": None if self.ambiguity is None else plain(self.ambiguity.facts()),
             "blinded": self.blinded,
             "wanderers": [{"name": w.name, "brightest_mag": w.brightest_mag, "share": w.share} for w in self.wanderers],
         }
@@ -65,13 +74,22 @@ def assess_catalogue(p: Plan, kept: StarTable, distances: DistanceTable) -> Asse
     """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows."""
     rng = np.random.default_rng(p.request.seed)
     quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
-    return Assessment(quality, envelope_map(p), _blinded(p), wanderers(p))
+    mistakes = ambiguity(p, p.envelope, kept, AMBIGUITY_NSIDE)
+    return Assessment(quality, envelope_map(p.envelope), mistakes, p.lifetime(), _blinded(p), wanderers(p))
 
 
-def envelope_map(p: Plan, nside: int = MAP_NSIDE) -> EnvelopeMap:
+def ambiguity(p: Plan, envelope: Envelope, kept: StarTable, nside: int) -> AmbiguityMap | None:
+    """Where the kept stars look like others; None for fewer than three."""
+    if len(kept) < 3:
+        return None
+    radius, longest = p.shape.equal_circle_rad, p.pair_max_rad
+    return ambiguity_map(kept.icrs, envelope, radius, _tolerance_rad(p), longest, nside=nside)
+
+
+def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
     """Share of time and edges for the page's map."""
-    fraction = p.envelope.time_fraction(centres(nside))
-    return EnvelopeMap(nside, fraction, tuple(p.envelope.edges(at_end=False)), tuple(p.envelope.edges(at_end=True)))
+    fraction = envelope.time_fraction(centres(nside))
+    return EnvelopeMap(nside, fraction, tuple(envelope.edges(at_end=False)), tuple(envelope.edges(at_end=True)))
 
 
 def wanderers(p: Plan) -> tuple[Wanderer, ...]:

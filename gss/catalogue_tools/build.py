@@ -11,15 +11,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gss import __version__
+from gss.catalogue_tools.ambiguity import AmbiguityMap
 from gss.catalogue_tools.assessment import MAP_NSIDE as MAP_NSIDE
-from gss.catalogue_tools.assessment import Assessment, assess_catalogue, envelope_map
+from gss.catalogue_tools.assessment import Assessment, ambiguity, assess_catalogue, envelope_map
 from gss.catalogue_tools.assessment import EnvelopeMap as EnvelopeMap
-from gss.catalogue_tools.correction_switches import Corrections
 from gss.catalogue_tools.distances import distance_table
+from gss.catalogue_tools.envelope import Envelope
 from gss.catalogue_tools.manifest import Manifest, profile_sha256
 from gss.catalogue_tools.onboard import encode, format_of, image_bytes, part_bytes, quantisation_error, tables_for
 from gss.catalogue_tools.plan import Plan, plan
 from gss.catalogue_tools.quality import Quality
+from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, parameters_of
 from gss.catalogue_tools.selection import Fate, Selection, select
 from gss.catalogue_tools.sky_source import CorrectedSky, corrected
@@ -31,7 +33,7 @@ from gss.domain.stars import DistanceTable, StarTable
 FEWEST_STARS = 2
 PAIR_SAMPLE = 800
 # Coarser than the build's own maps, so that the page follows the hand.
-PREVIEW_NSIDE, COARSE_NSIDE = 32, 8
+MISTAKES_NSIDE = 8
 # Room for the sampling error of the pair estimate before a build is refused without making the table.
 SURE_OVERFLOW = 1.25
 
@@ -48,7 +50,7 @@ class Preview:
     pairs: int
     bytes: int
     map: EnvelopeMap
-    ambiguity: None = None
+    ambiguity: AmbiguityMap | None
 
 
 @dataclass(frozen=True)
@@ -79,15 +81,35 @@ class BuiltCatalogue:
         return self.assessment.map
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """A request that can be built, with its sky and its choice of stars."""
+
+    plan: Plan
+    source: Source
+    sky: CorrectedSky
+    selection: Selection
+
+
+def prepare(request: BuildRequest, source: Source | StarTable) -> Prepared:
+    """Work out and choose; BadInput for everything that cannot be built, as far as that shows before the tables are made."""
+    p, origin = plan(request), _source(source)
+    sky, selection = _select(p, origin, p.envelope)
+    _check_kept(p, selection)
+    return Prepared(p, origin, sky, selection)
+
+
 def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool = False) -> Preview:
     """Counts, funnel and map of a request, for a page that answers while parameters change. ``mistakes``: with a coarse map
     of where stars can be mistaken."""
     p = plan(request)
-    _, selection = _select(p, _source(source))
+    look = QuickLook(p)
+    _, selection = _select(p, _source(source), look)
     kept = selection.kept
     pairs = estimate_pairs(kept.icrs, request.pair_min_rad, p.pair_max_rad)
     size = image_bytes(request.format_name, len(kept), pairs)
-    return Preview(p, selection, pairs, size, envelope_map(p, PREVIEW_NSIDE))
+    coarse = ambiguity(p, look, kept, MISTAKES_NSIDE) if mistakes else None
+    return Preview(p, selection, pairs, size, envelope_map(look, look.nside), coarse)
 
 
 def build(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
@@ -95,11 +117,14 @@ def build(request: BuildRequest, source: Source | StarTable, progress: Progress 
     stage and may raise to cancel; nothing is left behind then."""
     tell = progress or (lambda stage, share: None)
     tell("envelope", 0.0)
-    p, origin = plan(request), _source(source)
-    tell("selection", 0.1)
-    sky, selection = _select(p, origin)
-    _check_kept(p, selection)
-    kept = sky.in_frame(selection.kept)
+    return finish(prepare(request, source), tell)
+
+
+def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
+    """The rest of a build."""
+    tell = progress or (lambda stage, share: None)
+    p, sky, selection = ready.plan, ready.sky, ready.selection
+    request, kept = p.request, sky.in_frame(selection.kept)
     tell("distances", 0.3)
     pairs = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
     camera, name = p.profile.camera, request.format_name
@@ -111,7 +136,7 @@ def build(request: BuildRequest, source: Source | StarTable, progress: Progress 
     tell("quality", 0.6)
     assessment = assess_catalogue(p, selection.kept, pairs)
     tell("manifest", 0.95)
-    manifest = _manifest(p, origin, sky, selection, kept, own.distances, image, assessment)
+    manifest = _manifest(p, ready.source, sky, selection, kept, own.distances, image, assessment)
     tell("done", 1.0)
     return BuiltCatalogue(p, image, manifest, selection, kept, own.distances, assessment)
 
@@ -135,7 +160,7 @@ def _source(source: Source | StarTable) -> Source:
     return hipparcos_of(source) if isinstance(source, StarTable) else source
 
 
-def _select(p: Plan, source: Source) -> tuple[CorrectedSky, Selection]:
+def _select(p: Plan, source: Source, envelope: Envelope) -> tuple[CorrectedSky, Selection]:
     rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
     if rules.faint_mag > source.faintest_v_mag:
         raise BadInput(
@@ -144,16 +169,12 @@ def _select(p: Plan, source: Source) -> tuple[CorrectedSky, Selection]:
             got=f"{rules.faint_mag:g}",
             hint="a brighter limit or a deeper source",
         )
-    if not _looks_deeper(corrections) and len(stars):
+    if p.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
     sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
-    selection = select(sky.icrs_stars, p.envelope, rules, p.shape.equal_circle_rad)
-    return sky, selection.from_source(source.title, source.count, len(sky.rejected))
-
-
-def _looks_deeper(c: Corrections) -> bool:
-    """Do stars beyond the limit count, as companions or because their magnitude changes?"""
-    return c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
+    selection = select(sky.icrs_stars, envelope, rules, p.shape.equal_circle_rad)
+    blends = int(np.count_nonzero(sky.rejected.v_mag <= rules.faint_mag))
+    return sky, selection.from_source(source.title, source.count, blends)
 
 
 def _check_kept(p: Plan, selection: Selection) -> None:
@@ -169,7 +190,8 @@ def _check_kept(p: Plan, selection: Selection) -> None:
         raise BadInput(
             "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(kept), hint="looser rules"
         )
-    if format_of(p.request.format_name).pair_bytes:
+    # far-mst keeps only the pairs of its reduced catalogue, which is not known before it is made.
+    if format_of(p.request.format_name).pair_bytes and p.request.format_name != "far-mst":
         pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
         _check_size(p, image_bytes(p.request.format_name, kept, int(pairs / SURE_OVERFLOW)))
 
@@ -238,6 +260,7 @@ def _envelope_facts(p: Plan) -> dict[str, Any]:
 
 
 def _quality_facts(quality: Quality) -> dict[str, Any]:
+    per_star = quality.candidates_per_star
     return {
         "pointings": quality.pointings,
         "histogram": quality.histogram.tolist(),
@@ -249,4 +272,7 @@ def _quality_facts(quality: Quality) -> dict[str, Any]:
         "worst_dec_rad": quality.worst_dec_rad,
         "worst_roll_rad": quality.worst_roll_rad,
         "candidates_per_query": quality.candidates_per_query,
+        "candidates_per_star": float(per_star) if np.isfinite(per_star) else None,
+        "blinded_share": quality.blinded_share,
+        "searched": quality.searched,
     }

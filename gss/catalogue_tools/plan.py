@@ -12,6 +12,7 @@ from gss.catalogue_tools.blocks import BlockEnvelope
 from gss.catalogue_tools.corrections import DAYS_PER_YEAR, sun_longitude_rad
 from gss.catalogue_tools.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
 from gss.catalogue_tools.field import FieldShape, widened
+from gss.catalogue_tools.lifetime import Lifetime, lifetime
 from gss.catalogue_tools.occultation import OccultedEnvelope
 from gss.catalogue_tools.orbits import OrbitRanges, from_elements, from_tle, jyear_of, node_rate_rad_s
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
@@ -59,6 +60,10 @@ class Plan:
                 return SUN_RATE_RAD_DAY
             return (self.planes.raan_end_rad - self.planes.raan_start_rad) / days
         return SUN_RATE_RAD_DAY if limits is not None and limits.pointing in SUN_LAWS else 0.0
+
+    def lifetime(self) -> Lifetime:
+        """How long after the end of validity enough of the fields are still inside the envelope."""
+        return lifetime(self.base, self.drift_rad_day, self.valid_to)
 
 
 def plan(request: BuildRequest) -> Plan:

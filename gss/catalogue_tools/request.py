@@ -106,6 +106,13 @@ class BuildRequest:
         _check_epoch(self)
 
     @property
+    def depth_mag(self) -> float | None:
+        """How faint a source must be read; None for all it has: companions count, or magnitudes change."""
+        c = self.corrections
+        deeper = c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
+        return None if deeper else self.rules.faint_mag
+
+    @property
     def end(self) -> datetime | None:
         """End of the dates of use."""
         return self.start + timedelta(days=self.days) if self.start else None

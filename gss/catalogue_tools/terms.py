@@ -7,7 +7,7 @@ import numpy as np
 from gss.catalogue_tools.attitude import ORBIT_LAWS, AttitudeLimits, euler_123
 from gss.catalogue_tools.correction_switches import MeanOrbitVelocity
 from gss.catalogue_tools.occultation import Occultation
-from gss.catalogue_tools.orbits import EARTH_MU_M3_S2, EARTH_RADIUS_M, OrbitRanges, read_tle
+from gss.catalogue_tools.orbits import EARTH_MU_M3_S2, EARTH_RADIUS_M, OrbitRanges, altitude_of_tle
 from gss.catalogue_tools.request import ElementsOrbit, TleOrbit
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
@@ -23,12 +23,6 @@ def altitude_m(orbit: Orbit, given_m: float | None) -> float | None:
     if isinstance(orbit, TleOrbit):
         return altitude_of_tle(orbit.text)
     return orbit.altitude_m if orbit is not None else None
-
-
-def altitude_of_tle(text: str) -> float:
-    """Altitude of a circular orbit with the TLE's mean motion."""
-    rate_rad_s = read_tle(text).no_kozai / 60.0
-    return float((EARTH_MU_M3_S2 / rate_rad_s**2) ** (1 / 3) - EARTH_RADIUS_M)
 
 
 def occultation_of(

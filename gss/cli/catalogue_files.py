@@ -148,20 +148,21 @@ def run_report(arguments: argparse.Namespace) -> int:
     """The stored report, or that of the manifest's request built again, which must give the same bytes."""
     from gss.api.present.catalogue_page import catalogue_page
     from gss.catalogue_tools.hipparcos import load_stars
+    from gss.catalogue_tools.request import request_from
     from gss.catalogue_tools.sources import load_source
     from gss.operations.catalogue_report import report_again
 
     _, manifest, report = _read(arguments, arguments.image)
     if report is None:
-        name = manifest.source_facts.get("name", "hipparcos")
-        if name not in ("hipparcos", "gaia"):
+        request = request_from(manifest.parameters)
+        if request.source == "list":
             raise BadInput(
                 "the report of a catalogue of your own list needs the list",
                 expected="a stored catalogue, or build --list … --report FILE",
                 got=arguments.image,
             )
-        limit = float(manifest.parameters["rules"]["faint_mag"])
-        report = report_again(manifest, load_stars() if name == "hipparcos" else load_source(name, limit))
+        whole = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
+        report = report_again(manifest, whole)
     page = catalogue_page(manifest.as_dict(), report)
     if arguments.out is not None:
         write_file(arguments.out, page.encode())
@@ -188,9 +189,8 @@ def run_timeline(arguments: argparse.Namespace) -> int:
         until = f"{s.ended:%Y-%m-%d %H:%M}" if s.ended else "now"
         valid = f", valid to {s.valid_to:%Y-%m-%d %H:%M}" if s.valid_to else ""
         what = s.name or s.sha256[:8] or "–"
-        print(
-            f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {what}{valid} ({s.how} {s.user})".rstrip()
-        )
+        who = " ".join((s.how, s.user)).strip()
+        print(f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {what}{valid} ({who})")
     for p in told.planned:
         print(f"{p.bank:6} {p.kind:10} {f'{p.at:%Y-%m-%d %H:%M}' if p.at else 'soon'} {p.text}")
     return 0

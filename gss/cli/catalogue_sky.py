@@ -72,7 +72,7 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
     if request.source == "hipparcos":
         return load_stars()
     if request.source != "list":
-        return load_source(request.source, request.rules.faint_mag)
+        return load_source(request.source, request.depth_mag)
     from gss.operations.star_lists import kind_of
 
     mapping = ListMapping(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.build import BuiltCatalogue, build, preview
+from gss.catalogue_tools.build import BuiltCatalogue, finish, prepare, preview
 from gss.catalogue_tools.diff import CatalogueDiff, CoverageChange, compare, coverage_change
 from gss.catalogue_tools.field import FieldShape
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
@@ -94,11 +94,12 @@ class CatalogueService:
         )
 
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
-        """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again."""
-        source = self._source(request)
+        """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
+        is refused at once."""
+        ready = prepare(request, self._source(request))
 
         def work(progress: Progress) -> dict[str, Any]:
-            built = build(request, source, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
+            built = finish(ready, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
             row = self._keep(built, asked, user)
             return {"catalogue_id": row.id}
 
@@ -107,7 +108,7 @@ class CatalogueService:
     def _source(self, request: BuildRequest) -> Source | StarTable:
         if request.source == "hipparcos":
             return self._stars
-        return self._lists.source(request.source, request.star_list, request.rules.faint_mag, request.profile_name)
+        return self._lists.source(request.source, request.star_list, request.depth_mag, request.profile_name)
 
     def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str) -> Catalogue:
         self._blobs.put(built.image)

@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.ambiguity import AmbiguityMap
 from gss.catalogue_tools.assessment import Assessment, EnvelopeMap, way_deg
 from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
+from gss.catalogue_tools.lifetime import Lifetime
 from gss.catalogue_tools.manifest import Manifest
 from gss.catalogue_tools.quality import Quality
 from gss.catalogue_tools.request import request_from
 from gss.catalogue_tools.selection import Fate, Selection
 from gss.catalogue_tools.sources import Source
-from gss.domain.angles import ra_dec_from_unit
+from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.errors import CorruptData
 from gss.domain.stars import StarTable
 
@@ -24,7 +26,9 @@ CURVE_POINTS = 60
 
 def preview_report(quick: Preview) -> dict[str, Any]:
     """Funnel and maps of a preview."""
-    return _choice(quick.selection, quick.map) | {"ambiguity": None}
+    return _choice(quick.selection, quick.map) | {
+        "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
+    }
 
 
 def report_of(built: BuiltCatalogue) -> dict[str, Any]:
@@ -32,6 +36,8 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
     a: Assessment = built.assessment
     return _choice(built.selection, built.map) | {
         "quality": _quality(a.quality),
+        "ambiguity": None if a.ambiguity is None else _ambiguity(a.ambiguity),
+        "lifetime": _lifetime(a.lifetime),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
         "blinded": a.blinded,
         "wanderers": [
@@ -81,6 +87,34 @@ def _quality(q: Quality) -> dict[str, Any]:
         "worst_dec_deg": float(np.degrees(q.worst_dec_rad)),
         "worst_roll_deg": float(np.degrees(q.worst_roll_rad)),
         "candidates_per_query": _finite(q.candidates_per_query),
+        "candidates_per_star": _finite(q.candidates_per_star),
+        "blinded_share": q.blinded_share,
+        "searched": q.searched,
+    }
+
+
+def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
+    """``value``: other triangles per triangle; a pixel without one is None, one without three stars the largest figure."""
+    ra_rad, dec_rad, figure = a.worst
+    return {
+        "nside": a.nside,
+        "tolerance_arcsec": a.tolerance_rad / ARCSEC_RAD,
+        "value": [_rounded(x) for x in a.wrong_triangles],
+        "pairs": [_rounded(x) for x in a.wrong_pairs],
+        "worst": _rounded(figure),
+        "worst_ra_deg": _finite(np.degrees(ra_rad)),
+        "worst_dec_deg": _finite(np.degrees(dec_rad)),
+    }
+
+
+def _lifetime(life: Lifetime) -> dict[str, Any]:
+    step = max(1, len(life.days_curve) // CURVE_POINTS)
+    return {
+        "threshold": life.threshold,
+        "days": _finite(life.days),
+        "until": life.until.isoformat() if life.until else None,
+        "days_curve": [round(float(x), 3) for x in life.days_curve[::step]],
+        "share_curve": [round(float(x), 5) for x in life.share_curve[::step]],
     }
 
 
@@ -108,3 +142,8 @@ def _line(edge: Any) -> list[tuple[float, float]]:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _rounded(value: float) -> float | None:
+    """Three digits are enough for a map; infinity is the largest figure."""
+    return None if np.isnan(value) else float(f"{min(float(value), LARGEST_FIGURE):.3g}")

@@ -82,7 +82,7 @@ class StarListService:
         with self._database.unit_of_work() as session:
             return store.get(session, list_id)
 
-    def source(self, name: str, list_id: int | None, v_max: float, profile: str) -> Source:
+    def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> Source:
         """A source by name; a list by its id. BadInput when the list is meant for another camera."""
         if name != "list":
             return load_source(name, v_max)

@@ -129,10 +129,10 @@ export const api = {
   catalogueDiff: (old: number, now: number) => get<T.CatalogueDiff>(`/catalogues/diff?old=${old}&new=${now}`),
   timeline: (device?: number) => get<T.Timeline>(`/catalogues/timeline${query({ device })}`),
   starLists: () => get<T.StarList[]>('/catalogues/sources'),
-  addStarList: (file: File, profile: string) => {
+  addStarList: (file: File, mapping: Record<string, string | number>) => {
     const form = new FormData();
     form.append('file', file);
-    if (profile) form.append('profile', profile);
+    form.append('mapping', JSON.stringify(mapping));
     return answer<T.StarList>('/catalogues/sources', { method: 'POST', headers: { 'X-GSS': '1' }, body: form });
   },
   upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),

@@ -1,0 +1,250 @@
+"""Catalogues by HTTP: every bad input is a 4xx with words, and differences, exports, reports, lists and banks by date are had."""
+
+from __future__ import annotations
+
+import json
+import time
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import decode, read_c_source
+from gss.catalogue_tools.star_list_export import write_star_list
+from gss.operations.catalogue_files import KINDS, import_file
+from gss.store import bank_history, devices
+from gss.store.models import BankHistory
+
+TLE = (
+    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991\n"
+    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482\n"
+)
+ORBIT = {"orbit": "elements", "inclination_deg": 97.0, "raan_deg": [133.0, 149.0], "start": "2026-12-01"}
+STILL = {"pointing": "inertial", "roll_deg": [0.0, 0.0], "pitch_deg": [0.0, 0.0], "yaw_deg": [0.0, 0.0]}
+
+
+def decayed() -> str:
+    """The ISS's elements at a mean motion that no orbit above the ground has, checksums right."""
+    first, second = TLE.splitlines()
+    second = second[:52] + "17.90103472" + second[63:68]
+    total = sum(int(c) if c.isdigit() else c == "-" for c in second) % 10
+    return f"{first}\n{second}{total}\n"
+
+
+def built(client: TestClient, **request: Any) -> dict[str, Any]:
+    reply = client.post("/api/catalogues", json=request)
+    assert reply.status_code == 202, reply.text
+    for _ in range(400):
+        job = client.get(f"/api/jobs/{reply.json()['id']}").json()
+        if job["state"] in ("done", "failed"):
+            assert job["state"] == "done", job["text"]
+            found: dict[str, Any] = client.get(f"/api/catalogues/{job['result']['catalogue_id']}").json()
+            return found
+        time.sleep(0.05)
+    pytest.fail("the catalogue was not built")
+
+
+@pytest.fixture(scope="module")
+def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Two weeks and the next two weeks."""
+    later = ORBIT | {"raan_deg": [149.0, 165.0]}
+    first = built(client, name="first", faint_mag=4.0, **ORBIT)
+    return first, built(client, name="second", faint_mag=4.0, corrections={"annual_aberration": True}, **later)
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"orbit": "tle", "tle": TLE.replace("9991", "9992"), "start": "2019-12-10"}, "wrong checksum"),
+        ({"orbit": "tle", "tle": TLE, "start": "2026-12-01"}, "outside the TLE's validity"),
+        ({"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}, ""),
+        ({**STILL, "ra_deg": 57.3, "dec_deg": -57.3, "faint_mag": 0.0, "profile": "sunsat"}, "envelope holds no star"),
+        (ORBIT | {"roll_deg": [5.0, -5.0]}, "minimum is above the maximum"),
+        (ORBIT | {"raan_deg": [149.0, 133.0]}, "minimum is above the maximum"),
+        ({"faint_mag": 2.0, "bright_mag": 3.0}, "bright limit is not brighter"),
+        ({"faint_mag": -1.9}, "leaves no stars"),
+        ({"faint_mag": 7.9}, "overflows the bank"),
+        (ORBIT | {"epoch_jyear": 1900.0}, "epoch of the positions is far"),
+        ({"faint_mag": 9.0}, "not that deep"),
+        ({"orbit": "none", "corrections": {"orbital_aberration": True}}, "needs an orbit"),
+        ({"occultation": {"earth": True}}, "needs the altitude"),
+        (ORBIT | {"body_from_cam": [2.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is no rotation"),
+        ({"source": "list"}, "no star list is named"),
+        (STILL | {"method": "blocks"}, "turns with its orbit"),
+    ],
+)
+def test_each_impossible_request_is_refused_at_once(client: TestClient, request_: Any, words: str) -> None:
+    """400 with what was expected, what came or what to try; no job, nothing stored."""
+    before = len(client.get("/api/jobs").json())
+    reply = client.post("/api/catalogues", json=request_)
+    assert reply.status_code == 400, reply.text
+    problem = reply.json()
+    assert words in problem["message"]
+    assert problem["expected"] or problem["got"] or problem["hint"]
+    assert len(client.get("/api/jobs").json()) == before
+
+
+def test_a_decayed_orbit_says_so(client: TestClient) -> None:
+    """SGP4's own verdict, in words."""
+    body = {"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}
+    problem = client.post("/api/catalogues/preview", json=body).json()
+    assert "decayed" in problem["got"] or "decayed" in problem["message"] or "below" in problem["got"], problem
+
+
+@pytest.mark.parametrize("pointing", ["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"])
+def test_every_law_can_be_previewed(client: TestClient, pointing: str) -> None:
+    """Stars, funnel and a map for each law, with its own inputs."""
+    body = ORBIT | {"pointing": pointing, "profile": "sunsat", "format": "sunsat", "faint_mag": 5.0, "days": 3.0}
+    quick = client.post("/api/catalogues/preview", json=body).json()
+    assert 5 < quick["stars"] < 1600
+    assert quick["funnel"][-1] == {"label": "kept", "stars": quick["stars"], "kind": "keep"}
+    assert max(quick["envelope"]["fraction"]) > 0
+    assert quick["bytes_estimate"] < quick["bank_bytes"]
+
+
+def test_a_list_is_read_reported_and_built_from(client: TestClient) -> None:
+    """An upload says which rows were dropped and why; the build uses the rest and names the list in its manifest."""
+    lines = write_star_list(load_stars(4.0), "csv").decode().splitlines()
+    head = next(k for k, line in enumerate(lines) if line and not line.startswith("#"))
+    spoiled = lines[head + 3].split(",")
+    at = next(k for k, name in enumerate(lines[head].split(",")) if name.lower().startswith("ra"))
+    spoiled[at] = "nan"
+    lines[head + 3] = ",".join(spoiled)
+    made = client.post("/api/catalogues/sources", files={"file": ("mine.csv", "\n".join(lines).encode())})
+    assert made.status_code == 201, made.text
+    row = made.json()
+    assert (row["stars"], row["dropped"]) == (len(load_stars(4.0)) - 1, 1)
+    assert row["report"]["dropped"][0]["reason"]
+    assert client.get("/api/catalogues/sources").json()[0]["id"] == row["id"]
+    detail = built(client, name="of mine", source="list", star_list=row["id"], faint_mag=3.5)
+    assert detail["manifest"]["source_facts"]["name"] == "list"
+    assert detail["funnel"][0] == {"label": "mine.csv", "stars": row["stars"], "kind": "keep"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "form", "words"),
+    [
+        ("a.doc", "x", {}, "unknown kind of star list"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n", {"mapping": '{"epoch_jyear": 2000}'}, "empty"),
+        (
+            "a.csv",
+            "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n1,20,20,3\n",
+            {"mapping": '{"epoch_jyear": 2000, "frame": "icrs", "bad_rows": "refuse"}'},
+            "twice",
+        ),
+        (
+            "a.csv",
+            "id,ra_deg,dec_deg,v_mag\n1,nan,10,3\n2,20,20,3\n",
+            {"mapping": '{"epoch_jyear": 2000, "bad_rows": "refuse"}'},
+            "",
+        ),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": '{"epoch_jyear": 1000}'}, "poch"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": "what"}, "mapping of the columns"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"profile": "hubble"}, "unknown camera profile"),
+    ],
+)
+def test_each_bad_list_is_refused_with_words(
+    client: TestClient, name: str, text: str, form: dict[str, str], words: str
+) -> None:
+    """NaN rows where these are refused, numbers twice, a wrong epoch, no such kind: 4xx, and nothing is kept."""
+    before = len(client.get("/api/catalogues/sources").json())
+    reply = client.post("/api/catalogues/sources", files={"file": (name, text.encode())}, data=form)
+    assert reply.status_code in (400, 404), reply.text
+    assert words in reply.json()["message"]
+    assert len(client.get("/api/catalogues/sources").json()) == before
+
+
+def test_a_list_for_another_camera_is_refused(client: TestClient) -> None:
+    """A list that was brought for one camera is not for another."""
+    data = write_star_list(load_stars(3.0), "csv")
+    row = client.post("/api/catalogues/sources", files={"file": ("s.csv", data)}, data={"profile": "sunsat"}).json()
+    reply = client.post("/api/catalogues/preview", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
+    assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
+    assert (reply.json()["expected"], reply.json()["got"]) == ("sunsat", "cubestar")
+
+
+def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> None:
+    """Counts, stars with names, places and amounts, and the sky that gets poorer."""
+    old, new = pair
+    d = client.get("/api/catalogues/diff", params={"old": old["id"], "new": new["id"]}).json()
+    assert d["added_count"] - d["dropped_count"] == new["stars"] - old["stars"]
+    assert d["same_count"] + d["moved_count"] + d["dropped_count"] == old["stars"]
+    # Aberration moves every star of the second that is not near the direction of motion.
+    assert d["moved_count"] > 0.8 * (d["same_count"] + d["moved_count"])
+    assert max(s["moved_arcsec"] for s in d["moved"]) < 21.0
+    assert sum(d["coverage"]["new"]) != sum(d["coverage"]["old"])
+    assert len(d["coverage"]["new"]) == 12 * d["coverage"]["nside"] ** 2
+    assert d["added"][0]["v_mag"] <= d["added"][-1]["v_mag"]
+    same = client.get("/api/catalogues/diff", params={"old": old["id"], "new": old["id"]}).json()
+    assert same["nothing"]
+    assert client.get("/api/catalogues/diff", params={"old": old["id"], "new": 999_999}).status_code == 404
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_export_holds_the_catalogue(client: TestClient, pair: Any, kind: str) -> None:
+    """Images and tables give the very same bytes back; the others name each star."""
+    detail = pair[0]
+    reply = client.get(f"/api/catalogues/{detail['id']}/export", params={"kind": kind})
+    assert reply.status_code == 200, reply.text
+    image = client.get(f"/api/catalogues/{detail['id']}/image.bin").content
+    name = reply.headers["content-disposition"].split('"')[1]
+    if kind == "image":
+        assert reply.content == image
+    elif kind == "manifest":
+        assert json.loads(reply.content)["image_sha256"] == detail["sha256"]
+    elif kind == "c":
+        assert decode(read_c_source(reply.text)).icrs.shape == (detail["stars"], 3)
+    elif kind.startswith("tables-"):
+        assert import_file(reply.content, name) == image
+    elif kind == "csv":
+        assert len(reply.text.strip().splitlines()) == 1 + detail["stars"]
+    else:
+        assert len(reply.content) > 8 * detail["stars"]
+    assert client.get(f"/api/catalogues/{detail['id']}/export", params={"kind": "papyrus"}).status_code == 422
+
+
+def test_the_report_is_one_page_complete_in_itself(client: TestClient, pair: Any) -> None:
+    """No script, nothing from elsewhere, and the figures of the catalogue."""
+    detail = pair[1]
+    page = client.get(f"/api/catalogues/{detail['id']}/report.html")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "<script" not in page.text
+    assert "http://" not in page.text.replace("http://www.w3.org", "")
+    assert page.text.count("<svg") >= 3
+    for words in ("second", "annual_aberration", detail["sha256"], f">{detail['stars']}<", "Stars per field"):
+        assert words in page.text
+
+
+def test_the_detail_tells_corrections_sizes_and_the_sun(client: TestClient, pair: Any) -> None:
+    """What was applied is in the manifest with how much it moved; parts add up to the image; the Sun's way is drawn."""
+    detail = pair[1]
+    applied = {c["name"]: c for c in detail["manifest"]["corrections"]["applied"]}
+    assert set(applied) == {"proper_motion", "annual_aberration"}
+    assert 19 < np.degrees(applied["annual_aberration"]["largest"]) * 3600 < 21
+    assert sum(detail["sizes"]["by_part"].values()) == detail["bytes"]
+    assert "Sun" in [w["name"] for w in detail["wanderers"]]
+    assert detail["manifest"]["version"] == 2
+
+
+def test_banks_by_date(client: TestClient, pair: Any) -> None:
+    """What a device told is had as a timeline with validity and cover; nothing on record is a 404 with words."""
+    empty = client.get("/api/catalogues/timeline")
+    assert (empty.status_code, empty.json()["message"]) == (404, "no banks are on record")
+    now = datetime.now(UTC)
+    with client.app.state.services.database.unit_of_work() as session:  # type: ignore[attr-defined]
+        facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
+        device = devices.remember(session, now, name="FM2", **facts)  # type: ignore[arg-type]
+        row = BankHistory(device_id=device.id, bank="B", state="active", sha256=pair[0]["sha256"])
+        row.began = row.told = now - timedelta(days=1)
+        bank_history.add(session, row)
+    told = client.get("/api/catalogues/timeline").json()
+    assert told["device"]["name"] == "FM2"
+    (stay,) = told["stays"]
+    assert (stay["bank"], stay["name"], stay["catalogue_id"]) == ("B", "first", pair[0]["id"])
+    assert stay["valid_to"] == pair[0]["valid_to"]
+    assert told["cover"]["text"]
+    span = {"start": "2026-12-02T00:00:00Z", "end": "2026-12-01T00:00:00Z"}
+    assert client.get("/api/catalogues/timeline", params=span).status_code == 400
