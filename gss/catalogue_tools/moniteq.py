@@ -50,7 +50,7 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
         seed,
         (
             "The document's 0.17 takes all stars to 6.5, not those within 0.5 mag of the sixth that its words ask for.",
-            "Stars crowd: the ring round a star holds a tenth more than an even sky would give, and rings differ more than by chance.",
+            "Stars crowd: the ring round a star holds a tenth more than in an even sky, and rings differ more than chance has it.",
             "The variables are all that Hipparcos flags, of whatever amplitude; the third star's patch has the radius of the "
             "separation's error, not of the arc as printed.",
         ),
