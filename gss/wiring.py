@@ -151,7 +151,12 @@ def build(settings: Settings) -> Services:
     transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)
-    solver = Solver(SolverCache(stars), stopwatch_s, epoch_jyear=jyear_of(utc_now()), profiles=book.profile)
+    solver = Solver(
+        SolverCache(stars, folder=settings.data / "figures"),
+        stopwatch_s,
+        epoch_jyear=jyear_of(utc_now()),
+        profiles=book.profile,
+    )
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
     bank_history = BankHistoryService(link, database, utc_now)

@@ -89,12 +89,13 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve each file; the worst outcome decides the exit code."""
     from gss.operations.clock import stopwatch_s
+    from gss.operations.figure_files import users_folder
     from gss.operations.sequence import Sequencer
-    from gss.operations.solve import Solver
+    from gss.operations.solve import Solver, SolverCache
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
-    solver = Solver(stopwatch_s=stopwatch_s)
+    solver = Solver(SolverCache(folder=users_folder()), stopwatch_s)
     sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
     truths = read_truths(arguments.truth, arguments.files)
     codes = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -20,6 +21,7 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.operations.clock import Monotonic
+from gss.operations.figure_files import FigureFiles
 from gss.operations.observer import Observer
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import Hint, Mode
@@ -83,8 +85,10 @@ class SolverCache:
     Builds each once and keeps the latest; safe to share between threads.
     """
 
-    def __init__(self, stars: StarTable | None = None, keep: int = 40) -> None:
+    def __init__(self, stars: StarTable | None = None, keep: int = 40, folder: Path | None = None) -> None:
+        """``folder``: where the blind solver's dictionaries are kept for the next process; None: nowhere."""
         self._base, self._keep = stars, keep
+        self._files = None if folder is None else FigureFiles(folder)
         self._lock = threading.RLock()
         self._made: dict[tuple[Any, ...], Any] = {}
 
@@ -117,8 +121,13 @@ class SolverCache:
 
     def level(self, epoch_jyear: float) -> Callable[[float], Level]:
         """Builder of figure dictionaries that remembers them."""
-        sky = self.sky(epoch_jyear)
-        return lambda radius_rad: self._once(("figures", radius_rad, epoch_jyear), lambda: build_level(sky, radius_rad))
+        # Figures bear the proper motion of a year; one dictionary then serves all frames of it.
+        year = float(round(epoch_jyear))
+        sky = self.sky(year)
+        if self._files is None:
+            return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: build_level(sky, radius_rad))
+        files = self._once(("figure files", year), lambda f=self._files: f.levels(sky))  # type: ignore[misc]
+        return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
 
     def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
         """What a flash bank for this camera would hold: stars to its limit and their distances, not quantised."""

@@ -1,0 +1,80 @@
+"""The blind solver's dictionaries kept on disk, so that a fresh process need not build them: a file per content.
+
+A file's name is the hash of what it was made from; a damaged or foreign one is built anew and written over.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gss.pipeline.identify.patterns import Level, build_level
+from gss.pipeline.identify.verify import Sky
+
+FORMAT = 1
+NAMES = ("stars", "size_rad", "codes")
+
+
+def users_folder() -> Path:
+    """Where programs of one user keep what can be made again."""
+    place = os.environ.get("XDG_CACHE_HOME")
+    return (Path(place) if place else Path.home() / ".cache") / "gss"
+
+
+class FigureFiles:
+    """Dictionaries in a folder, made when they are missing. Several processes may share it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def levels(self, sky: Sky) -> Callable[[float], Level]:
+        """Builder of the dictionaries of one sky that looks on disk first."""
+        content = hashlib.sha256(f"{FORMAT} ".encode() + np.ascontiguousarray(sky.icrs).tobytes()).hexdigest()
+        return lambda radius_rad: self._level(sky, radius_rad, content)
+
+    def _level(self, sky: Sky, radius_rad: float, content: str) -> Level:
+        key = hashlib.sha256(f"{content} {radius_rad!r}".encode()).hexdigest()[:32]
+        path = self._folder / f"figures-{key}.npz"
+        level = _read(path, sky, radius_rad)
+        if level is None:
+            level = build_level(sky, radius_rad)
+            with contextlib.suppress(OSError):  # a full or read-only disk costs time, not the answer
+                _write(path, level)
+        return level
+
+
+def _read(path: Path, sky: Sky, radius_rad: float) -> Level | None:
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
+            stars, size_rad, codes = (kept[name] for name in NAMES)
+            count = int(kept["bright_count"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    sound = stars.shape == codes.shape == (len(size_rad), 4) and 0 < count <= len(sky) and stars.size
+    if not sound or stars.min() < 0 or stars.max() >= count:
+        return None
+    return Level(radius_rad, stars, size_rad, cKDTree(codes), cKDTree(sky.icrs[:count]), count)
+
+
+def _write(path: Path, level: Level) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = io.BytesIO()
+    np.savez(
+        data,
+        stars=level.stars,
+        size_rad=level.size_rad,
+        codes=np.asarray(level.tree.data),
+        bright_count=np.int64(level.bright_count),
+    )
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.stem, delete=False) as part:
+        part.write(data.getvalue())
+    os.replace(part.name, path)
