@@ -188,7 +188,7 @@ def as_page(
         "# The documents' tables, rerun\n",
         f"Written by `gss experiments run --all{asked} --page`, version {version}; each says "
         "how many trials it had. Intervals are 95 % (Wilson). The same seed and number "
-        "of trials give the same figures.\n",
+        "of trials give the same figures. The hunt for false attitudes at length is in [never-wrong.md](never-wrong.md).\n",
     ]
     for e in experiments:
         head = "| " + " | ".join(e.columns) + " |\n|" + "---|" * len(e.columns)
