@@ -1,0 +1,60 @@
+"""The observer's velocity: when it is known, and what it is."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.corrections import earth_velocity_c
+from gss.catalogue_tools.orbits import jyear_of
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import BadInput
+from gss.operations.observer import observer_at, observer_of_frame
+
+MOMENT = datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC)
+TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
+2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537"""
+
+
+def frame(**values: Any) -> Any:
+    """The columns of a stored frame that matter here."""
+    row = {"source": "device", "taken": MOMENT, "received": MOMENT + timedelta(days=1), "truth": None}
+    return cast(Any, SimpleNamespace(**(row | values)))
+
+
+def test_velocity_is_that_of_the_earth() -> None:
+    """Without an orbit it is the Earth's, which the closed formula gives to 0.05″."""
+    observer = observer_at(MOMENT)
+    off = np.array(observer.velocity_c) - earth_velocity_c(jyear_of(MOMENT))
+    assert np.linalg.norm(off) < 0.05 * ARCSEC_RAD
+    assert "was taken out" in observer.words
+
+
+def test_an_orbit_adds_its_own_velocity() -> None:
+    """The station's element set adds 7.7 km/s, along the orbit's plane of that day."""
+    added = np.array(observer_at(MOMENT, TLE).velocity_c) - np.array(observer_at(MOMENT).velocity_c)
+    speed_km_s = np.linalg.norm(added) * 299_792.458
+    assert 7.5 < speed_km_s < 7.8
+    inclination, node = np.radians([51.64, 247.46])
+    normal = np.array([np.sin(node) * np.sin(inclination), -np.cos(node) * np.sin(inclination), np.cos(inclination)])
+    assert abs(added @ normal) / np.linalg.norm(added) < 0.01
+
+
+def test_only_a_known_time_tells_a_velocity() -> None:
+    """A device's frame has a time, an import dated by its arrival none, a simulated one is left alone unless asked for."""
+    assert observer_of_frame(frame()) is not None
+    assert observer_of_frame(frame(source="import")) is not None
+    assert observer_of_frame(frame(source="import", received=MOMENT)) is None
+    assert observer_of_frame(frame(truth=[0, 0, 0, 1])) is None
+    assert observer_of_frame(frame(truth=[0, 0, 0, 1]), True) is not None
+    assert observer_of_frame(frame(), False) is None
+
+
+def test_a_time_without_zone_is_refused() -> None:
+    """Local time is not a time."""
+    with pytest.raises(BadInput, match="time zone"):
+        observer_at(MOMENT.replace(tzinfo=None))
