@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from gss.domain.errors import Conflict, GssError
-from gss.operations.clock import Now
+from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
 from gss.store import jobs as store
 from gss.store.engine import Database
 from gss.store.models import Job
+
+TELL_EVERY_S = 0.1
 
 
 class Cancelled(Exception):
@@ -91,10 +94,17 @@ class JobService:
     def _run(self, job_id: int, work: Work) -> None:
         cancel = self._cancel[job_id]
 
+        told_s = -math.inf
+
         def progress(done: int, total: int, text: str) -> None:
+            nonlocal told_s
             if cancel.is_set():
                 raise Cancelled
-            self._update(job_id, state="running", done=done, total=total, text=text)
+            # Work may report thousands of times; a row and a message for each would cost more than the work.
+            now_s = stopwatch_s()
+            if now_s - told_s >= TELL_EVERY_S:
+                told_s = now_s
+                self._update(job_id, state="running", done=done, total=total, text=text)
 
         try:
             progress(0, 0, "started")
