@@ -92,9 +92,14 @@ def _linearised(
     pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: list[str]
 ) -> tuple[Array, Array]:
     """Residuals (n, 2) and derivatives (n, 2, parameters) of the prediction."""
-    base = camera.project(icrs @ cam_from_icrs.T)
-    columns = []
-    for k, _ in enumerate(names):
+    unit = icrs @ cam_from_icrs.T
+    n = len(unit)
+    # All three small turns in one projection: a turn by STEP about an axis moves a direction by STEP times its cross product.
+    turned = [unit + STEP * np.cross(axis, unit) for axis in np.eye(3)]
+    places = camera.project(np.concatenate([unit, *turned]))
+    base = places[:n]
+    columns = [(places[k * n : (k + 1) * n] - base) / STEP for k in (1, 2, 3)]
+    for k in range(3, len(names)):
         step = np.zeros(len(names))
         step[k] = STEP
         moved_camera, moved = _moved(camera, cam_from_icrs, step, names)
