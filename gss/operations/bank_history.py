@@ -112,17 +112,23 @@ class BankHistoryService:
         if event.name == "BANK_FELL_BACK":
             self._cause = ("fell back", "")
             self._tried(False, "fell back")
+        elif event.name == "BANK_ACTIVATED":
+            self._cause, self._trial = ("ACTIVATE_BANK", self._who(event.request_id)), True
         elif event.name == "BANK_CONFIRMED":
+            self._cause = ("CONFIRM_BANK", self._who(event.request_id))
             self._tried(False, "CONFIRM_BANK")
+
+    def _who(self, request_id: int) -> str:
+        with self._database.unit_of_work() as session:
+            row = commands.by_request(session, request_id) if request_id else None
+        return row.user if row else self._cause[1]
 
     def _completed(self, event: CommandStage) -> None:
         """The next reports are what this command has brought about."""
         if event.name == "LIST_BANKS":
             self._cause = ("", "")
         elif event.name.endswith("_BANK"):
-            with self._database.unit_of_work() as session:
-                row = commands.by_request(session, event.request_id)
-            self._cause = (event.name, row.user if row else "")
+            self._cause = (event.name, self._who(event.request_id))
             if event.name == "CONFIRM_BANK":
                 self._tried(False, event.name)
             elif event.name == "ACTIVATE_BANK":

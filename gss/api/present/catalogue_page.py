@@ -11,6 +11,7 @@ from gss.api.present import sky_svg
 from gss.api.present.contact_page import STYLE
 
 NEED = 5
+ENDLESS = 1e6
 ARCSEC_RAD = math.pi / 648_000
 
 
@@ -107,11 +108,18 @@ def _ambiguity(report: Mapping[str, Any]) -> str:
     a = report.get("ambiguity")
     if not a:
         return ""
-    drawn = sky_svg.sky_map(a["nside"], a["value"], "Other triangles per triangle")
-    words = f"Other triangles like one of the field's brightest, within {a['tolerance_arcsec']:.0f}″"
-    if a.get("worst") is not None:
+    drawn = sky_svg.sky_map(a["nside"], [_decades(v) for v in a["value"]], "Other triangles per triangle")
+    words = (
+        f"Other triangles like one of the field's brightest, within {a['tolerance_arcsec']:.0f}″, 0.001 to 100 by tone"
+    )
+    if a.get("worst") is not None and a["worst"] < ENDLESS:
         words += f"; most {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°"
     return _figure(drawn, words)
+
+
+def _decades(value: float | None) -> float | None:
+    """Tone on a scale of five decades from a thousandth."""
+    return None if not value else min(1.0, max(0.0, (math.log10(value) + 3) / 5))
 
 
 def _lifetime(report: Mapping[str, Any]) -> str:

@@ -1,0 +1,118 @@
+"""gss catalogue: sources, corrections, what hides the sky, reports, differences and tables that come back."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import UTC, datetime
+
+import pytest
+
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.star_list_export import write_star_list
+from gss.cli.catalogue import register, run_build
+from gss.domain.errors import BadInput, GssError
+
+BAND = "--profile sunsat --inclination-deg 97 --raan-deg 133:149 --mag-limit 5"
+TLE = (
+    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991\n"
+    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482\n"
+)
+
+
+def do(command, *arguments):
+    parser = argparse.ArgumentParser(prog="gss")
+    register(parser.add_subparsers(dest="command", required=True))
+    parsed = parser.parse_args(["catalogue", command, *map(str, arguments)])
+    return (
+        run_build(parsed, now=lambda: datetime(2026, 12, 1, tzinfo=UTC)) if command == "build" else parsed.run(parsed)
+    )
+
+
+def facts(capsys):
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_build_with_everything_on_names_what_was_applied(tmp_path, capsys):
+    """Corrections, baffles and the Earth are in the figures and the manifest; the report is one page; a table comes back."""
+    image, page = tmp_path / "a.bin", tmp_path / "a.html"
+    more = "--altitude-km 800 --earth --sun-deg --moon-deg 20 --correct annual_aberration --correct orbital_aberration"
+    assert (
+        do("build", *BAND.split(), *more.split(), "--doubles", "drop", "--out", image, "--report", page, "--json") == 0
+    )
+    found = facts(capsys)
+    assert found["corrections"] == ["proper_motion", "doubles", "annual_aberration", "orbital_aberration"]
+    assert 0 < found["blinded_share"] < 0.5
+    assert found["lifetime_days"] > 0
+    assert "<svg" in page.read_text("utf-8")
+    manifest = json.loads((tmp_path / "a.bin.json").read_text("utf-8"))
+    assert manifest["occultation"]["sun_rad"] == pytest.approx(0.4904, abs=1e-3)
+    tables = tmp_path / "a.tables.fits"
+    assert do("export", image, "--kind", "tables-fits", "--out", tables) == 0
+    assert do("import", tables, "--out", tmp_path / "b.bin") == 0
+    assert (tmp_path / "b.bin").read_bytes() == image.read_bytes()
+    capsys.readouterr()
+    assert do("report", image, "--json") == 0
+    assert facts(capsys)["report"]["quality"]["worst_stars"] == found["worst_field_stars"]
+    assert do("diff", image, image, "--json") == 0
+    same = facts(capsys)
+    assert (same["same"], same["added"], same["circles_poorer"]) == (found["stars"], [], 0)
+
+
+def test_a_list_of_ones_own_is_a_source(tmp_path, capsys):
+    """A CSV list becomes a catalogue whose manifest names it."""
+    path = tmp_path / "mine.csv"
+    path.write_bytes(write_star_list(load_stars(3.0), "csv"))
+    assert do("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
+    found = facts(capsys)
+    assert (found["source"], found["stars"]) == ("list", len(load_stars(2.5)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (f"{BAND} --mag-limit -1.9", "leaves no stars"),
+        (f"{BAND} --epoch 1900", "epoch of the positions is far"),
+        (f"{BAND} --earth", "needs the altitude"),
+        (f"{BAND} --roll-deg 5:-5", "minimum is above the maximum"),
+        (f"{BAND} --correct magic", "unknown correction"),
+        (f"{BAND} --doubles magic", "unknown policy"),
+        (f"{BAND} --frame b1875", "unknown frame"),
+        (f"{BAND} --source sdss", "unknown source"),
+        ("--mag-limit 6", "overflows the bank"),
+        ("--correct orbital_aberration", "needs an orbit"),
+        ("--profile sunsat --pointing inertial --ra-deg 57.3 --dec-deg -57.3 --mag-limit 0", "holds no star"),
+        ("--list no-such.csv", "cannot be read"),
+    ],
+)
+def test_each_bad_input_is_a_sentence(arguments, words):
+    """Each ends with exit code 2 and says what was expected."""
+    with pytest.raises(GssError, match=words):
+        do("build", *arguments.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "date", "words"),
+    [
+        (TLE.replace("9991", "9992"), "2019-12-10", "wrong checksum"),
+        (TLE, "2026-12-01", "outside the TLE's validity"),
+        (TLE.replace("15.50103472202482", "17.90103472202480"), "2019-12-10", "decayed"),
+    ],
+)
+def test_bad_tles_are_named(tmp_path, text, date, words):
+    """A wrong checksum, dates that it is not good for, and an orbit below the ground."""
+    path = tmp_path / "a.tle"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=words):
+        do("build", "--tle", path, "--from", date)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"), [("1,10,10,3\n1,20,20,3\n", "twice"), ("1,nan,10,3\n2,20,20,3\n", "row 1, column ra_deg")]
+)
+def test_bad_rows_of_a_list_end_the_build_where_asked(tmp_path, rows, words):
+    """Numbers twice and rows that are no numbers, with --refuse-bad-rows."""
+    path = tmp_path / "a.csv"
+    path.write_text("id,ra_deg,dec_deg,v_mag\n" + rows)
+    with pytest.raises(BadInput, match=words):
+        do("build", "--list", path, "--list-epoch", "2000", "--list-frame", "icrs", "--refuse-bad-rows")
