@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from gss.catalogue_tools.hipparcos import load_stars
 from gss.domain.profiles import profile
@@ -21,7 +24,7 @@ needs_numba = pytest.mark.skipif(
 )
 
 
-def frame(seed: int, kind: str = "uint8", shape: tuple[int, int] = (200, 300)) -> np.ndarray:  # type: ignore[type-arg]
+def frame(seed: int, kind: str = "uint8", shape: tuple[int, int] = (200, 300)) -> NDArray[Any]:
     """Noise on a slope, stars of all brightnesses (some at the edges), hot pixels, a bright column."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: shape[0], : shape[1]]
@@ -32,7 +35,7 @@ def frame(seed: int, kind: str = "uint8", shape: tuple[int, int] = (200, 300)) -
         light += flux / 7.5 * np.exp(-((x - col) ** 2 + (y - row) ** 2) / 2.4)
     light[rng.integers(0, shape[0], 40), rng.integers(0, shape[1], 40)] += 90
     light[:, 77] += 9
-    return np.clip(np.rint(light), 0, 255).astype(kind)
+    return np.asarray(np.clip(np.rint(light), 0, 255).astype(kind))
 
 
 @needs_numba

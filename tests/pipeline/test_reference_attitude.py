@@ -15,6 +15,7 @@ from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.pipeline.chains import reference
+from gss.pipeline.identify.near import Hint
 from gss.pipeline.identify.verify import Sky
 from gss.pipeline.render import render
 
@@ -63,17 +64,16 @@ def test_scatter_from_lists_is_the_covariance() -> None:
     """400 lists whose stars have ten different errors: normalised attitude errors are standard normal about each axis."""
     known = profile("sunsat")
     stars, rng = known_sky(known), np.random.default_rng(31)
-    normalised, squares = [], []
+    normalised: list[Array] = []
+    squares: list[float] = []
     while len(squares) < TRIALS:
         pose = matrix_from_quaternion(random_quaternion(rng))
-        result = reference.solve_centroids(
-            lists(known, stars, rng, pose), known.camera, stars, hint=reference.Hint(pose, 0.01)
-        )
+        result = reference.solve_centroids(lists(known, stars, rng, pose), known.camera, stars, hint=Hint(pose, 0.01))
         if result.attitude is None:
             continue
         error = turned_by(result, pose)
         normalised.append(error / np.sqrt(np.diag(result.attitude.covariance_rad2)))
-        squares.append(error @ np.linalg.solve(result.attitude.covariance_rad2, error))
+        squares.append(float(error @ np.linalg.solve(result.attitude.covariance_rad2, error)))
     assert_scatter_is_the_covariance(np.array(normalised), np.array(squares))
 
 
@@ -82,20 +82,21 @@ def test_scatter_from_pixels_is_the_covariance() -> None:
     known = profile("cubestar")
     stars, rng = known_sky(known), np.random.default_rng(32)
     drawn = STARS.brighter_than(6.0)
-    normalised, squares = [], []
+    normalised: list[Array] = []
+    squares: list[float] = []
     pose = matrix_from_quaternion(random_quaternion(rng))
     while len(squares) < TRIALS:
         if len(squares) % 8 == 0:
             pose = matrix_from_quaternion(random_quaternion(rng))
         frame = render(drawn, known.camera, known.sensor, pose, known.sensor.exposure_s, rng)
-        hint = reference.Hint(pose, 0.01)
+        hint = Hint(pose, 0.01)
         result = reference.solve_known(frame.pixels, known.camera, known.sensor, stars, hint=hint)
         if result.attitude is None:
             pose = matrix_from_quaternion(random_quaternion(rng))
             continue
         error = turned_by(result, pose)
         normalised.append(error / np.sqrt(np.diag(result.attitude.covariance_rad2)))
-        squares.append(error @ np.linalg.solve(result.attitude.covariance_rad2, error))
+        squares.append(float(error @ np.linalg.solve(result.attitude.covariance_rad2, error)))
     assert_scatter_is_the_covariance(np.array(normalised), np.array(squares))
 
 
