@@ -94,14 +94,14 @@ class JobService:
     def _run(self, job_id: int, work: Work) -> None:
         cancel = self._cancel[job_id]
 
-        told_s = -math.inf
+        told_s, last = -math.inf, {"done": 0, "total": 0}
 
         def progress(done: int, total: int, text: str) -> None:
-            nonlocal told_s
+            nonlocal told_s, last
             if cancel.is_set():
                 raise Cancelled
             # Work may report thousands of times; a row and a message for each would cost more than the work.
-            now_s = stopwatch_s()
+            now_s, last = stopwatch_s(), {"done": done, "total": total}
             if now_s - told_s >= TELL_EVERY_S:
                 told_s = now_s
                 self._update(job_id, state="running", done=done, total=total, text=text)
@@ -110,13 +110,13 @@ class JobService:
             progress(0, 0, "started")
             result = work(progress)
         except Cancelled:
-            self._update(job_id, state="cancelled", text="cancelled", finished=self._now())
+            self._update(job_id, state="cancelled", text="cancelled", finished=self._now(), **last)
         except GssError as error:
             self._fail(job_id, str(error))
         except Exception as error:  # a defect in a job must end as a visible failure, never as a silent dead thread
             self._fail(job_id, f"defect in the server: {type(error).__name__}: {error}")
         else:
-            self._update(job_id, state="done", text="done", result=result, finished=self._now())
+            self._update(job_id, state="done", text="done", result=result, finished=self._now(), **last)
         finally:
             self._cancel.pop(job_id, None)
 
