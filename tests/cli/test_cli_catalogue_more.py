@@ -96,7 +96,7 @@ def test_each_bad_input_is_a_sentence(arguments, words):
     [
         (TLE.replace("9991", "9992"), "2019-12-10", "wrong checksum"),
         (TLE, "2026-12-01", "outside the TLE's validity"),
-        (TLE.replace("15.50103472202482", "17.90103472202480"), "2019-12-10", "decayed"),
+        (TLE.replace("15.50103472202482", "17.90103472202488"), "2019-12-10", "decayed"),
     ],
 )
 def test_bad_tles_are_named(tmp_path, text, date, words):

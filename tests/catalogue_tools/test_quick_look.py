@@ -1,0 +1,87 @@
+"""The preview's quick look against the exact envelope, manifests of both versions, and requests that come back from them."""
+
+import hashlib
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.attitude import AttitudeLimits
+from gss.catalogue_tools.build import build, preview
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.manifest import SINCE_2, read_manifest
+from gss.catalogue_tools.occultation import Occultation
+from gss.catalogue_tools.plan import plan
+from gss.catalogue_tools.quick_look import QuickLook
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, parameters_of, request_from
+from gss.catalogue_tools.selection import Rules
+from gss.domain.errors import CorruptData
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+BOX = deg(-5, 5)
+REQUEST = BuildRequest(
+    "sunsat",
+    "sunsat",
+    Rules(5.0),
+    orbit=ElementsOrbit(deg(97, 97), deg(133, 149)),
+    attitude=AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)),
+    start=datetime(2026, 12, 1, tzinfo=UTC),
+    pointings=500,
+)
+LAWS = [AttitudeLimits(law, BOX, BOX, BOX, ra_rad=1.0) for law in ("zenith", "inertial", "anti_sun", "sun_pointing")]
+
+
+@pytest.mark.parametrize("limits", LAWS, ids=lambda limits: limits.pointing)
+def test_the_quick_look_sees_the_same_stars(limits):
+    """For each kind of law the sampled membership equals the exact one, on the stars and nearly on any direction."""
+    p = plan(replace(REQUEST, attitude=limits))
+    stars = load_stars(6.0).icrs
+    assert np.count_nonzero(QuickLook(p).contains(stars) != p.envelope.contains(stars)) <= 1
+    rng = np.random.default_rng(5)
+    anywhere = rng.normal(size=(4000, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    assert np.mean(QuickLook(p).contains(anywhere) != p.envelope.contains(anywhere)) < 1e-3
+
+
+def test_a_drifting_node_widens_the_limits():
+    """With an altitude the node's limits move by the flattening's drift through the days; without one they stay."""
+    orbit = ElementsOrbit(deg(97.6, 97.6), deg(50, 50), 557e3)
+    low, high = plan(replace(REQUEST, orbit=orbit)).planes.raan_rad
+    assert low == pytest.approx(np.radians(50))
+    assert np.degrees(high - low) == pytest.approx(14 * 0.985, rel=0.02)  # Sun-synchronous
+    still = plan(replace(REQUEST, orbit=replace(orbit, altitude_m=None))).planes.raan_rad
+    assert still[0] == still[1]
+
+
+def test_requests_come_back_from_their_parameters():
+    """The request of a manifest equals the one it was made of."""
+    changed = replace(REQUEST, occultation=Occultation(8e5, 0.0, 0.4, 0.2), k_vector=True, orbit=TleOrbit("x"))
+    for request in (REQUEST, changed, BuildRequest("cubestar", "cubestar", Rules(3.8))):
+        assert request_from(json.loads(json.dumps(parameters_of(request)))) == request
+    with pytest.raises(CorruptData, match="no request"):
+        request_from({"rules": {"colour": 1}})
+
+
+def test_a_manifest_of_version_1_is_still_read():
+    """A paper without the newer facts, with its own hash, reads back as it was and keeps its hash."""
+    content = build(REQUEST, load_stars()).manifest.as_dict()
+    old = {name: value for name, value in content.items() if name not in (*SINCE_2, "manifest_sha256")} | {"version": 1}
+    text = json.dumps(old, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    paper = json.dumps(old | {"manifest_sha256": hashlib.sha256(text.encode()).hexdigest()})
+    read = read_manifest(paper)
+    assert (read.version, read.corrections, read.method) == (1, {}, "exact")
+    assert read.as_dict() == json.loads(paper)
+    assert request_from(read.parameters) == REQUEST
+
+
+def test_the_default_build_keeps_its_bytes():
+    """The documents' case gives the image that it gave before there were switches."""
+    request = replace(REQUEST, rules=Rules(6.0))
+    assert build(request, load_stars()).sha256 == "b41e1832fd0b29fa0f0b1b89b13bb77291a08e6614b906ca2ce8beb753d2a254"
+    assert preview(request, load_stars()).pairs == 2783
