@@ -1,0 +1,69 @@
+"""The catalogue manager in a real browser: laws, corrections, maps of mistakes, differences, files and banks by date."""
+
+from __future__ import annotations
+
+import re
+
+from playwright.sync_api import expect
+
+
+def build(page, name: str, first: str, last: str) -> None:
+    """A two-week catalogue of a zenith camera."""
+    page.goto("/catalogues/new")
+    page.get_by_test_id("build-name").fill(name)
+    page.get_by_test_id("step-1").click()
+    page.get_by_role("group", name="Orbit from").get_by_role("button", name="elements").click()
+    page.get_by_test_id("build-raan_from").fill(first)
+    page.get_by_test_id("build-raan_to").fill(last)
+    page.get_by_test_id("step-4").click()
+    page.get_by_test_id("correct-annual_aberration").check()
+    page.get_by_test_id("build").click()
+    expect(page).to_have_url(re.compile(r"/catalogues/\d+"))
+    expect(page.get_by_test_id("quality")).to_contain_text("annual aberration")
+
+
+def test_manager_compares_exports_and_reports(page, picture):
+    """Two builds laid beside each other by star and on the map; lifetime, alike stars, export and report."""
+    build(page, "zen-old", "20", "34")
+    build(page, "zen-new", "34", "48")
+    expect(page.get_by_test_id("quality")).to_contain_text("Drift leaves the field")
+    page.get_by_role("group", name="Map of").get_by_role("button", name="Alike stars").click()
+    picture("catalogue-alike")
+    page.get_by_test_id("diff-open").click()
+    old = page.get_by_test_id("diff-old")
+    old.select_option(label=old.locator("option", has_text="zen-old").first.inner_text())
+    expect(page.get_by_test_id("diff")).to_contain_text("moved")
+    expect(page.get_by_test_id("diff").locator("tbody tr").nth(3)).to_be_visible()
+    picture("catalogue-diff")
+    page.get_by_test_id("diff-close").click()
+    page.get_by_test_id("export-menu").click()
+    with page.expect_download() as download:
+        page.get_by_test_id("export-csv").click()
+    assert download.value.suggested_filename == "zen-new.csv"
+    address = page.get_by_test_id("report").get_attribute("href")
+    page.goto(address)
+    expect(page.get_by_role("heading", name="Catalogue zen-new")).to_be_visible()
+
+
+def test_every_law_answers_while_it_is_changed(page):
+    """The preview follows the law with its own inputs; what cannot be is said in words at once."""
+    page.goto("/catalogues/new")
+    page.get_by_test_id("step-2").click()
+    for law in ("anti_sun", "sun_pointing", "inertial"):
+        page.get_by_test_id("build-pointing").select_option(law)
+        expect(page.get_by_text("preview in")).to_be_visible()
+        expect(page.get_by_test_id("funnel")).to_contain_text("kept")
+    page.get_by_test_id("build-dec_deg").fill("-60")
+    page.get_by_test_id("step-4").click()
+    page.get_by_test_id("build-bright_mag").fill("5")
+    expect(page.get_by_text("bright limit is not brighter")).to_be_visible()
+    page.get_by_test_id("build-bright_mag").fill("-2")
+    page.get_by_test_id("hide-earth").check()
+    expect(page.get_by_text("needs the altitude")).to_be_visible()
+
+
+def test_the_banks_are_on_record(page):
+    """What the device reported is drawn with the word about cover."""
+    page.goto("/catalogues")
+    expect(page.get_by_test_id("banks")).to_contain_text("golden")
+    expect(page.get_by_test_id("banks")).to_contain_text("active bank does not expire")
