@@ -23,6 +23,7 @@ from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
 from gss.operations.command_history import CommandHistory
 from gss.operations.commanding import CommandService
 from gss.operations.contacts import ContactService
+from gss.operations.dark_frames import DarkFrames
 from gss.operations.design import DesignService
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.downloads import Downloads
@@ -151,11 +152,13 @@ def build(settings: Settings) -> Services:
     transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)
+    darks = DarkFrames(blobs)
     solver = Solver(
         SolverCache(stars, folder=settings.data / "figures"),
         stopwatch_s,
         epoch_jyear=jyear_of(utc_now()),
         profiles=book.profile,
+        dark=darks.pattern,
     )
     frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
@@ -186,7 +189,7 @@ def build(settings: Settings) -> Services:
     status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
     status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     shots = StoredShots(database, frames)
-    calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now)
+    calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now, darks)
     analyses = AnalysisService(database, jobs, shots, solver, book, contacts, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     return Services(

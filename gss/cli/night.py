@@ -17,6 +17,7 @@ from gss.domain.profiles import PROFILES, CameraProfile, profile
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
+    from gss.operations.calibrate import Found
     from gss.operations.night_frames import Shot
     from gss.operations.report.parts import Report
 
@@ -46,6 +47,7 @@ def register(subparsers: Subparsers) -> None:
         metavar="FRAME",
         help="flat fields, two and two of the same light (with --darks)",
     )
+    add_observer(p)
     p.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_calibrate)
@@ -64,36 +66,50 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("--exposure", type=float, metavar="S", help="exposure of images that do not say it")
     p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
     p.add_argument("--second-camera", metavar="PROFILE", help="its profile (default: the same)")
+    add_observer(p)
     p.add_argument("--out", type=Path, metavar="FILE", help="write the report: .html, .pdf or .json")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_analyse)
 
 
+def add_observer(p: argparse.ArgumentParser) -> None:
+    """What is to be done about the motion of the observer."""
+    words = "leave aberration in even where the time is known (frames that were rendered without it)"
+    p.add_argument("--keep-aberration", action="store_true", help=words)
+
+
 def run_calibrate(a: argparse.Namespace) -> int:
     """Calibrate, write, print."""
     from gss.operations.calibrate import check_models, from_darks, from_stars
-    from gss.operations.calibration_sheet import calibration_sheet
     from gss.operations.solve import Solver
-    from gss.store.models import Calibration
 
     known = profile(a.camera) if a.camera else None
     check_models(a.model)
-    shots = shots_of(a.files, None, None)
+    shots = shots_of(a.files, None, None, keep_aberration=a.keep_aberration)
     if a.darks or a.flats:
         if known is None:
             raise BadInput("dark frames of which camera?", expected="--camera PROFILE")
         if len(a.flats) % 2:
             raise BadInput("flat fields come two and two", expected="an even number", got=str(len(a.flats)))
         flats = shots_of(a.flats, None, None)
-        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, _tell)
+        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, tell)
     else:
         fov = None if a.fov_deg is None else math.radians(a.fov_deg)
-        found = from_stars(Solver(), shots, known, _tell, models=a.model, fov_rad=fov)
+        found = from_stars(Solver(), shots, known, tell, models=a.model, fov_rad=fov)
+    give_calibration(a, found, known, Path(a.files[0]).name)
+    return 0
+
+
+def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile | None, name: str) -> None:
+    """Write and print what a calibration found."""
+    from gss.operations.calibration_sheet import calibration_sheet
+    from gss.store.models import Calibration
+
     row = Calibration(
         id=0,
         profile=known.name if known else "foreign",
         kind=found.kind,
-        name=Path(a.files[0]).name,
+        name=name,
         created=datetime.now(UTC),
         author="",
         tool="",
@@ -102,10 +118,7 @@ def run_calibrate(a: argparse.Namespace) -> int:
         result=found.result,
         note="",
     )
-    sheet = calibration_sheet(row)
-    content = {"kind": found.kind, "values": found.values, "result": found.result}
-    _give(a, sheet, content)
-    return 0
+    _give(a, calibration_sheet(row), {"kind": found.kind, "values": found.values, "result": found.result})
 
 
 def run_analyse(a: argparse.Namespace) -> int:
@@ -121,7 +134,7 @@ def run_analyse(a: argparse.Namespace) -> int:
     solver = Solver()
 
     def run(files: Sequence[str], camera: CameraProfile) -> Any:
-        return run_frames(solver, shots_of(files, a.interval, a.exposure), camera, a.chain, _tell)
+        return run_frames(solver, shots_of(files, a.interval, a.exposure, a.keep_aberration), camera, a.chain, tell)
 
     second = run(a.second, profile(a.second_camera) if a.second_camera else known) if a.second else None
     made = analyse(a.kind, solver, run(a.files, known), second=second, commanded_rad_s=commanded)
@@ -129,10 +142,13 @@ def run_analyse(a: argparse.Namespace) -> int:
     return 0
 
 
-def shots_of(files: Sequence[str], interval_s: float | None, exposure_s: float | None) -> list[Shot]:
+def shots_of(
+    files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
+) -> list[Shot]:
     """Image files as shots; BadInput names the file that cannot be read."""
     from gss.operations.frame_files import read_frame
     from gss.operations.night_frames import Shot
+    from gss.operations.observer import observer_at
 
     shots = []
     for k, name in enumerate(files):
@@ -142,10 +158,12 @@ def shots_of(files: Sequence[str], interval_s: float | None, exposure_s: float |
             raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
         frame = read_frame(data, name)
         taken = frame.taken_at
+        observer = None if taken is None or keep_aberration else observer_at(taken)
         if taken is None or interval_s is not None:
             taken = UNTIMED_EPOCH + timedelta(seconds=(interval_s or 0.0) * k)
         exposure = frame.exposure_s if frame.exposure_s is not None else exposure_s
-        shots.append(Shot(Path(name).name, taken, exposure, frame.bits, partial(_given, frame.pixels)))
+        pixels = partial(_given, frame.pixels)
+        shots.append(Shot(Path(name).name, taken, exposure, frame.bits, pixels, observer=observer))
     return shots
 
 
@@ -153,7 +171,8 @@ def _given(pixels: Any) -> Any:
     return pixels
 
 
-def _tell(share: float, text: str) -> None:
+def tell(share: float, text: str) -> None:
+    """Progress on a terminal."""
     if sys.stderr.isatty():
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 

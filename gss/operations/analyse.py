@@ -15,7 +15,7 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import SolveResult
 from gss.operations import analysis_sheets as sheets
-from gss.operations.night_frames import Shot, Tell, epoch_of, request_of
+from gss.operations.night_frames import Shot, Tell, request_of, seen_stars
 from gss.operations.report.parts import Report
 from gss.operations.solve import Solver
 from gss.pipeline.analysis.integration import noise_equivalent_angle
@@ -151,7 +151,7 @@ def _looked_for(
     """Magnitudes of catalogue stars on the detector, and whether a spot was found where each should be. Stars with a
     brighter one close by are left out: the spot could be the other's."""
     assert result.attitude is not None  # noqa: S101 - the caller has looked
-    stars = solver.cache.stars(epoch_of(shot)).brighter_than(known.sensor.faint_limit_mag + DEEPER_MAG)
+    stars = seen_stars(solver, shot).brighter_than(known.sensor.faint_limit_mag + DEEPER_MAG)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(result.camera.diagonal_rad / 2 + 0.02)
     place = np.full((len(stars), 2), np.nan)

@@ -9,7 +9,7 @@ import numpy as np
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera import Camera
 from gss.domain.profiles import CameraProfile
-from gss.operations.calibration_sheet import number
+from gss.operations.report.figures import number
 from gss.operations.report.parts import Arrows, Cells, Fact, Level, Plot, Report, Section, Series, Table
 from gss.operations.sheet_pieces import (
     PHASES,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,9 +17,10 @@ from gss.operations import calibration_report as report
 from gss.operations.night_frames import Shot, Solved, Tell, solve_shots, stack
 from gss.operations.solve import Solver
 from gss.pipeline.calibration.apply import calibrated_profile, detector_figures
-from gss.pipeline.calibration.dark import calibrate_dark, pixel_response
+from gss.pipeline.calibration.bundle import Prior
+from gss.pipeline.calibration.dark import DarkCalibration, Response, calibrate_dark, pixel_response
 from gss.pipeline.calibration.focus import focus_advice
-from gss.pipeline.calibration.lens_models import LENS_MODELS
+from gss.pipeline.calibration.lens_models import GEOMETRY, LENS_MODELS
 from gss.pipeline.calibration.photometric import calibrate_photometry
 from gss.pipeline.calibration.photon_transfer import FlatPair, photon_transfer
 from gss.pipeline.calibration.psf_field import psf_over_field
@@ -57,20 +58,24 @@ def from_stars(
     fov_rad: float | None = None,
     photometry: bool = True,
     psf: bool = True,
+    priors: Mapping[str, Prior] | None = None,
 ) -> Found:
-    """Geometry, magnitudes and spots from frames of stars. ``known`` None: a camera that nobody described, solved blind."""
+    """Geometry, magnitudes and spots from frames of stars. ``known`` None: a camera that nobody described, solved blind.
+    ``priors``: what the bench says of the camera."""
     check_models(models)
-    solved = solve_shots(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
+    solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
     focal_mm = known.focal_mm if known else None
 
     def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
         tell(begin, "fitting the camera")
         lenses = tuple(models) or tuple(LENS_MODELS)
+        carried = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
         return calibrate_camera(
             stars,
             solved.start,
             models=lenses,
             focal_mm=focal_mm,
+            priors={n: p for n, p in (priors or {}).items() if n in carried},
             progress=lambda share: tell(begin + 0.1 * share, "fitting the camera"),
         )
 
@@ -95,7 +100,7 @@ def from_stars(
     if psf:
         tell(0.92, "measuring the spots")
         full_dn = float(known.sensor.saturation_dn) if known else float((1 << shots[0].bits) - 1)
-        images = [shot.pixels() for shot in solved.shots[:PSF_SHOTS]]
+        images = [solver.cleaned(s.pixels(), known, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
         e_per_dn = known.sensor.gain_e_per_dn if known else 0.0
         try:
             width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
@@ -107,12 +112,47 @@ def from_stars(
     return Found("stars", values, result)
 
 
+def _first_solved(
+    solver: Solver, shots: Sequence[Shot], known: CameraProfile | None, fov_rad: float | None, tell: Tell
+) -> Solved:
+    """The shots as the document's camera solves them. Where it solves less than half, its lens is off: then only the width of
+    its field is believed, and what was matched blind counts if it is more."""
+    if known is None:
+        return solve_shots(solver, shots, None, fov_rad, tell)
+    problem: BadInput | None = None
+    told: Solved | None = None
+    try:
+        told = solve_shots(solver, shots, known, None, lambda share, text: tell(0.5 * share, text))
+        if 2 * len(told.shots) >= len(shots):
+            return told
+    except BadInput as error:
+        problem = error
+    try:
+        width = known.camera.fov_rad[0]
+        blind = solve_shots(solver, shots, None, width, lambda share, text: tell(0.5 + 0.5 * share, text))
+    except BadInput:
+        if told is None and problem is not None:
+            raise problem from None
+        blind = None
+    if told is not None and (blind is None or _matched(told) >= _matched(blind)):
+        return told
+    assert blind is not None  # noqa: S101 - one of the two is there, or the problem was raised
+    return replace(blind, start=known.camera)
+
+
 def _matched(solved: Solved) -> int:
     return sum(len(stars.hip) for stars in solved.stars)
 
 
-def from_darks(darks: Sequence[Shot], flat_pairs: Sequence[Sequence[Shot]], known: CameraProfile, tell: Tell) -> Found:
-    """Pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields."""
+def from_darks(
+    darks: Sequence[Shot],
+    flat_pairs: Sequence[Sequence[Shot]],
+    known: CameraProfile,
+    tell: Tell,
+    keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
+) -> Found:
+    """Pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields. ``keep`` stores the
+    map for reruns and says what the result shows of it."""
     tell(0.0, f"{len(darks)} dark frames")
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
@@ -122,7 +162,7 @@ def from_darks(darks: Sequence[Shot], flat_pairs: Sequence[Sequence[Shot]], know
     dark = calibrate_dark(stack(darks, known), exposure_s)
     result: dict[str, Any] = {"dark": report.dark(dark)}
     made: list[Any] = [dark]
-    curve = None
+    curve, even = None, None
     if flat_pairs:
         tell(0.5, f"{len(flat_pairs)} pairs of flat fields")
         flats = [stack(pair, known).astype(np.float32) for pair in flat_pairs]
@@ -135,6 +175,8 @@ def from_darks(darks: Sequence[Shot], flat_pairs: Sequence[Sequence[Shot]], know
     figures = detector_figures(curve, dark.dark_e_s(bias_dn, gain))
     values = dict(calibration_values(calibrated_profile(known, detector=figures)))
     calibrated(known, values)
+    if keep is not None:
+        result["dark_frame"] = keep(dark, even)
     result["warnings"] = report.warnings(*made)
     return Found("detector", values, result)
 

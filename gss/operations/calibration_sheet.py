@@ -5,7 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gss.operations.report.parts import Arrows, Cells, Fact, Note, Plot, Report, Section, Series, Table
+from gss.operations.bench_sheet import BENCH
+from gss.operations.report.figures import number
+from gss.operations.report.parts import (
+    Arrows,
+    Cells,
+    Drawing,
+    Fact,
+    Note,
+    Picture,
+    Plot,
+    Report,
+    Section,
+    Series,
+    Table,
+)
 from gss.store.models import Calibration
 
 ARROW_CELL_SHARE = 0.9
@@ -22,7 +36,8 @@ def calibration_sheet(row: Calibration) -> Report:
         "dark": _dark,
         "photon_transfer": _photon_transfer,
         "response": _dead,
-    }
+        "dark_frame": _dark_frame,
+    } | BENCH
     sections = [section for name, make in makers.items() if name in result for section in make(result[name])]
     sections += _account(result)
     notes = [Note(w["text"], w["hint"], w["severe"], w["code"]) for w in result.get("warnings", [])]
@@ -34,15 +49,6 @@ def calibration_sheet(row: Calibration) -> Report:
             notes.append(Note(f"{what}: {result[name]}"))
     subtitle = f"{row.name}, {row.created:%Y-%m-%d %H:%M}Z, by {row.author}, {row.tool}"
     return Report(f"Calibration {row.id} of {row.profile}", subtitle, sections, notes)
-
-
-def number(value: Any, digits: int = 4) -> str:
-    """A figure with so many significant digits and a true minus; a dash where there is none."""
-    if value is None:
-        return "–"
-    if isinstance(value, int):
-        return f"{value}"
-    return f"{float(value):#.{digits}g}".rstrip(".").replace("-", "\N{MINUS SIGN}")
 
 
 # --- geometry -------------------------------------------------------------------------------------------------------
@@ -88,7 +94,7 @@ def _geometry(g: Mapping[str, Any]) -> list[Section]:
             ],
         )
     )
-    maps: list[Plot | Arrows | Cells] = [
+    maps: list[Drawing] = [
         _arrows("Residuals before", g["before_map"], columns, rows, scale),
         _arrows("Residuals after, same scale", g["after_map"], columns, rows, scale),
         Cells("Residuals after, rms px", columns, rows, g["after_map"]["rms_px"], "px"),
@@ -161,7 +167,7 @@ def _photometry(p: Mapping[str, Any]) -> list[Section]:
         Fact("k_area", number(p["k_area"], 3), "mag", f"σ {number(p['k_area_sigma'], 2)}"),
     ]
     h = p["histogram"]
-    drawings: list[Plot | Arrows | Cells] = [
+    drawings: list[Drawing] = [
         Plot(
             "Magnitude error", "measured − catalogue, mag", "stars", [Series("stars", h["edges"], h["counts"], "bars")]
         ),
@@ -224,6 +230,19 @@ def _dead(d: Mapping[str, Any]) -> list[Section]:
     rows = [[number(int(c)), number(int(r))] for c, r in d["dead"][:40]]
     facts = [Fact("pixels without light", number(d["dead_count"]))]
     return [Section("Dead pixels", "", facts, [], [Table("The first", ["column", "row"], rows)] if rows else [])]
+
+
+def _dark_frame(d: Any) -> list[Section]:
+    """The map that reruns take out of frames; of a calibration from stars only that there was one."""
+    if not isinstance(d, Mapping):
+        return [Section("Dark frame", "The frames were worked on with the dark frame that was in use.")]
+    p = d["picture"]
+    facts = [
+        Fact("exposure", number(d["exposure_s"], 3), "s", "frames within a fifth of it have the pattern subtracted"),
+        Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours"),
+    ]
+    words = f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
+    return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], words)])]
 
 
 def _account(result: Mapping[str, Any]) -> list[Section]:

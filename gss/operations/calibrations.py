@@ -3,69 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gss import __version__
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
-from gss.operations.calibrate import check_models, from_darks, from_stars
+from gss.domain.profiles import CameraProfile, profile
+from gss.operations import bench
+from gss.operations.bench_run import run_bench
+from gss.operations.calibrate import Found, from_darks, from_stars
+from gss.operations.calibration_requests import (
+    BenchCalibration,
+    DetectorCalibration,
+    StarCalibration,
+    Wanted,
+    as_plain,
+    frames_of,
+)
 from gss.operations.camera_book import CameraBook, with_values
 from gss.operations.clock import Now
+from gss.operations.dark_frames import DARK, DarkFrames
 from gss.operations.device_tables import DeviceTableService
 from gss.operations.events import EventBus
 from gss.operations.jobs import JobService, Progress
-from gss.operations.night_frames import StoredShots
+from gss.operations.night_frames import Shot, StoredShots, Tell
 from gss.operations.solve import Solver
 from gss.pipeline.calibration.apply import Difference, camera_difference
+from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.record import camera_from_record
 from gss.store import studies as store
 from gss.store.engine import Database
 from gss.store.models import Calibration, DeviceTable, Job
 
 STEPS = 1000
-MOST_FRAMES = 2000
 FOREIGN = "foreign"
 """The camera's name where no profile is known: it can be calibrated and used, but not sent to a sensor."""
-
-
-@dataclass(frozen=True)
-class StarCalibration:
-    """Calibrate from frames of stars. ``profile`` "": a camera that nobody described, solved blind. ``models``: lens models
-    to choose from, all where empty."""
-
-    frame_ids: tuple[int, ...]
-    profile: str = ""
-    models: tuple[str, ...] = ()
-    photometry: bool = True
-    psf: bool = True
-    fov_rad: float | None = None
-
-    def __post_init__(self) -> None:
-        check_models(self.models)
-        _check_frames("frames", self.frame_ids, 1)
-
-
-@dataclass(frozen=True)
-class DetectorCalibration:
-    """Calibrate the detector from dark frames of one exposure and, where there are any, pairs of flat fields."""
-
-    profile: str
-    dark_ids: tuple[int, ...]
-    flat_pairs: tuple[tuple[int, int], ...] = ()
-
-    def __post_init__(self) -> None:
-        _check_frames("dark frames", self.dark_ids, 3)
-
-
-def _check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
-    if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
-        raise BadInput(
-            f"{what} cannot be used",
-            expected=f"{fewest} to {MOST_FRAMES}, each once",
-            got=f"{len(ids)}, {len(set(ids))} different",
-        )
+__all__ = ["BenchCalibration", "CalibrationService", "DetectorCalibration", "StarCalibration", "camera_of"]
 
 
 @dataclass(frozen=True)
@@ -91,38 +65,30 @@ class CalibrationService:
         tables: DeviceTableService,
         bus: EventBus,
         now: Now,
+        darks: DarkFrames,
     ) -> None:
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
-        self.book, self._tables, self._bus, self._now = book, tables, bus, now
+        self.book, self._tables, self._bus, self._now, self._darks = book, tables, bus, now, darks
 
     # --- making -------------------------------------------------------------------------------------------------
 
-    def start(self, wanted: StarCalibration | DetectorCalibration, name: str, note: str, *, user: str) -> Job:
+    def start(self, wanted: Wanted, name: str, note: str, *, user: str) -> Job:
         """Queue a calibration; its result names the row. BadInput before anything is queued."""
-        known = profile(wanted.profile) if wanted.profile else None
+        known = self._camera(wanted)
         of = known.name if known else FOREIGN
-        first = wanted.frame_ids if isinstance(wanted, StarCalibration) else wanted.dark_ids
-        shots = self._shots.of(first)
-        pairs = [] if isinstance(wanted, StarCalibration) else [self._shots.of(pair) for pair in wanted.flat_pairs]
-        request = _request(wanted)
+        shots = self._shots.of(frames_of(wanted))
+        if isinstance(wanted, BenchCalibration):  # a run through the focus has its order from its settings
+            place = {frame_id: k for k, frame_id in enumerate(wanted.frame_ids)}
+            shots.sort(key=lambda shot: place[shot.frame_id or 0])
+        pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
+        priors = self._priors(wanted, of)
+        request = as_plain(wanted)
 
         def work(progress: Progress) -> dict[str, Any]:
             def tell(share: float, text: str) -> None:
                 progress(round(STEPS * share), STEPS, text)
 
-            if isinstance(wanted, StarCalibration):
-                found = from_stars(
-                    self._solver,
-                    shots,
-                    known,
-                    tell,
-                    models=wanted.models,
-                    fov_rad=wanted.fov_rad,
-                    photometry=wanted.photometry,
-                    psf=wanted.psf,
-                )
-            else:
-                found = from_darks(shots, pairs, profile(wanted.profile), tell)
+            found = self._make(wanted, known, shots, pairs, priors, tell)
             row = Calibration(
                 profile=of,
                 kind=found.kind,
@@ -140,7 +106,57 @@ class CalibrationService:
             self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {user}")
             return {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
 
-        return self._jobs.submit("calibration", f"calibrate {of} from {len(shots)} frames", request, work)
+        what = f"{len(shots)} frames" if shots else "the bench"
+        return self._jobs.submit("calibration", f"calibrate {of} from {what}", request, work)
+
+    def _camera(self, wanted: Wanted) -> CameraProfile | None:
+        """The documented camera; with the detector's calibration where that is in use: a camera is one thing at a time."""
+        if not wanted.profile:
+            if isinstance(wanted, BenchCalibration) and wanted.kind not in ("bench-checkerboard", "bench-centre"):
+                raise BadInput("this method needs a camera", expected="a profile", got="none")
+            return None
+        known = profile(wanted.profile)
+        if isinstance(wanted, StarCalibration) and self.book.dark_of(known.name):
+            used = self.book.profile(known.name)
+            return replace(used, camera=known.camera, focal_mm=known.focal_mm)
+        return known
+
+    def _priors(self, wanted: Wanted, of: str) -> dict[str, Prior]:
+        if not isinstance(wanted, StarCalibration) or not wanted.prior_ids:
+            return {}
+        rows = [self.get(k) for k in wanted.prior_ids]
+        other = [row for row in rows if row.profile not in (of, FOREIGN)]
+        if other:
+            raise BadInput("this was measured on another camera", expected=of, got=other[0].profile)
+        return bench.priors_of([(row.kind, row.result) for row in rows])
+
+    def _make(
+        self,
+        wanted: Wanted,
+        known: CameraProfile | None,
+        shots: Sequence[Shot],
+        pairs: Sequence[Sequence[Shot]],
+        priors: Mapping[str, Prior],
+        tell: Tell,
+    ) -> Found:
+        if isinstance(wanted, BenchCalibration):
+            return run_bench(self._solver, wanted, known, shots, tell)
+        if isinstance(wanted, DetectorCalibration):
+            assert known is not None  # noqa: S101 - its profile is never empty
+            return from_darks(shots, pairs, known, tell, self._darks.keep)
+        found = from_stars(
+            self._solver,
+            shots,
+            known,
+            tell,
+            models=wanted.models,
+            fov_rad=wanted.fov_rad,
+            photometry=wanted.photometry,
+            psf=wanted.psf,
+            priors=priors,
+        )
+        dark = known.sources.get(DARK, "") if known else ""
+        return replace(found, result=found.result | {"dark_frame": dark}) if dark else found
 
     # --- reading ------------------------------------------------------------------------------------------------
 
@@ -201,9 +217,7 @@ def camera_of(row: Calibration) -> Camera:
     """The geometry that a version stands for."""
     if row.values:
         return with_values(row.profile, row.values, row.id).camera
-    return camera_from_record(row.result["geometry"]["camera"])
-
-
-def _request(wanted: StarCalibration | DetectorCalibration) -> dict[str, Any]:
-    plain: Mapping[str, Any] = vars(wanted)
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in plain.items()}
+    record = row.result.get("geometry", row.result).get("camera")
+    if record is None:
+        raise BadInput("this calibration is not of a whole camera", expected="stars or a checkerboard", got=row.kind)
+    return camera_from_record(record)

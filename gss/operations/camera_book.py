@@ -9,8 +9,10 @@ from gss.device.table_use import calibrated
 from gss.domain.errors import NotFound
 from gss.domain.profiles import PROFILES, CameraProfile, profile
 from gss.operations.clock import Now
+from gss.operations.dark_frames import DARK
 from gss.store import choices, studies
 from gss.store.engine import Database
+from gss.store.models import Calibration
 
 PREFIX = "camera."
 SOURCE = "calibration"
@@ -28,7 +30,7 @@ class CameraBook:
             for choice in choices.read(session, PREFIX):
                 name, calibration_id = choice.name.removeprefix(PREFIX), int(choice.value["calibration_id"])
                 row = studies.calibration(session, calibration_id)
-                self._used[name] = calibration_id, with_values(name, row.values, calibration_id)
+                self._used[name] = calibration_id, _camera_of(row)
 
     def profile(self, name: str) -> CameraProfile:
         """The camera of that name as it is now known to be; NotFound for an unknown name."""
@@ -46,11 +48,15 @@ class CameraBook:
             used = self._used.get(name)
         return None if used is None else used[0]
 
+    def dark_of(self, name: str) -> str:
+        """Key of the dark frame that goes with the camera in use; "" where there is none."""
+        return self.profile(name).sources.get(DARK, "")
+
     def use(self, calibration_id: int, *, user: str) -> None:
         """Take this calibration for its camera from now on."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
-            camera = with_values(row.profile, row.values, calibration_id)
+            camera = _camera_of(row)
             choices.write(session, PREFIX + row.profile, {"calibration_id": calibration_id}, self._now(), user)
         with self._lock:
             self._used[row.profile] = calibration_id, camera
@@ -69,3 +75,11 @@ def with_values(name: str, values: dict[str, float | str], calibration_id: int) 
     """The documented camera with the values of a calibration in their place, and a word of where they are from."""
     camera = calibrated(profile(name), values)
     return replace(camera, sources={**camera.sources, SOURCE: f"calibration {calibration_id}"})
+
+
+def _camera_of(row: Calibration) -> CameraProfile:
+    """The camera of a version, and the dark frame it was made with or is."""
+    camera = with_values(row.profile, row.values, row.id)
+    dark = row.result.get("dark_frame")
+    key = dark.get("key", "") if isinstance(dark, dict) else str(dark or "")
+    return replace(camera, sources={**camera.sources, DARK: key}) if key else camera

@@ -24,7 +24,6 @@ from gss.operations.observer import Observer, observer_of_frame
 from gss.operations.solve import Solver, SolveRequest
 from gss.pipeline.calibration.sightings import FrameStars, frame_stars
 from gss.pipeline.calibration.trails import trail_px
-from gss.pipeline.calibration.trails import trail_px
 from gss.store import frames as store
 from gss.store.engine import Database
 
@@ -73,11 +72,11 @@ class StoredShots:
         where the time is that of the sky, and not for the simulator's frames, which come without it."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
-        partial = [row.id for row in rows if not row.complete]
-        if partial:
+        holed = [row.id for row in rows if not row.complete]
+        if holed:
             raise BadInput(
                 "only whole frames can be used",
-                got=f"frame {partial[0]} has missing rows",
+                got=f"frame {holed[0]} has missing rows",
                 hint="ask the sensor for the missing rows first",
             )
         return [
@@ -148,9 +147,7 @@ def request_of(
 ) -> SolveRequest:
     """What to ask of the solver: a known camera, with another geometry where one is given, one whose field's width is known,
     or blind."""
-    request = SolveRequest(
-        chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s
-    )
+    request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s)
     if known is not None:
         return replace(request, known=known if camera is None else replace(known, camera=camera))
     if camera is not None:
@@ -158,9 +155,11 @@ def request_of(
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
 
 
-def _stars(solver: Solver, shot: Shot, result: SolveResult, known: CameraProfile | None) -> FrameStars | None:
+def _stars(
+    solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, known: CameraProfile | None
+) -> FrameStars | None:
     saturation_dn = float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1)
-    trails = trail_px(shot.pixels(), result.centroids, saturation_dn) if result.attitude is not None else 0.0
+    trails = trail_px(pixels, result.centroids, saturation_dn) if result.attitude is not None else 0.0
     return frame_stars(
         shot.name,
         result,

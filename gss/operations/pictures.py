@@ -46,10 +46,10 @@ def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[
     return np.asarray(255 - grey if invert else grey)
 
 
-def png(grey: NDArray[np.uint8]) -> bytes:
-    """PNG file of an 8-bit picture."""
+def png(grey: NDArray[np.uint8], level: int = 1) -> bytes:
+    """PNG file of an 8-bit picture, compressed at that level (1: quick, 9: small)."""
     buffer = io.BytesIO()
-    Image.fromarray(grey).save(buffer, format="PNG", compress_level=1)
+    Image.fromarray(grey).save(buffer, format="PNG", compress_level=level)
     return buffer.getvalue()
 
 

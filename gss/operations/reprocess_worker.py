@@ -14,6 +14,7 @@ from gss.domain.errors import GssError
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
+from gss.operations.dark_frames import DarkFrames
 from gss.operations.observer import Observer
 from gss.operations.solution_rows import solution_values
 from gss.operations.solve import Solver, SolverCache, SolveRequest
@@ -71,9 +72,10 @@ def run_batch(order: Order, tasks: Sequence[Task]) -> list[dict[str, Any]]:
 def _ready(order: Order) -> _Kept:
     key = (order.blobs_url, order.epoch_jyear)
     if key not in _kept:
-        cache, profiles = SolverCache(), dict(order.profiles)
-        solver = Solver(cache, stopwatch_s, order.epoch_jyear, lambda name: _kept[key].profile(name))
-        _kept[key] = _Kept(BlobStore(order.blobs_url), solver, cache.stars(order.epoch_jyear), profiles)
+        cache, profiles, blobs = SolverCache(), dict(order.profiles), BlobStore(order.blobs_url)
+        dark = DarkFrames(blobs).pattern
+        solver = Solver(cache, stopwatch_s, order.epoch_jyear, lambda name: _kept[key].profile(name), dark)
+        _kept[key] = _Kept(blobs, solver, cache.stars(order.epoch_jyear), profiles)
     _kept[key].profiles = dict(order.profiles)
     return _kept[key]
 

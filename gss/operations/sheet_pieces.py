@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array
-from gss.operations.calibration_sheet import number
+from gss.operations.report.figures import number
 from gss.operations.report.parts import Note, Plot, Series, Table
 from gss.pipeline.analysis.steady import AxisFigures
 from gss.pipeline.calibration.advice import Advice

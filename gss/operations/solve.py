@@ -21,6 +21,7 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.stars import OnboardCatalogue, StarTable
 from gss.operations.clock import Monotonic
+from gss.operations.dark_frames import DARK, Pattern
 from gss.operations.figure_files import FigureFiles
 from gss.operations.observer import Observer
 from gss.pipeline.chains import reference
@@ -29,6 +30,7 @@ from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
 from gss.pipeline.chains.options import with_options
 from gss.pipeline.chains.reference_foreign import solve_foreign
 from gss.pipeline.chains.systems import SYSTEMS, system
+from gss.pipeline.fixed_pattern import clean
 from gss.pipeline.identify import near
 from gss.pipeline.identify.patterns import Level, build_level
 from gss.pipeline.identify.verify import Sky
@@ -154,9 +156,11 @@ class Solver:
         stopwatch_s: Monotonic | None = None,
         epoch_jyear: float = DEFAULT_EPOCH_JYEAR,
         profiles: Callable[[str], CameraProfile] = profile,
+        dark: Pattern | None = None,
     ) -> None:
         self.cache = cache if cache is not None else SolverCache()
         self._stopwatch_s, self._epoch_jyear, self._profiles = stopwatch_s, epoch_jyear, profiles
+        self._dark = dark
 
     def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
         """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
@@ -176,6 +180,7 @@ class Solver:
             sensor = known.sensor if known else None
             limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
             stars = self.cache.known(camera, limit, epoch)
+            pixels, cleaned = self.cleaned(pixels, known, request.exposure_s)
             fainter = min(limit + DEEPER_MAG, FAINTEST_V_MAG)
             result = reference.solve_known(
                 pixels,
@@ -189,7 +194,23 @@ class Solver:
                 fast=request.fast,
                 clock=self._stopwatch_s,
             )
+            result = replace(result, notes=(*result.notes, *cleaned))
         return _noted(_moving(result, request.observer), known, epoch)
+
+    def cleaned(
+        self, pixels: NDArray[Any], known: CameraProfile | None, exposure_s: float | None
+    ) -> tuple[NDArray[Any], tuple[str, ...]]:
+        """The pixels without what the detector shows in the dark, where a dark frame is in use; and a word of it. Chains that stand
+        for a sensor see the pixels as they came."""
+        key = known.sources.get(DARK, "") if known else ""
+        if known is None or not key or self._dark is None:
+            return pixels, ()
+        dark = self._dark(key)
+        mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
+        words = f"dark frame subtracted, {mended}"
+        if not dark.fits(exposure_s):
+            words = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
+        return clean(pixels, dark, float(known.sensor.saturation_dn), exposure_s), (words,)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = (

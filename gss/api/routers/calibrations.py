@@ -14,17 +14,20 @@ from gss.api.schemas.calibrations import (
     CalibrationDiffOut,
     CalibrationIn,
     CalibrationOut,
+    DetectorCalibrationIn,
     DocumentedIn,
     StarCalibrationIn,
 )
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.tables import TableDetailOut
 from gss.operations.calibration_export import KINDS, export_calibration
-from gss.operations.calibrations import DetectorCalibration, StarCalibration
+from gss.operations.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration, Wanted
 from gss.store.models import Calibration
 from gss.wiring import Services
 
 router = APIRouter(prefix="/calibrations", tags=["calibrations"])
+MEASURED = ("dots_px", "pairs_px", "points", "widths")
+OPTIONS = ("radius_px", "order", "corners", "square_mm", "fit_k3", "wished_sigma_px")
 Identity = Annotated[int, Query(ge=1, le=2**31 - 1)]
 
 
@@ -45,19 +48,7 @@ def list_calibrations(
 @router.post("", status_code=202)
 def calibrate(app: App, user: User, body: CalibrationIn) -> JobOut:
     """Calibrate as a job; its result names the calibration."""
-    if isinstance(body, StarCalibrationIn):
-        wanted: StarCalibration | DetectorCalibration = StarCalibration(
-            tuple(body.frame_ids),
-            body.profile,
-            tuple(body.models),
-            body.photometry,
-            body.psf,
-            None if body.fov_deg is None else math.radians(body.fov_deg),
-        )
-    else:
-        pairs = tuple((pair[0], pair[1]) for pair in body.flat_pairs)
-        wanted = DetectorCalibration(body.profile, tuple(body.dark_ids), pairs)
-    return present.records.job(app.calibrations.start(wanted, body.name, body.note, user=user))
+    return present.records.job(app.calibrations.start(_wanted(body), body.name, body.note, user=user))
 
 
 @router.get("/diff")
@@ -104,3 +95,30 @@ def _in_use(app: Services, row: Calibration) -> bool:
 
 def _detail(app: Services, row: Calibration) -> CalibrationDetailOut:
     return present.calibrations.detail(row, _in_use(app, row), app.tables.on_board())
+
+
+def _wanted(body: CalibrationIn) -> Wanted:
+    if isinstance(body, StarCalibrationIn):
+        return StarCalibration(
+            tuple(body.frame_ids),
+            body.profile,
+            tuple(body.models),
+            body.photometry,
+            body.psf,
+            None if body.fov_deg is None else math.radians(body.fov_deg),
+            tuple(body.prior_ids),
+        )
+    if isinstance(body, DetectorCalibrationIn):
+        pairs = tuple((pair[0], pair[1]) for pair in body.flat_pairs)
+        return DetectorCalibration(body.profile, tuple(body.dark_ids), pairs)
+    plain = body.model_dump()
+    measured: list[list[float]] = next((plain[n] for n in MEASURED if plain.get(n)), [])
+    options = {n: tuple(v) if isinstance(v := plain[n], list) else v for n in OPTIONS if plain.get(n) is not None}
+    return BenchCalibration(
+        body.kind,
+        body.profile,
+        tuple(tuple(row) for row in measured),
+        tuple(plain.get("frame_ids", ())),
+        tuple(plain.get("positions", ())),
+        tuple(options.items()),
+    )

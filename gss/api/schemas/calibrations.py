@@ -22,6 +22,9 @@ class StarCalibrationIn(In):
     photometry: bool = True
     psf: bool = True
     fov_deg: float | None = Field(default=None, gt=0.5, lt=120)
+    prior_ids: list[Annotated[int, Field(ge=1, le=2**31 - 1)]] = Field(
+        default=[], max_length=10, description="Calibrations of the bench that say something beforehand."
+    )
     name: str = Field(default="", max_length=80)
     note: str = Field(default="", max_length=2000)
 
@@ -39,7 +42,82 @@ class DetectorCalibrationIn(In):
     note: str = Field(default="", max_length=2000)
 
 
-CalibrationIn = Annotated[StarCalibrationIn | DetectorCalibrationIn, Field(discriminator="kind")]
+class _BenchIn(In):
+    """What every method of the bench takes."""
+
+    profile: str = Field(max_length=40)
+    name: str = Field(default="", max_length=80)
+    note: str = Field(default="", max_length=2000)
+
+
+def _rows(columns: int, words: str) -> Any:
+    row = Annotated[list[float], Field(min_length=columns, max_length=columns)]
+    return Annotated[list[row], Field(min_length=1, max_length=5000, description=words)]
+
+
+class BenchCentreIn(_BenchIn):
+    """The optical centre from places of one dot while the camera turns."""
+
+    kind: Literal["bench-centre"]
+    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]
+
+
+class BenchTiltIn(_BenchIn):
+    """The detector's tilt from places of two dots."""
+
+    kind: Literal["bench-tilt"]
+    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]
+
+
+class BenchFocalIn(_BenchIn):
+    """The focal length from pairs of stars."""
+
+    kind: Literal["bench-focal"]
+    frame_ids: FrameIds
+    radius_px: float | None = Field(default=None, gt=1, lt=20000)
+
+
+class BenchRadialIn(_BenchIn):
+    """The polynomial of lens aberration from stars round one near the centre."""
+
+    kind: Literal["bench-radial"]
+    frame_ids: FrameIds
+    order: int = Field(default=3, ge=1, le=4)
+
+
+class BenchCheckerboardIn(_BenchIn):
+    """A camera from pictures of a checkerboard: inner corners across and down, side of a square."""
+
+    kind: Literal["bench-checkerboard"]
+    frame_ids: FrameIds
+    corners: Annotated[list[Annotated[int, Field(ge=3, le=100)]], Field(min_length=2, max_length=2)]
+    square_mm: float = Field(gt=0, le=10000)
+    fit_k3: bool = False
+
+
+class BenchDarkLawIn(_BenchIn):
+    """Dark current against temperature."""
+
+    kind: Literal["bench-dark-law"]
+    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]
+
+
+class BenchFocusIn(_BenchIn):
+    """The best focus: from pictures at several settings of the lens, or from widths measured already."""
+
+    kind: Literal["bench-focus"]
+    frame_ids: list[Annotated[int, Field(ge=1, le=2**31 - 1)]] = Field(default=[], max_length=2000)
+    positions: list[float] = Field(default=[], max_length=2000)
+    widths: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = Field(
+        default=[], max_length=5000, description="[setting, σ in px]"
+    )
+    wished_sigma_px: float = Field(default=0.45, gt=0, lt=50)
+
+
+BenchIn = (
+    BenchCentreIn | BenchTiltIn | BenchFocalIn | BenchRadialIn | BenchCheckerboardIn | BenchDarkLawIn | BenchFocusIn
+)
+CalibrationIn = Annotated[StarCalibrationIn | DetectorCalibrationIn | BenchIn, Field(discriminator="kind")]
 
 
 class CalibrationOut(Out):

@@ -74,6 +74,15 @@ class CellsOut(Out):
     unit: str
 
 
+class PictureOut(Out):
+    """A grey picture of the detector, a PNG file in base64."""
+
+    kind: Literal["picture"]
+    title: str
+    png: str
+    note: str
+
+
 class TableViewOut(Out):
     """Columns and rows of text."""
 
@@ -97,7 +106,7 @@ class SectionOut(Out):
     title: str
     text: str
     facts: list[FactOut]
-    drawings: list[Annotated[PlotOut | ArrowsOut | CellsOut, Field(discriminator="kind")]]
+    drawings: list[Annotated[PlotOut | ArrowsOut | CellsOut | PictureOut, Field(discriminator="kind")]]
     tables: list[TableViewOut]
 
 

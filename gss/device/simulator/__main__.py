@@ -19,6 +19,7 @@ from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.machine import Device, Identity
 from gss.device.simulator.memory import GOLDEN, Memory
 from gss.device.simulator.options import add_arguments, make_environment
+from gss.device.simulator.own_lens import own_lens
 from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
 from gss.device.simulator.sky import Sky
 from gss.device.simulator.terminal import Line, PtyLine, TcpLine, Terminal
@@ -36,8 +37,9 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
     held = memory.record.banks[GOLDEN]
     if held.profile != camera.name or not memory.intact(GOLDEN):
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
-    world = make_environment(arguments, camera)
-    sky = Sky(camera, world.motion, world.epoch_jyear, arguments.seed, world)
+    real = own_lens(camera, arguments.lens_off, arguments.seed)
+    world = make_environment(arguments, real)
+    sky = Sky(real, world.motion, world.epoch_jyear, arguments.seed, world)
     clock = SimulatedClock(arguments.speed, held=arguments.stepped)
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=arguments.baud)

@@ -47,6 +47,13 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
         action="store_true",
         help="stars where they appear; results on the ground then differ by up to 26″",
     )
+    add(
+        "--lens-off",
+        type=float,
+        default=0.0,
+        metavar="PERCENT",
+        help="focal length, centre and distortion of this unit against its document, which its flash holds (default 0)",
+    )
     add("--epoch", type=float, metavar="JYEAR", help="Julian year of the sky (default 2026.0, or the TLE's)")
     add(
         "--motion",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from gss.operations.report.draw import WIDTH, draw, height_of
-from gss.operations.report.parts import Arrows, Cells, Fact, Note, Plot, Report, Section, Table
+from gss.operations.report.parts import Arrows, Cells, Drawing, Fact, Note, Picture, Plot, Report, Section, Table
 from gss.operations.report.pens import SvgPen
 
 STYLE = """
@@ -19,7 +19,7 @@ th, td { text-align: left; padding: .6mm 3mm .6mm 0; vertical-align: top; border
 dl { display: grid; grid-template-columns: repeat(2, 1fr); gap: .6mm 8mm; margin: 0 }
 dl div { display: flex; justify-content: space-between; border-bottom: 1px solid #eee }
 dt { color: #555 } dd { margin: 0; font-variant-numeric: tabular-nums }
-figure { margin: 3mm 0; break-inside: avoid } tr { break-inside: avoid } svg { width: 100%; height: auto }
+figure { margin: 3mm 0; break-inside: avoid } tr { break-inside: avoid } svg, img { width: 100%; height: auto }
 @media print { body { margin: 0; max-width: none } }
 """
 
@@ -48,7 +48,7 @@ def _note(note: Note) -> str:
 def _section(section: Section) -> str:
     text = f"<p>{escape(section.text)}</p>" if section.text else ""
     facts = f"<dl>{''.join(map(_fact, section.facts))}</dl>" if section.facts else ""
-    drawings = "".join(f"<figure>{as_svg(d)}</figure>" for d in section.drawings)
+    drawings = "".join(f"<figure>{_drawn(d)}</figure>" for d in section.drawings)
     return f"<h2>{escape(section.title)}</h2>{text}{facts}{drawings}{''.join(map(_table, section.tables))}"
 
 
@@ -56,6 +56,16 @@ def _fact(fact: Fact) -> str:
     note = f" <span class='soft'>{escape(fact.note)}</span>" if fact.note else ""
     unit = f" <span class='soft'>{escape(fact.unit)}</span>" if fact.unit else ""
     return f"<div><dt>{escape(fact.label)}{note}</dt><dd>{escape(fact.value)}{unit}</dd></div>"
+
+
+def _drawn(drawing: Drawing) -> str:
+    if not isinstance(drawing, Picture):
+        return as_svg(drawing)
+    title, note = escape(drawing.title), escape(drawing.note)
+    return (
+        f"<figcaption>{title} <span class='soft'>{note}</span></figcaption>"
+        f"<img alt='{title}' src='data:image/png;base64,{escape(drawing.png)}'>"
+    )
 
 
 def as_svg(drawing: Plot | Arrows | Cells) -> str:

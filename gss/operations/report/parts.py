@@ -84,6 +84,19 @@ class Cells:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A grey picture of the detector: a PNG file in base64. ``note``: what black and white stand for."""
+
+    title: str
+    png: str
+    note: str = ""
+    kind: str = "picture"
+
+
+Drawing = Plot | Arrows | Cells | Picture
+
+
+@dataclass(frozen=True)
 class Table:
     """Columns and rows of text."""
 
@@ -109,7 +122,7 @@ class Section:
     title: str
     text: str = ""
     facts: list[Fact] = field(default_factory=list)
-    drawings: list[Plot | Arrows | Cells] = field(default_factory=list)
+    drawings: list[Drawing] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
 
 
@@ -147,9 +160,11 @@ def _section(s: dict[str, Any]) -> Section:
     )
 
 
-def _drawing(d: dict[str, Any]) -> Plot | Arrows | Cells:
+def _drawing(d: dict[str, Any]) -> Drawing:
     if d["kind"] == "plot":
         return Plot(
             **{**d, "series": [Series(**s) for s in d["series"]], "levels": [Level(**level) for level in d["levels"]]}
         )
+    if d["kind"] == "picture":
+        return Picture(**d)
     return Arrows(**d) if d["kind"] == "arrows" else Cells(**d)

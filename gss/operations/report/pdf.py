@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
 from fpdf import FPDF
+from PIL import Image
 
 from gss.operations.report.draw import WIDTH, draw, height_of
-from gss.operations.report.parts import Arrows, Cells, Note, Plot, Report, Section, Table
+from gss.operations.report.parts import Drawing, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import INK, SOFT, Point
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
@@ -92,11 +95,24 @@ class _Sheet:
         for table in section.tables:
             self.table(table)
 
-    def drawing(self, drawing: Plot | Arrows | Cells) -> None:
+    def drawing(self, drawing: Drawing) -> None:
         """One drawing across the page."""
+        if isinstance(drawing, Picture):
+            self.picture(drawing)
+            return
         height = height_of(drawing)
         self.room(height)
         draw(_PdfPen(self, MARGIN, self.y), drawing)
+        self.y += height + 4
+
+    def picture(self, picture: Picture) -> None:
+        """A picture across the page, its words above it."""
+        image = Image.open(io.BytesIO(base64.b64decode(picture.png)))
+        across = self.pdf.w - 2 * MARGIN
+        height = across * image.height / image.width
+        self.room(height + 2 * LINE)
+        self.words(f"{picture.title}: {picture.note}" if picture.note else picture.title)
+        self.pdf.image(image, x=MARGIN, y=self.y, w=across, h=height)
         self.y += height + 4
 
     def table(self, table: Table) -> None:

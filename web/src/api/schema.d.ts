@@ -2941,6 +2941,225 @@ export interface components {
             user: string;
         };
         /**
+         * BenchCentreIn
+         * @description The optical centre from places of one dot while the camera turns.
+         */
+        BenchCentreIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-centre";
+            /**
+             * Dots Px
+             * @description [col, row] of each turn
+             */
+            dots_px: number[][];
+        };
+        /**
+         * BenchCheckerboardIn
+         * @description A camera from pictures of a checkerboard: inner corners across and down, side of a square.
+         */
+        BenchCheckerboardIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-checkerboard";
+            /** Frame Ids */
+            frame_ids: number[];
+            /** Corners */
+            corners: number[];
+            /** Square Mm */
+            square_mm: number;
+            /**
+             * Fit K3
+             * @default false
+             */
+            fit_k3: boolean;
+        };
+        /**
+         * BenchDarkLawIn
+         * @description Dark current against temperature.
+         */
+        BenchDarkLawIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-dark-law";
+            /**
+             * Points
+             * @description [temperature in °C, dark current in electrons per second]
+             */
+            points: number[][];
+        };
+        /**
+         * BenchFocalIn
+         * @description The focal length from pairs of stars.
+         */
+        BenchFocalIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-focal";
+            /** Frame Ids */
+            frame_ids: number[];
+            /** Radius Px */
+            radius_px?: number | null;
+        };
+        /**
+         * BenchFocusIn
+         * @description The best focus: from pictures at several settings of the lens, or from widths measured already.
+         */
+        BenchFocusIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-focus";
+            /**
+             * Frame Ids
+             * @default []
+             */
+            frame_ids: number[];
+            /**
+             * Positions
+             * @default []
+             */
+            positions: number[];
+            /**
+             * Widths
+             * @description [setting, σ in px]
+             * @default []
+             */
+            widths: number[][];
+            /**
+             * Wished Sigma Px
+             * @default 0.45
+             */
+            wished_sigma_px: number;
+        };
+        /**
+         * BenchRadialIn
+         * @description The polynomial of lens aberration from stars round one near the centre.
+         */
+        BenchRadialIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-radial";
+            /** Frame Ids */
+            frame_ids: number[];
+            /**
+             * Order
+             * @default 3
+             */
+            order: number;
+        };
+        /**
+         * BenchTiltIn
+         * @description The detector's tilt from places of two dots.
+         */
+        BenchTiltIn: {
+            /** Profile */
+            profile: string;
+            /**
+             * Name
+             * @default
+             */
+            name: string;
+            /**
+             * Note
+             * @default
+             */
+            note: string;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "bench-tilt";
+            /**
+             * Pairs Px
+             * @description [inner col, inner row, outer col, outer row] of each turn
+             */
+            pairs_px: number[][];
+        };
+        /**
          * BodyOut
          * @description Sun or Moon, geocentric, with the angle the boresight should keep.
          */
@@ -5346,6 +5565,23 @@ export interface components {
             };
         };
         /**
+         * PictureOut
+         * @description A grey picture of the detector, a PNG file in base64.
+         */
+        PictureOut: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "picture";
+            /** Title */
+            title: string;
+            /** Png */
+            png: string;
+            /** Note */
+            note: string;
+        };
+        /**
          * PixelsOut
          * @description A rectangle of raw values for the pixel inspector.
          */
@@ -5858,7 +6094,7 @@ export interface components {
             /** Facts */
             facts: components["schemas"]["FactOut"][];
             /** Drawings */
-            drawings: (components["schemas"]["PlotOut"] | components["schemas"]["ArrowsOut"] | components["schemas"]["CellsOut"])[];
+            drawings: (components["schemas"]["PlotOut"] | components["schemas"]["ArrowsOut"] | components["schemas"]["CellsOut"] | components["schemas"]["PictureOut"])[];
             /** Tables */
             tables: components["schemas"]["TableViewOut"][];
         };
@@ -6278,6 +6514,12 @@ export interface components {
             psf: boolean;
             /** Fov Deg */
             fov_deg?: number | null;
+            /**
+             * Prior Ids
+             * @description Calibrations of the bench that say something beforehand.
+             * @default []
+             */
+            prior_ids: number[];
             /**
              * Name
              * @default
@@ -14581,7 +14823,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["StarCalibrationIn"] | components["schemas"]["DetectorCalibrationIn"];
+                "application/json": components["schemas"]["StarCalibrationIn"] | components["schemas"]["DetectorCalibrationIn"] | components["schemas"]["BenchCentreIn"] | components["schemas"]["BenchTiltIn"] | components["schemas"]["BenchFocalIn"] | components["schemas"]["BenchRadialIn"] | components["schemas"]["BenchCheckerboardIn"] | components["schemas"]["BenchDarkLawIn"] | components["schemas"]["BenchFocusIn"];
             };
         };
         responses: {

@@ -1,0 +1,136 @@
+"""``gss bench``: one part of a camera from what was measured on the bench or in a few frames."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES, profile
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+TABLE = "CSV file of numbers; lines that do not begin with a number are passed over"
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the command and its methods."""
+    p = subparsers.add_parser(
+        "bench",
+        help="optical centre, tilt, focal length, distortion, dark current or focus, each by its own method",
+        description="Methods of Jacobs 1995 ch. 6 and Erlank 2013 §5.4. Exit code 0: done, 2: bad input.",
+    )
+    methods = p.add_subparsers(dest="method", required=True, metavar="METHOD")
+
+    def method(name: str, words: str, camera: bool = True) -> argparse.ArgumentParser:
+        q = methods.add_parser(name, help=words, description=words)
+        q.add_argument("--camera", metavar="PROFILE", required=camera, help=", ".join(PROFILES))
+        q.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
+        q.add_argument("--json", action="store_true", help="print one JSON object")
+        q.set_defaults(run=run_bench_command)
+        return q
+
+    q = method("dots", "optical centre from places of one dot while the camera turns about its axis", camera=False)
+    q.add_argument("file", metavar="FILE.csv", help=f"col,row of each turn. {TABLE}")
+    q = method("tilt", "tilt of the detector from places of two dots while the camera turns")
+    q.add_argument("file", metavar="FILE.csv", help=f"inner col,row, outer col,row of each turn. {TABLE}")
+    q = method("focal-pairs", "focal length from pairs of stars near the optical centre")
+    q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
+    q.add_argument("--radius", type=float, metavar="PX", help="how far from the centre (default: half the way out)")
+    _seen(q)
+    q = method("radial", "polynomial of lens aberration from stars round one near the optical centre")
+    q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
+    q.add_argument("--order", type=int, default=3, help="of the polynomial, 1 to 4 (default 3)")
+    _seen(q)
+    q = method("checkerboard", "focal length, centre and distortion from pictures of a checkerboard", camera=False)
+    q.add_argument("files", nargs="+", metavar="IMAGE", help="pictures of the board, three or more")
+    q.add_argument("--corners", required=True, metavar="9x6", help="inner corners across and down")
+    q.add_argument("--square-mm", type=float, required=True, metavar="MM", help="side of a square")
+    q.add_argument("--k3", action="store_true", help="fit the third radial coefficient too")
+    q = method("dark-law", "dark current against temperature", camera=False)
+    q.add_argument("file", metavar="FILE.csv", help=f"temperature in °C, electrons per second. {TABLE}")
+    q = method("focus", "best setting of the lens from pictures of stars at several settings, or from their widths")
+    q.add_argument("files", nargs="*", metavar="FRAME", help="one picture of stars per setting")
+    q.add_argument("--at", metavar="A,B,…", help="settings of the lens, in the order of the pictures")
+    q.add_argument("--widths", metavar="FILE.csv", help=f"instead of pictures: setting, σ in px. {TABLE}")
+    q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="width to come to (default 0.45)")
+
+
+def _seen(q: argparse.ArgumentParser) -> None:
+    from gss.cli.night import add_observer
+
+    add_observer(q)
+
+
+def run_bench_command(a: argparse.Namespace) -> int:
+    """Measure, write, print."""
+    from gss.cli.night import give_calibration, shots_of, tell
+    from gss.operations.bench_run import run_bench
+    from gss.operations.solve import Solver
+
+    known = profile(a.camera) if a.camera else None
+    files: Sequence[str] = getattr(a, "files", [])
+    wanted = _wanted(a, known.name if known else "", len(files))
+    shots = shots_of(files, None, None, getattr(a, "keep_aberration", True))
+    found = run_bench(Solver(), wanted, known, shots, tell)
+    name = Path(files[0] if files else getattr(a, "file", None) or a.widths).name
+    give_calibration(a, found, known, name)
+    return 0
+
+
+def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> Any:
+    """The request, with stand-ins for the numbers that frames have in a store."""
+    from gss.operations.calibration_requests import BenchCalibration
+
+    ids = tuple(range(1, pictures + 1))
+    if a.method in ("dots", "tilt", "dark-law"):
+        kind = {"dots": "bench-centre"}.get(a.method, f"bench-{a.method}")
+        return BenchCalibration(kind, camera, read_rows(a.file))
+    if a.method == "focal-pairs":
+        options = () if a.radius is None else (("radius_px", a.radius),)
+        return BenchCalibration("bench-focal", camera, frame_ids=ids, options=options)
+    if a.method == "radial":
+        return BenchCalibration("bench-radial", camera, frame_ids=ids, options=(("order", a.order),))
+    if a.method == "checkerboard":
+        board = (("corners", _corners(a.corners)), ("square_mm", a.square_mm), ("fit_k3", a.k3))
+        return BenchCalibration("bench-checkerboard", camera, frame_ids=ids, options=board)
+    if bool(a.widths) == bool(pictures):
+        raise BadInput("a focus run is pictures with --at, or --widths", expected="one of the two")
+    rows = read_rows(a.widths) if a.widths else ()
+    at = tuple(_numbers((a.at or "").split(","), "--at")) if pictures else ()
+    return BenchCalibration("bench-focus", camera, rows, ids, at, (("wished_sigma_px", a.wished_sigma),))
+
+
+def _corners(text: str) -> tuple[int, int]:
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(p.strip().isdigit() for p in parts):
+        raise BadInput("unreadable number of corners", expected="inner corners across x down, such as 9x6", got=text)
+    return int(parts[0]), int(parts[1])
+
+
+def read_rows(name: str) -> tuple[tuple[float, ...], ...]:
+    """Rows of numbers; BadInput names the line that is none."""
+    try:
+        text = Path(name).read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput("the file cannot be read", got=f"{name}: {error}") from None
+    rows = []
+    for number, cells in enumerate(csv.reader(text.splitlines()), 1):
+        if cells and _begins_with_number(cells[0]):
+            rows.append(tuple(_numbers(cells, f"{name} line {number}")))
+    return tuple(rows)
+
+
+def _begins_with_number(cell: str) -> bool:
+    return cell.strip()[:1] in set("+-.0123456789") and bool(cell.strip())
+
+
+def _numbers(cells: Sequence[str], where: str) -> list[float]:
+    try:
+        return [float(c) for c in cells]
+    except ValueError:
+        raise BadInput(f"{where} is not a row of numbers", got=",".join(cells)[:80]) from None

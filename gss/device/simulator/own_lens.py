@@ -1,0 +1,53 @@
+"""A unit whose lens is not quite that of its document, as every real one is: what a calibration is there to find."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, RadialTilt
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+
+LARGEST_PERCENT = 10.0
+CENTRE_PX = 4.0
+"""Per percent, in a direction that the seed decides."""
+DISTORTION_SHARE = 0.03
+"""Per percent, each coefficient up or down as the seed decides."""
+
+
+def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile:
+    """The profile with the focal length off by so many percent, the optical centre by 4 px and the distortion by 3 % for each of
+    them. The same unit (seed) has the same lens always; 0 gives the document's."""
+    if not abs(percent) <= LARGEST_PERCENT:
+        expected = f"at most {LARGEST_PERCENT:g} %"
+        raise BadInput("the lens cannot be that far off its document", expected=expected, got=f"{percent:g} %")
+    if percent == 0:
+        return profile
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x1E45]))
+    factor, angle = 1 + percent / 100, float(rng.uniform(0, 2 * np.pi))
+    shift_px = CENTRE_PX * abs(percent)
+    camera = profile.camera
+    moved = Camera(
+        camera.columns,
+        camera.rows,
+        camera.focal_col_px * factor,
+        camera.focal_row_px * factor,
+        camera.centre_col_px + shift_px * float(np.cos(angle)),
+        camera.centre_row_px + shift_px * float(np.sin(angle)),
+        _bent(camera.distortion, percent, factor, rng),
+    )
+    return replace(profile, camera=moved, focal_mm=profile.focal_mm * factor)
+
+
+def _bent(lens: Distortion, percent: float, factor: float, rng: np.random.Generator) -> Distortion:
+    def off() -> float:
+        return 1 + DISTORTION_SHARE * abs(percent) * float(rng.choice([-1.0, 1.0]))
+
+    if isinstance(lens, RadialTilt):
+        radial = tuple(k * off() for k in lens.radial)
+        return RadialTilt(lens.focal_mm * factor, lens.tilt_max_rad * off(), lens.tilt_direction_rad, radial)
+    if isinstance(lens, Brown | BrownUndistort):
+        return replace(lens, **{f.name: getattr(lens, f.name) * off() for f in fields(lens)})
+    return lens
