@@ -18,7 +18,7 @@ def look(console, attitudes) -> list[int]:
         console.command("SET_MODE", mode="lost_in_space")
         console.command("RUN_ITERATION")
 
-        def arrived(before=len(made), known=tuple(made)):
+        def arrived(known=tuple(made)):
             rows = [
                 f
                 for f in console.get("/frames", limit=500)["frames"]

@@ -110,3 +110,4 @@ export type ReportView = S['ReportViewOut'];
 export type ReportPlot = S['PlotOut'];
 export type ReportArrows = S['ArrowsOut'];
 export type ReportCells = S['CellsOut'];
+export type ReportPicture = S['PictureOut'];
