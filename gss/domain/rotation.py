@@ -6,6 +6,8 @@ A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. The 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gss.domain.angles import Array
@@ -61,10 +63,20 @@ def quaternion_from_matrix(matrix: Array) -> Array:
 
 def rotation_from_vector(vector_rad: Array) -> Array:
     """(3, 3) active rotation by the length of a (3,) rotation vector about its direction (Rodrigues)."""
-    v = np.asarray(vector_rad, float)
-    angle_rad = float(np.linalg.norm(v))
-    half_sinc = 0.5 * np.sinc(angle_rad / (2 * np.pi))
-    return matrix_from_quaternion(np.array([*(v * half_sinc), np.cos(angle_rad / 2)]))
+    x, y, z = np.asarray(vector_rad, float).tolist()
+    angle2 = x * x + y * y + z * z
+    angle_rad = math.sqrt(angle2)
+    # Half-angle forms keep their digits down to no turn at all.
+    half = 0.5 * (math.sin(angle_rad / 2) / (angle_rad / 2) if angle_rad else 1.0)
+    sinc, versed = 2 * half * math.cos(angle_rad / 2), 2 * half * half
+    c = 1 - versed * angle2
+    return np.array(
+        [
+            [c + versed * x * x, versed * x * y - sinc * z, versed * x * z + sinc * y],
+            [versed * x * y + sinc * z, c + versed * y * y, versed * y * z - sinc * x],
+            [versed * x * z - sinc * y, versed * y * z + sinc * x, c + versed * z * z],
+        ]
+    )
 
 
 def rotation_angle_rad(a: Array, b: Array) -> float:

@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.camera import Brown, Camera
+from gss.domain.camera import Brown, Camera, Pinhole
 from gss.domain.rotation import rotation_from_vector
+from gss.pipeline.small import median
 
 ROUNDS = 8
 DONE = 1e-10
+ATTITUDE_DONE = 1e-5  # after a step the error is a thousandth of it at most: what is left is below a milliarcsecond or so
 OUTLIER_SIGMA = 4.0
 CORNER_DISTORTION = 0.02  # of the radius: how far an unknown lens is expected to bend its corners, as one sigma
 STEP = 1e-6
+NOWHERE_PX = 1e9  # residual of a star that the camera cannot show
+MOST_RAD = 0.2  # of turn in one step
 BELIEF = 20.0  # degrees of freedom that the stated errors of centroids are worth
 
 
@@ -62,21 +66,27 @@ def refine(
     prior = np.array([0.0 if n not in loose else (CORNER_DISTORTION * loose[n]) ** -2 for n in names])
     weight = 1 / np.asarray(sigma_px, float) ** 2
     used = np.ones(len(pixels), bool)
+    residual = np.zeros((len(pixels), 2))
+    done, ridge = ATTITUDE_DONE if len(names) == 3 else DONE, 1 + 1e-12 * np.eye(len(names))
     for _ in range(ROUNDS):
         residual, jacobian = _linearised(pixels, icrs, camera, cam_from_icrs, names)
-        used = _inliers(residual, weight, len(names))
+        before, used = used, _inliers(residual, weight, len(names))
         w = np.repeat(np.where(used, weight, 0.0), 2)
         j = jacobian.reshape(-1, len(names))
-        normal = j.T @ (w[:, None] * j) + np.diag(prior)
-        now = np.array([float(getattr(camera.distortion, n, 0.0)) if n in loose else 0.0 for n in names])
-        gradient = j.T @ (w * residual.ravel()) - prior * now
-        step = np.asarray(np.linalg.solve(normal + 1e-12 * np.diag(np.diag(normal)), gradient), float)
+        weighted = (w[:, None] * j).T
+        normal, gradient = weighted @ j, weighted @ residual.ravel()
+        if len(names) > 3:
+            now = np.array([float(getattr(camera.distortion, n, 0.0)) if n in loose else 0.0 for n in names])
+            normal, gradient = normal + np.diag(prior), gradient - prior * now
+        step = np.asarray(np.linalg.solve(normal * ridge, gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
-        if np.abs(step).max() < DONE:
+        if np.abs(step).max() < done and (used == before).all():
+            residual = residual - jacobian @ step
             break
-    residual = pixels - camera.project(icrs @ cam_from_icrs.T)
-    good = np.isfinite(residual).all(1) & used
-    rms = float(np.sqrt(np.mean(residual[good] ** 2))) if good.any() else float("inf")
+    else:
+        residual = pixels - camera.project(icrs @ cam_from_icrs.T)
+    good = (np.abs(residual) < NOWHERE_PX).all(1) & used
+    rms = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else float("inf")
     covariance = _covariance(normal, residual, weight, good, len(names))
     return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
 
@@ -84,7 +94,7 @@ def refine(
 def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
     """(n,) standard deviations per axis of where the fit puts (n, 3) stars: its attitude's and its lens's own error."""
     _, jacobian = _linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
-    variance = np.einsum("nij,jk,nik->n", jacobian, fit.covariance, jacobian)
+    variance = ((jacobian @ fit.covariance) * jacobian).sum((1, 2))
     return np.asarray(np.sqrt(np.maximum(variance, 0) / 2))
 
 
@@ -92,27 +102,50 @@ def _linearised(
     pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: list[str]
 ) -> tuple[Array, Array]:
     """Residuals (n, 2) and derivatives (n, 2, parameters) of the prediction."""
-    unit = icrs @ cam_from_icrs.T
-    n = len(unit)
-    # All three small turns in one projection: a turn by STEP about an axis moves a direction by STEP times its cross product.
-    turned = [unit + STEP * np.cross(axis, unit) for axis in np.eye(3)]
-    places = camera.project(np.concatenate([unit, *turned]))
-    base = places[:n]
-    columns = [(places[k * n : (k + 1) * n] - base) / STEP for k in (1, 2, 3)]
+    base, turns = _turned(icrs @ cam_from_icrs.T, camera)
+    jacobian = turns
+    if len(names) > 3:
+        jacobian = np.empty((len(icrs), 2, len(names)))
+        jacobian[..., :3] = turns
     for k in range(3, len(names)):
         step = np.zeros(len(names))
         step[k] = STEP
         moved_camera, moved = _moved(camera, cam_from_icrs, step, names)
-        columns.append((moved_camera.project(icrs @ moved.T) - base) / STEP)
-    jacobian = np.stack(columns, axis=-1)
-    bad: NDArray[np.bool_] = np.asarray(~np.isfinite(base).all(1) | ~np.isfinite(jacobian).all((1, 2)))
-    jacobian[bad] = 0.0
-    residual = np.where(bad[:, None], np.nan, pixels - base)
-    return np.where(bad[:, None], 1e9, residual), jacobian
+        jacobian[..., k] = (moved_camera.project(icrs @ moved.T) - base) / STEP
+    residual = pixels - base
+    if not np.isfinite(jacobian.sum() + residual.sum()):
+        bad: NDArray[np.bool_] = np.asarray(~np.isfinite(residual).all(1) | ~np.isfinite(jacobian).all((1, 2)))
+        jacobian[bad], residual[bad] = 0.0, NOWHERE_PX
+    return residual, jacobian
+
+
+def _turned(unit: Array, camera: Camera) -> tuple[Array, Array]:
+    """(n, 2) pixels of camera-frame vectors, and (n, 2, 3) how they move with a small turn about x, y, z: exact on the tangent
+    plane, and by differences through the distortion."""
+    n = len(unit)
+    z = np.where(unit[:, 2] > 1e-6, unit[:, 2], np.nan)
+    x, y = unit[:, 0] / z, unit[:, 1] / z
+    plane = np.empty((n, 2, 3))
+    xy = x * y
+    plane[:, 0, 0], plane[:, 0, 1], plane[:, 0, 2] = -xy, 1 + x * x, -y
+    plane[:, 1, 0], plane[:, 1, 1], plane[:, 1, 2] = -1 - y * y, xy, x
+    focal = np.array([camera.focal_col_px, camera.focal_row_px])
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    if isinstance(camera.distortion, Pinhole):
+        return np.column_stack([x, y]) * focal + centre, plane * focal[:, None]
+    ideal = np.empty((3, n, 2))
+    ideal[..., 0], ideal[..., 1] = x, y
+    ideal[1, :, 0] += STEP
+    ideal[2, :, 1] += STEP
+    bent = camera.distortion.distort(ideal.reshape(-1, 2)).reshape(3, n, 2)
+    across, down = (bent[1] - bent[0]) / STEP, (bent[2] - bent[0]) / STEP
+    turns = across[:, :, None] * plane[:, None, 0] + down[:, :, None] * plane[:, None, 1]
+    return bent[0] * focal + centre, turns * focal[:, None]
 
 
 def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) -> tuple[Camera, Array]:
-    turned = rotation_from_vector(np.clip(step[:3], -0.2, 0.2)) @ cam_from_icrs
+    turn = step[:3] if np.abs(step[:3]).max() <= MOST_RAD else np.clip(step[:3], -MOST_RAD, MOST_RAD)
+    turned = rotation_from_vector(turn) @ cam_from_icrs if turn.any() else cam_from_icrs
     for value, name in zip(step[3:], names[3:], strict=True):
         if name == "focal":
             camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
@@ -124,10 +157,10 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
 
 def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool_]:
     """Stars within 4 robust sigmas; all of them while there are too few to tell."""
-    scaled = np.hypot(residual[:, 0], residual[:, 1]) * np.sqrt(weight)
+    scaled = np.sqrt((residual * residual).sum(1) * weight)
     if len(scaled) <= parameters // 2 + 3:
         return np.asarray(scaled < 1e6)
-    spread = max(float(np.median(scaled)) / 1.1774, 1.0)
+    spread = max(median(scaled) / 1.1774, 1.0)
     return np.asarray(scaled < OUTLIER_SIGMA * 1.2 * spread)
 
 

@@ -22,7 +22,7 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.faint import Named, Spots, name_the_rest
-from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.kvector import PairTable, pair_table
 from gss.pipeline.identify.near import Hint, identify_near
 from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
@@ -191,7 +191,11 @@ def _identify_known(
 
 
 def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evidence) -> str:
-    radius_px = max(CENSUS_PX, RADIUS_SIGMA * float(np.median(view.sigma_px)))
+    radius_px = max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
+    places = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
+    met = int((((places - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
+    if plenty(met, evidence.predicted, len(view)):
+        return ""  # the proof has counted already what the census would
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
@@ -211,12 +215,15 @@ def _name_all(
     deep = _apparent(stars.deep, camera, evidence.cam_from_icrs, velocity_c)
     picked = stars.deep_row[evidence.stars]
 
+    start = evidence.cam_from_icrs
+
     def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
-        return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, evidence.cam_from_icrs)
+        return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, start)
 
     # The search takes no star for better than a lens is known; the fit weighs each by its own error.
     sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
+    start = first.cam_from_icrs
     spots = Spots(view.pixels, sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
     named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
     return named if named is not None else Named(evidence.rows, picked, first, np.zeros(len(picked)))

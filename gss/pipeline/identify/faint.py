@@ -7,7 +7,7 @@ be there by chance in less than one of some hundred cases. The proof of the atti
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from gss.domain.angles import Array
 from gss.pipeline.identify.flux_line import FluxLine, flux_line
 from gss.pipeline.identify.verify import Sky, in_view
 from gss.pipeline.refine import Refined, prediction_sigma_px
+from gss.pipeline.small import distances2, median
 
 Rows = NDArray[np.intp]
 Refit = Callable[[Rows, Rows, Array], Refined]
@@ -37,6 +38,7 @@ CROWDED = 0.05  # more stars than that in a gate: no place tells one from anothe
 OWN_SHARE = 0.65  # of the light at its place that must be a star's own
 BLEND_REACH_SIGMA = 4.0
 COMPARABLE = 0.5  # of a star's light: a companion with which it can melt into one detection between the two
+FEW_PAIRS = 20_000  # so many distances are computed sooner than a tree is built
 UNRESOLVED_SIGMA = 2.8
 RESOLVED = 0.28  # of the way to such a companion: nearer to the star than that, the detection is the star's own
 
@@ -100,9 +102,19 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
         if len(found) < max(LEAST_NAMED, len(rows) // 2):
             return None
         shift2 = (expected.shift_px[which] ** 2).sum(1)
+        settled = _same(found, named.rows) and _same(expected.stars[which], named.stars)
+        if settled and not excess and not shift2.any():
+            named = replace(named, chance=chance)  # the fit at hand is of these stars with these errors
+            break
         sigma = np.sqrt(spots.sigma_px[found] ** 2 + shift2 + excess**2)
         named = Named(found, expected.stars[which], refit(found, expected.stars[which], sigma), chance)
+        if settled:
+            break
     return named if named.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
+
+
+def _same(a: Rows, b: Rows) -> bool:
+    return len(a) == len(b) and bool((a == b).all())
 
 
 def _excess_px(spots: Spots, named: Named) -> float:
@@ -111,21 +123,21 @@ def _excess_px(spots: Spots, named: Named) -> float:
     if good.sum() < LEAST_FOR_EXCESS:
         return 0.0
     squares = (named.fit.residual_px[good] ** 2).sum(1)
-    own2 = float(np.median(spots.sigma_px[named.rows[good]] ** 2))
-    return float(np.sqrt(max(float(np.median(squares)) / MEDIAN_SQUARE - CHANCE_EXCESS * own2, 0.0)))
+    own2 = median(spots.sigma_px[named.rows[good]] ** 2)
+    return float(np.sqrt(max(median(squares) / MEDIAN_SQUARE - CHANCE_EXCESS * own2, 0.0)))
 
 
 def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
     """The catalogue down to the faintest detection, on the detector, with what companions do to each star."""
-    faintest = float(np.max(line.v_mag(spots.magnitude) + BRIGHTNESS_SIGMA * line.sigma(spots.magnitude)))
+    faintest = float((line.v_mag(spots.magnitude) + BRIGHTNESS_SIGMA * line.sigma(spots.magnitude)).max())
     brighter = int(np.searchsorted(sky.v_mag, min(faintest + 1.0, float(sky.v_mag[-1])), side="right"))
     part = Sky(sky.hip[:brighter], sky.icrs[:brighter], sky.v_mag[:brighter])
     stars, pixels = in_view(part, fit.camera, fit.cam_from_icrs, MAX_GATE_PX)
     own = 10 ** (-0.4 * (sky.v_mag[stars] - 5))
     light, shift, reach = own.copy(), np.zeros((len(stars), 2)), np.full(len(stars), MAX_GATE_PX)
-    near = cKDTree(pixels).query_pairs(BLEND_REACH_SIGMA * spots.psf_sigma_px, output_type="ndarray")
-    if len(near):
-        a, b = np.concatenate([near, near[:, ::-1]]).T
+    a, b = _close(pixels, pixels, BLEND_REACH_SIGMA * spots.psf_sigma_px)
+    a, b = a[a != b], b[a != b]
+    if len(a):
         offset = pixels[b] - pixels[a]
         # How much a second Gaussian adds to the matched filter of the first, and where it draws its fitted middle.
         overlap = own[b] * np.exp(-(offset**2).sum(1) / (4 * spots.psf_sigma_px**2))
@@ -150,15 +162,13 @@ def _assign(
     spots: Spots, expected: _Expected, line: FluxLine, extra_px: float, proved: Rows, fit: Refined
 ) -> tuple[Rows, Rows, Array]:
     """Unambiguous (spot, expected star) pairs, spots in ascending order, and the chance of each."""
-    close = cKDTree(spots.pixels).query_ball_point(expected.pixels, MAX_GATE_PX)
-    e = np.repeat(np.arange(len(expected.stars)), [len(c) for c in close])
-    s = np.concatenate([np.asarray(c, np.intp) for c in close]) if len(e) else np.zeros(0, np.intp)
+    e, s = _close(expected.pixels, spots.pixels, MAX_GATE_PX)
     moved2 = (expected.shift_px[e] ** 2).sum(1)
     variance = spots.sigma_px[s] ** 2 + expected.sigma_px[e] ** 2 + moved2 / 4 + extra_px**2
     gate = np.minimum(GATE_SIGMA * np.sqrt(variance), MAX_GATE_PX)
     offset = spots.pixels[s] - expected.pixels[e]
-    inside = np.linalg.norm(offset - expected.shift_px[e], axis=1) <= gate
-    inside &= np.linalg.norm(offset, axis=1) <= expected.reach_px[e]
+    inside = ((offset - expected.shift_px[e]) ** 2).sum(1) <= gate**2
+    inside &= (offset * offset).sum(1) <= expected.reach_px[e] ** 2
     s, e, gate = s[inside], e[inside], gate[inside]
     noise = np.hypot(line.sigma(spots.magnitude[s]), spots.magnitude_sigma[s])
     difference = np.abs(line.v_mag(spots.magnitude[s]) - expected.v_mag[e])
@@ -175,6 +185,15 @@ def _assign(
     return s[order], e[order], chance[order]
 
 
+def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
+    """Rows of (n, 2) and (m, 2) pixels that are near each other."""
+    if len(first) * len(second) <= FEW_PAIRS:
+        return np.nonzero(distances2(first, second) <= within_px**2)
+    close = cKDTree(second).query_ball_point(first, within_px)
+    a = np.repeat(np.arange(len(first)), [len(c) for c in close])
+    return a, np.concatenate([np.asarray(c, np.intp) for c in close]) if len(a) else np.zeros(0, np.intp)
+
+
 def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, spots: int, fit: Refined) -> Array:
     """(pairs,) probability that a detection which is no catalogue star meets one that fits: how many detections may be
     such strangers, times the stars of that brightness in a gate of that size."""
@@ -182,7 +201,7 @@ def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, s
     v = expected.v_mag[e]
     among = np.searchsorted(ranked, v + window, side="right") - np.searchsorted(ranked, v - window)
     meets = np.minimum(among * np.pi * gate**2 / (fit.camera.columns * fit.camera.rows), 1.0)
-    typical = float(np.median(meets)) if len(meets) else 0.0
+    typical = median(meets) if len(meets) else 0.0
     unexplained = spots - len(np.unique(s)) + 1
     strangers = min(1.0, unexplained / (spots + 1) / max(1 - typical, 0.1))
     return np.asarray(np.where(meets <= CROWDED, strangers * meets, 1.0))

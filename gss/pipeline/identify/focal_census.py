@@ -14,6 +14,7 @@ from scipy.special import bdtrc
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.pipeline.attitude import svd
+from gss.pipeline.small import distances2, turned
 
 Rows = NDArray[np.intp]
 
@@ -54,12 +55,12 @@ def focal_objection(
         most = (0, 0)
         for rows, icrs in starts:
             most = max(most, _met(pixels, unit, rows, icrs, near, scaled, radius_px))
-            if enough and _plenty(*most, len(pixels)):
+            if enough and plenty(*most, len(pixels)):
                 break
         return most
 
     here, in_view = census(1.0, enough=True)
-    if _plenty(here, in_view, len(pixels)):
+    if plenty(here, in_view, len(pixels)):
         return ""
     here = max(here, *(census(scale)[0] for scale in AS_KNOWN))
     counts = [census(scale)[0] for scale in OTHERS]
@@ -80,7 +81,8 @@ def _without_furthest(pixels: Array) -> Rows:
     return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
 
 
-def _plenty(met: int, in_view: int, centroids: int) -> bool:
+def plenty(met: int, in_view: int, centroids: int) -> bool:
+    """Whether so much of what can be met is met that no other focal length needs to be tried."""
     return met >= PLENTY * min(centroids, in_view)
 
 
@@ -96,7 +98,7 @@ def _met(
     named: Rows = np.empty(0, np.intp)
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
-        predicted = camera.project(near @ _turned(unit[spots], stars, weight).T)
+        predicted = camera.project(near @ turned(unit[spots], stars, weight).T)
         seen = np.flatnonzero(camera.contains(predicted))
         places = predicted[seen]
         radius = np.full(len(seen), radius_px)
@@ -112,14 +114,6 @@ def _met(
     return met, in_view
 
 
-def _turned(unit: Array, icrs: Array, weight: Array) -> Array:
-    """(3, 3) cam_from_icrs that brings the stars nearest to the measured directions: ``attitude.svd`` without its checks."""
-    u, _, vt = np.linalg.svd((weight[:, None] * unit).T @ icrs)
-    if np.linalg.det(u) * np.linalg.det(vt) < 0:
-        u[:, 2] *= -1
-    return np.asarray(u @ vt)
-
-
 def _lever(places: Array, fitted: Array, weight: Array, most: float) -> Array:
     """(n,) by how much larger than one star's error the error of prediction is that far from the stars of the fit."""
     total = float(weight.sum())
@@ -133,7 +127,7 @@ def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, R
     """Mutually nearest (star, centroid) within the star's radius."""
     if not len(predicted):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    off2 = ((predicted[:, None] - pixels[None]) ** 2).sum(-1)
+    off2 = distances2(predicted, pixels)
     to, back = off2.argmin(1), off2.argmin(0)
     star = np.arange(len(predicted))
     ok = (back[to] == star) & (off2[star, to] <= radius_px**2)

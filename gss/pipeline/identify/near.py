@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,10 +59,10 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
         if not len(members):
             agree[p, q] = agree[q, p] = False
             continue
-        area = np.linalg.norm(
-            np.cross(field.unit[seen[q]] - field.unit[seen[p]], field.unit[seen[members]] - field.unit[seen[p]]), axis=1
-        )
-        trio = np.array([p, q, members[area.argmax()]])
+        side, others = field.unit[seen[q]] - field.unit[seen[p]], field.unit[seen[members]] - field.unit[seen[p]]
+        # Twice the area, squared.
+        area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
+        trio = np.array([p, q, members[area2.argmax()]])
         evidence = verify(field, sky, camera, rows=seen[trio], stars=local[known[trio]], hypotheses=max(hypotheses, 1))
         if evidence is not None and _is_near(evidence, hint):
             if evidence.false_match_probability <= accept:
@@ -81,16 +82,19 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
 
 def _agreement(field: Field, seen: Rows, unit: Array, expected: Array, known: Rows) -> Mask:
     """(k, k) which two candidates keep their distance and are of different stars."""
-    tolerance = TOLERANCE_SIGMA * np.sqrt(field.sigma_rad[seen][:, None] ** 2 + field.sigma_rad[seen] ** 2)
-    a, b = _distances(unit), _distances(expected)
+    variance = field.sigma_rad[seen] ** 2
+    tolerance = TOLERANCE_SIGMA * np.sqrt(variance[:, None] + variance)
+    a, b = _distances(np.stack([unit, expected]))
     return np.asarray((np.abs(a - b) < tolerance) & (seen[:, None] != seen) & (known[:, None] != known))
 
 
 def _distances(unit: Array) -> Array:
+    """(…, k, k) angles between (…, k, 3) directions."""
     # The chord from the Gram matrix loses digits only far below any centroid error.
-    return np.asarray(2 * np.arcsin(np.sqrt(np.clip((1 - unit @ unit.T) / 2, 0, 1))))
+    half2 = 0.5 - 0.5 * (unit @ unit.swapaxes(-1, -2))
+    return np.asarray(2 * np.arcsin(np.sqrt(np.minimum(np.maximum(half2, 0.0), 1.0))))
 
 
 def _is_near(evidence: Evidence, hint: Hint) -> bool:
-    cosine = (np.trace(evidence.cam_from_icrs @ hint.cam_from_icrs.T) - 1) / 2
-    return float(np.arccos(np.clip(cosine, -1, 1))) <= 2 * hint.radius_rad + 0.01
+    cosine = (float((evidence.cam_from_icrs * hint.cam_from_icrs).sum()) - 1) / 2
+    return math.acos(min(max(cosine, -1.0), 1.0)) <= 2 * hint.radius_rad + 0.01

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
-from gss.pipeline.attitude import svd
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
+from gss.pipeline.small import distances2, median, turned
 
 RADIUS_SIGMA = 3.5
 ROUNDS = 3
 COUNT_WITHIN = (1.0, 0.5)
 MAX_RADIUS_PX = 25.0
 MIN_RADIUS_PX = 0.35
+_EYE = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -48,19 +49,25 @@ class Field:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    @cached_property
+    def typical_sigma_px(self) -> float:
+        """Median error of a place."""
+        return median(self.sigma_px) if len(self) else 0.1
+
 
 def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> Field:
     """Centroids as a camera of known geometry sees them. Positions outside the distortion's domain are left out."""
     pixels = centroids.pixels
     sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
     n = len(pixels)
-    half_col, half_row = np.array([0.5, 0.0]), np.array([0.0, 0.5])
-    steps = np.concatenate([pixels, pixels + half_col, pixels + half_row])
+    steps = np.concatenate([pixels, pixels, pixels])
+    steps[n : 2 * n, 0] += 0.5
+    steps[2 * n :, 1] += 0.5
     unit = camera.unproject(steps) if n else np.zeros((0, 3))
     here, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
-    px_rad = 2 * np.maximum(np.linalg.norm(right - here, axis=1), np.linalg.norm(below - here, axis=1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        magnitude = np.nan_to_num(-2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12)))
+    right, below = right - here, below - here
+    px_rad = 2 * np.sqrt(np.maximum((right * right).sum(1), (below * below).sum(1)))
+    magnitude = -2.5 * np.log10(np.fmin(np.fmax(centroids.flux_dn, 1e-12), 1e300))
     ok = np.isfinite(here).all(axis=1) & np.isfinite(px_rad)
     return Field(np.flatnonzero(ok), pixels[ok], here[ok], sigma_px[ok], (px_rad * sigma_px)[ok], magnitude[ok])
 
@@ -94,7 +101,7 @@ def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[n
     """Mutually nearest (predicted row, measured row) within the predicted star's radius (p,) px."""
     if not len(predicted) or not len(measured):
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    d2 = ((predicted[:, None] - measured[None]) ** 2).sum(-1)
+    d2 = distances2(predicted, measured)
     to = d2.argmin(1)
     back = d2.argmin(0)
     p = np.arange(len(predicted))
@@ -117,42 +124,50 @@ def verify(
     Two stars fix the hypothesis; each further match is evidence. The chance of a coincidence uses the radius of the
     first prediction, before any fit could pull stars together.
     """
-    first, first_radius = np.full((len(sky), 2), np.inf), np.zeros(0)
+    first_seen, first, first_radius = np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0)
     for round_ in range(ROUNDS):
         weights = 1 / field.sigma_rad[rows] ** 2
-        cam_from_icrs = svd(field.unit[rows], sky.icrs[stars], weights)
+        cam_from_icrs = turned(field.unit[rows], sky.icrs[stars], weights)
         seen, predicted = in_view(sky, camera, cam_from_icrs)
         if len(seen) < 2:
             return None
         radius = _radius(field, camera, sky.icrs[seen] @ cam_from_icrs.T, field.unit[rows], weights, calibration_px)
         if round_ == 0:
-            first[seen], first_radius = predicted, radius
-            reach = np.full(len(sky), np.nan)
-            reach[seen] = radius
+            first_seen, first, first_radius = seen, predicted, radius
         p, m = pair_up(predicted, field.pixels, radius)
         if len(m) < 3:
             return None
+        settled = len(m) == len(rows) and (m == rows).all() and (seen[p] == stars).all()
         rows, stars = m, seen[p]
-    spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(field.magnitude)))
+        if settled:
+            break  # another round would repeat this one
+    spread = float(np.hypot(sky.v_mag[seen].std(), field.magnitude.std()))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
-    offset = np.linalg.norm(first[stars] - field.pixels[rows], axis=1) / reach[stars]
+    offset = _first_offset(first_seen, first, first_radius, stars, field.pixels[rows])
     tail = _tail(offset, first_radius, len(field), camera, brightness)
     order = np.argsort(rows)
     return Evidence(rows[order], stars[order], cam_from_icrs, len(seen), false_match_probability(hypotheses, tail))
 
 
+def _first_offset(
+    seen: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
+) -> Array:
+    """(m,) how far from its first prediction each match lies, in acceptance radii; infinite where there was none."""
+    at = np.minimum(np.searchsorted(seen, stars), len(seen) - 1)
+    off = places[at] - pixels
+    return np.asarray(np.where(seen[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
+
+
 def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float) -> Array:
     """Acceptance radius of each predicted star, px: centroid error and what the attitude's own error adds there."""
-    information = np.sum(weights) * np.eye(3) - (used * weights[:, None]).T @ used
-    covariance = np.linalg.inv(information + 1e-12 * np.trace(information) * np.eye(3))
-    lever2 = (
-        np.maximum(np.trace(covariance) - np.einsum("ij,jk,ik->i", unit, covariance, unit), 0)
-        * 0.75
-        / camera.pixel_rad**2
-    )
-    own = float(np.median(field.sigma_px)) if len(field) else 0.1
+    total = float(weights.sum())
+    information = (total + 1e-12 * 2 * total) * _EYE - (used * weights[:, None]).T @ used
+    covariance = np.linalg.inv(information)
+    trace = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+    lever2 = np.maximum(trace - ((unit @ covariance) * unit).sum(1), 0) * (0.75 / camera.pixel_rad**2)
+    own = field.typical_sigma_px
     radius = RADIUS_SIGMA * np.sqrt(own**2 + lever2) + calibration_px
-    return np.asarray(np.clip(radius, MIN_RADIUS_PX, MAX_RADIUS_PX))
+    return np.asarray(np.minimum(np.maximum(radius, MIN_RADIUS_PX), MAX_RADIUS_PX))
 
 
 def _tail(offset: Array, radius: Array, detections: int, camera: Camera, brightness: float) -> float:
@@ -161,7 +176,7 @@ def _tail(offset: Array, radius: Array, detections: int, camera: Camera, brightn
     ``offset``: (m,) distances of the matches from it, in acceptance radii; ``radius``: (p,) px of all predicted stars. Two
     matches are the hypothesis itself. The full radius and half of it are looked at, and both are paid for.
     """
-    area_px2 = np.pi * float(np.sort(radius**2)[2:].sum())
+    area_px2 = np.pi * float(np.sort(radius * radius)[2:].sum())
     tails = []
     for part in COUNT_WITHIN:
         chance = min(1.0, part**2 * area_px2 / (camera.columns * camera.rows))
