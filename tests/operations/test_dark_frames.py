@@ -1,0 +1,159 @@
+"""Dark frames kept with a calibration and taken out of the ground's reruns, where that calibration is in use."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gss.domain.errors import CorruptData
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.calibration_export import export_calibration
+from gss.operations.calibration_requests import DetectorCalibration, StarCalibration
+from gss.operations.calibration_sheet import calibration_sheet
+from gss.operations.dark_frames import from_bytes
+from gss.operations.report.parts import Picture
+from gss.operations.reprocess_worker import Order, Task, run_batch
+from gss.operations.solve import SolveRequest
+from gss.pipeline.chip import make_chip
+from gss.pipeline.render import render
+from gss.settings import Settings
+from gss.store.models import Calibration, Frame, Job
+from gss.wiring import Services, build
+
+SUNSAT = profile("sunsat")
+WARM = 16.0
+"""Times the dark current: 32 °C warmer, where fixed pattern and hot pixels are what a frame shows first."""
+NIGHT = datetime(2026, 6, 1, tzinfo=UTC)
+FRAMES = 6
+
+
+class Warm:
+    """A server with dark frames and star frames of one warm detector in its store."""
+
+    def __init__(self, folder: Path) -> None:
+        self.services: Services = build(Settings(data=folder))
+        self.services.jobs.start()
+        rng = np.random.default_rng(4)
+        chip = make_chip(SUNSAT.defects, SUNSAT.sensor, SUNSAT.camera, 3)
+        stars = self.services.stars.brighter_than(7.0)
+        exposure_s = SUNSAT.sensor.exposure_s
+        capped = replace(SUNSAT.sensor, background_e_s=0.0)
+
+        def image(sensor, table, attitude):  # type: ignore[no-untyped-def]
+            return render(table, SUNSAT.camera, sensor, attitude, exposure_s, rng, chip=chip, dark_factor=WARM).pixels
+
+        self.darks = tuple(self.keep(image(capped, stars.take(np.arange(0)), np.eye(3)), k) for k in range(9))
+        self.attitudes = [
+            cam_from_icrs(float(rng.uniform(0, 6)), float(rng.uniform(-1, 1)), 1.0) for _ in range(FRAMES)
+        ]
+        self.frames = tuple(self.keep(image(SUNSAT.sensor, stars, a), 20 + k) for k, a in enumerate(self.attitudes))
+
+    def keep(self, pixels: np.ndarray, k: int) -> int:
+        frame: Frame = self.services.frames._add(
+            pixels,
+            source="device",
+            taken=NIGHT + timedelta(seconds=10 * k),
+            bits=8,
+            exposure_s=SUNSAT.sensor.exposure_s,
+            profile="sunsat",
+            truth=[0.0, 0.0, 0.0, 1.0],
+        )
+        return frame.id
+
+    def calibrate(self, wanted: DetectorCalibration | StarCalibration) -> Calibration:
+        job: Job = self.services.calibrations.start(wanted, "", "", user="engineer-1")
+        end = time.monotonic() + 60
+        while (now := self.services.jobs.get(job.id)).state in ("queued", "running") and time.monotonic() < end:
+            time.sleep(0.02)
+        assert now.state == "done", now.text
+        return self.services.calibrations.get(int(now.result["calibration_id"]))
+
+    def spots(self, chain: str = "reference") -> tuple[int, list[str]]:
+        """Stars that were matched in all frames, and the notes of the last result."""
+        matched, notes = 0, []
+        for frame_id in self.frames:
+            row = self.services.frames.solve(
+                frame_id, SolveRequest(chain=chain, profile="sunsat", exposure_s=SUNSAT.sensor.exposure_s)
+            )
+            matched, notes = matched + row.matched, list(row.notes)
+        return matched, notes
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
+    """One warm detector for the file."""
+    made = Warm(Path(tmp_path_factory.mktemp("warm")))
+    yield made
+    made.services.jobs.stop()
+    made.services.frames.stop()
+    made.services.database.close()
+
+
+@pytest.fixture(scope="module")
+def detector(warm: Warm) -> Calibration:
+    """A calibration of its detector."""
+    return warm.calibrate(DetectorCalibration("sunsat", warm.darks))
+
+
+def test_the_median_dark_frame_is_kept_and_shown(warm: Warm, detector: Calibration) -> None:
+    """A map to a hundredth of a DN in the store, a picture in the report, on paper and on the page."""
+    kept = detector.result["dark_frame"]
+    pattern = warm.services.calibrations._darks.pattern(kept["key"])
+    stacked = np.median([warm.services.frames.pixels(warm.services.frames.get(i)) for i in warm.darks], axis=0)
+    assert np.allclose(pattern.pattern_dn, stacked - np.median(stacked), atol=0.02)
+    assert len(pattern.bad) == kept["bad"] > 0
+    drawings = [d for s in calibration_sheet(detector).sections for d in s.drawings]
+    assert any(isinstance(d, Picture) for d in drawings)
+    assert b"data:image/png;base64," in export_calibration(detector, "html")
+    assert b"/Image" in export_calibration(detector, "pdf")
+    with pytest.raises(CorruptData):
+        from_bytes(b"not a dark frame")
+
+
+def test_reruns_see_more_stars_without_the_pattern_and_say_so(warm: Warm, detector: Calibration) -> None:
+    """Used, given up, and used by a worker process alike; the sensor's own chain gets the pixels as they came."""
+    services = warm.services
+    before, notes = warm.spots()
+    system, _ = warm.spots("sunsat")
+    assert not any("dark frame" in n for n in notes)
+    services.calibrations.use(detector.id, user="engineer-1")
+    try:
+        after, notes = warm.spots()
+        assert after > 1.5 * before
+        assert any(n.startswith("dark frame subtracted, ") for n in notes)
+        assert warm.spots("sunsat")[0] == system
+        frame = services.frames.get(warm.frames[0])
+        known = replace(services.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
+        order = Order(services.settings.blobs_url, 2026.5, "reference", {"sunsat": known})
+        task = Task(frame.id, frame.sha256, frame.dtype, frame.rows, frame.columns, "sunsat", None)
+        assert any("dark frame subtracted" in n for n in run_batch(order, [task])[0]["notes"])
+    finally:
+        services.calibrations.use_documented("sunsat", user="engineer-1")
+    assert warm.spots()[0] == before
+
+
+def test_a_calibration_from_stars_takes_the_dark_frame_in_use_and_hands_it_on(
+    warm: Warm, detector: Calibration
+) -> None:
+    """The camera that comes out keeps the detector's dark frame when it is used in its turn."""
+    service = warm.services.calibrations
+    wanted = StarCalibration(warm.frames, "sunsat", ("radial-tilt",), photometry=False, psf=False)
+    plain = warm.calibrate(wanted)
+    service.use(detector.id, user="engineer-1")
+    try:
+        made = warm.calibrate(wanted)
+        assert "dark_frame" not in plain.result
+        assert made.result["dark_frame"] == detector.result["dark_frame"]["key"]
+        assert made.result["geometry"]["residuals"]["stars"] > 1.3 * plain.result["geometry"]["residuals"]["stars"]
+        service.use(made.id, user="engineer-1")
+        assert service.book.dark_of("sunsat") == detector.result["dark_frame"]["key"]
+        assert calibration_sheet(made).sections
+    finally:
+        service.use_documented("sunsat", user="engineer-1")
