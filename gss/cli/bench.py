@@ -54,8 +54,8 @@ def register(subparsers: Subparsers) -> None:
     q = method("dark-law", "dark current against temperature", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"temperature in °C, electrons per second. {TABLE}")
     q = method("focus", "best setting of the lens from pictures of stars at several settings, or from their widths")
-    q.add_argument("files", nargs="*", metavar="FRAME", help="one picture of stars per setting")
-    q.add_argument("--at", metavar="A,B,…", help="settings of the lens, in the order of the pictures")
+    q.add_argument("files", nargs="*", metavar="FRAME", help="pictures of stars, one or more at each setting")
+    q.add_argument("--at", metavar="A,B,…", help="setting of the lens at each picture")
     q.add_argument("--widths", metavar="FILE.csv", help=f"instead of pictures: setting, σ in px. {TABLE}")
     q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="width to come to (default 0.45)")
 

@@ -40,6 +40,7 @@ KINDS = (
 Rows = Sequence[Sequence[float]]
 MOST_ROWS = 5000
 MOST_POINTS = 2000
+FEWEST_SETTINGS = 4
 ZERO_C_K = 273.15
 STEADY_SIGMA_PX = 0.02
 """What a centre or a focal length of the bench is trusted to at best, in px: clamps and tables have play."""
@@ -121,26 +122,37 @@ def checkerboard(
 def focus(
     positions: Sequence[float], shots: Sequence[Shot], known: CameraProfile, tell: Tell, wished_sigma_px: float
 ) -> Found:
-    """The best setting of the lens from a picture of stars at each of several settings."""
+    """The best setting of the lens from pictures of stars at several settings, one or more at each."""
     if len(positions) != len(shots):
         raise BadInput(
             "each picture of a focus run has its setting", expected=f"{len(shots)} settings", got=str(len(positions))
         )
+    by_setting: dict[float, list[Shot]] = {}
+    for place, shot in zip(positions, shots, strict=True):
+        by_setting.setdefault(float(place), []).append(shot)
     at, widths, skipped = [], [], []
-    for k, (place, shot) in enumerate(zip(positions, shots, strict=True)):
-        tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
+    for k, (setting, pictures) in enumerate(sorted(by_setting.items())):
+        tell(k / len(by_setting), f"setting {setting:g}, {k + 1} of {len(by_setting)}")
         try:
             field = psf_over_field(
-                [shot.pixels()],
+                [picture.pixels() for picture in pictures],
                 known.camera,
                 e_per_dn=known.sensor.gain_e_per_dn,
                 saturation_dn=float(known.sensor.saturation_dn),
             )
         except BadInput as error:
-            skipped.append({"name": shot.name, "used": False, "reason": str(error)})
+            names = ", ".join(picture.name for picture in pictures)
+            skipped.append({"name": f"setting {setting:g}: {names}", "used": False, "reason": str(error)})
             continue
-        at.append(float(place))
+        at.append(setting)
         widths.append(float(field.centre_sigma_px))
+    if skipped and len(at) < FEWEST_SETTINGS:
+        raise BadInput(
+            "the width of the stars could be measured at too few settings",
+            expected=f"{FEWEST_SETTINGS} settings",
+            got=f"{len(at)}; {skipped[0]['name']}: {skipped[0]['reason']}",
+            hint="several pictures at each setting, of a part of the sky with bright stars",
+        )
     return _focus_found(at, widths, wished_sigma_px, skipped)
 
 
@@ -174,7 +186,7 @@ def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.fl
     return np.asarray(rows, float)
 
 
-# --- what the bench says beforehand -----------------------------------------------------------------------------------
+# --- what the bench says beforehand -------------------------------------------------------------------------------
 
 
 def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Prior]:
