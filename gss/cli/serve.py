@@ -66,6 +66,8 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     from gss.wiring import build
 
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
+    if sensor is not None:
+        services.frames.warm(settings.simulator)
     app = create_app(services)
 
     class Server(uvicorn.Server):

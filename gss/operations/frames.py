@@ -67,6 +67,24 @@ class FrameService:
         """Let the running solution end; drop what waits (it can be run again from the page)."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
+    def warm(self, profile_name: str) -> None:
+        """Solve a made-up frame in the background: tables are built and loops compiled before the first real one comes."""
+        self._pool.submit(self._warm, profile_name)
+
+    def _warm(self, profile_name: str) -> None:
+        known = profile(profile_name)
+        rows, columns = known.camera.rows, known.camera.columns
+        spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
+        pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
+        for col, row in spots:
+            pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
+        image = pixels.astype(np.uint8 if known.sensor.bits <= 8 else np.uint16)
+        for chain in dict.fromkeys((self._chain, on_board(known.name).name)):
+            try:
+                self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
+            except Exception as error:  # nothing depends on it but the first frame's waiting time
+                self._bus.record("solution", "warning", f"the {chain} chain could not be tried: {error}")
+
     # --- storing ------------------------------------------------------------------------------------------------
 
     def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:

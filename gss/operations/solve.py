@@ -277,7 +277,7 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
     """Say whether aberration was taken out."""
     if result.attitude is None:
         return result
-    words = "aberration was not taken out: the time is not known" if observer is None else observer.words
+    words = "aberration was not taken out" if observer is None else observer.words
     return replace(result, notes=(*result.notes, words))
 
 
