@@ -70,11 +70,14 @@ class Assessment:
         }
 
 
-def assess_catalogue(p: Plan, kept: StarTable, distances: DistanceTable) -> Assessment:
-    """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows."""
+def assess_catalogue(
+    p: Plan, kept: StarTable, distances: DistanceTable, directory: StarTable | None = None
+) -> Assessment:
+    """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows. ``directory``: those of
+    them that the device searches, which is where they can be mistaken; None: all."""
     rng = np.random.default_rng(p.request.seed)
     quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
-    mistakes = ambiguity(p, p.envelope, kept, AMBIGUITY_NSIDE)
+    mistakes = ambiguity(p, p.envelope, kept if directory is None else directory, AMBIGUITY_NSIDE)
     return Assessment(quality, envelope_map(p.envelope), mistakes, p.lifetime(), _blinded(p), wanderers(p))
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gss import __version__
 from gss.catalogue_tools.ambiguity import AmbiguityMap
@@ -18,20 +17,29 @@ from gss.catalogue_tools.assessment import EnvelopeMap as EnvelopeMap
 from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.envelope import Envelope
 from gss.catalogue_tools.manifest import Manifest, profile_sha256
-from gss.catalogue_tools.onboard import encode, format_of, image_bytes, part_bytes, quantisation_error, tables_for
+from gss.catalogue_tools.onboard import (
+    OwnTables,
+    encode,
+    format_of,
+    image_bytes,
+    part_bytes,
+    quantisation_error,
+    tables_for,
+)
 from gss.catalogue_tools.plan import Plan, plan
 from gss.catalogue_tools.quality import Quality
 from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, parameters_of
-from gss.catalogue_tools.selection import Fate, Selection, select
+from gss.catalogue_tools.selection import Fate, Selection, screening_facts, select
+from gss.catalogue_tools.size_estimate import estimate_pairs as estimate_pairs
+from gss.catalogue_tools.size_estimate import estimated, frame_for, searched
 from gss.catalogue_tools.sky_source import CorrectedSky, corrected
 from gss.catalogue_tools.sources import Source, hipparcos_of
-from gss.domain.angles import Array
+from gss.domain.bank_tables import ReducedCatalogue
 from gss.domain.errors import BadInput
 from gss.domain.stars import DistanceTable, StarTable
 
 FEWEST_STARS = 2
-PAIR_SAMPLE = 800
 # Coarser than the build's own maps, so that the page follows the hand.
 MISTAKES_NSIDE = 8
 # Room for the sampling error of the pair estimate before a build is refused without making the table.
@@ -106,9 +114,8 @@ def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool
     look = QuickLook(p)
     _, selection = _select(p, _source(source), look)
     kept = selection.kept
-    pairs = estimate_pairs(kept.icrs, request.pair_min_rad, p.pair_max_rad)
-    size = image_bytes(request.format_name, len(kept), pairs)
-    coarse = ambiguity(p, look, kept, MISTAKES_NSIDE) if mistakes else None
+    pairs, size = estimated(p, kept)
+    coarse = ambiguity(p, look, searched(p, kept), MISTAKES_NSIDE) if mistakes else None
     return Preview(p, selection, pairs, size, envelope_map(look, look.nside), coarse)
 
 
@@ -128,32 +135,20 @@ def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     tell("distances", 0.3)
     pairs = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
     camera, name = p.profile.camera, request.format_name
-    own = tables_for(name, kept, pairs, camera, index=request.k_vector)
+    own = tables_for(name, kept, pairs, camera, reduced=request.reduced, index=request.k_vector)
     tell("image", 0.5)
     key = bytes.fromhex(profile_sha256(p.profile))[:8]
     image = encode(kept, own.distances, name, p.profile.name, key, own.tables)
     _check_size(p, len(image))
     tell("quality", 0.6)
-    assessment = assess_catalogue(p, selection.kept, pairs)
+    reduced = own.tables.reduced
+    # What the device searches: with a reduced catalogue that, whose pairs are the ones on board.
+    directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
+    assessment = assess_catalogue(p, selection.kept, pairs if reduced is None else own.distances, directory)
     tell("manifest", 0.95)
-    manifest = _manifest(p, ready.source, sky, selection, kept, own.distances, image, assessment)
+    manifest = _manifest(p, ready.source, sky, selection, kept, own, image, assessment)
     tell("done", 1.0)
     return BuiltCatalogue(p, image, manifest, selection, kept, own.distances, assessment)
-
-
-def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
-    """Number of pairs within the limits: counted for up to 800 stars, else scaled up from 800 evenly chosen ones."""
-    n = len(unit)
-    if n < 2:
-        return 0
-    sample = unit[np.unique(np.linspace(0, n - 1, min(n, PAIR_SAMPLE)).astype(int))]
-    tree = cKDTree(unit)
-    near, far = 2 * np.sin(min_rad / 2), 2 * np.sin(min(max_rad, np.pi) / 2)
-    within = tree.query_ball_point(sample, far, return_length=True) - tree.query_ball_point(
-        sample, near * (1 - 1e-12), return_length=True
-    )
-    # With no lower limit each star would find itself, which the inner count takes off again.
-    return round(float(within.sum()) * n / len(sample) / 2)
 
 
 def _source(source: Source | StarTable) -> Source:
@@ -172,7 +167,7 @@ def _select(p: Plan, source: Source, envelope: Envelope) -> tuple[CorrectedSky, 
     if p.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
     sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
-    selection = select(sky.icrs_stars, envelope, rules, p.shape.equal_circle_rad)
+    selection = select(sky.icrs_stars, envelope, rules, p.shape)
     blends = int(np.count_nonzero(sky.rejected.v_mag <= rules.faint_mag))
     return sky, selection.from_source(source.title, source.count, blends)
 
@@ -190,8 +185,10 @@ def _check_kept(p: Plan, selection: Selection) -> None:
         raise BadInput(
             "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(kept), hint="looser rules"
         )
-    # far-mst keeps only the pairs of its reduced catalogue, which is not known before it is made.
-    if format_of(p.request.format_name).pair_bytes and p.request.format_name != "far-mst":
+    request = p.request
+    # A reduced catalogue keeps only the pairs among its own stars, which are not known before it is made.
+    reduced = frame_for(request.format_name, p.profile.camera, request.reduced)
+    if format_of(request.format_name).pair_bytes and reduced is None:
         pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
         _check_size(p, image_bytes(p.request.format_name, kept, int(pairs / SURE_OVERFLOW)))
 
@@ -212,11 +209,14 @@ def _manifest(
     sky: CorrectedSky,
     selection: Selection,
     kept: StarTable,
-    distances: DistanceTable,
+    own: OwnTables,
     image: bytes,
     assessment: Assessment,
 ) -> Manifest:
-    request, error = p.request, quantisation_error(kept, distances, image)
+    request, error = p.request, quantisation_error(kept, own.distances, image)
+    counts = {"stars": len(kept), "pairs": len(own.distances)}
+    if own.tables.reduced is not None:
+        counts["reduced catalogue"] = int(np.count_nonzero(own.tables.reduced.kept))
     hidden = request.occultation
     return Manifest(
         name=request.name,
@@ -233,7 +233,7 @@ def _manifest(
         valid_to=p.valid_to.isoformat() if p.valid_to else "",
         parameters=parameters_of(request),
         envelope=_envelope_facts(p),
-        counts={"stars": len(kept), "pairs": len(distances)} | {f.label: f.stars for f in selection.funnel},
+        counts=counts | {f.label: f.stars for f in selection.funnel},
         bytes_by_part=part_bytes(image),
         quality=_quality_facts(assessment.quality),
         quantisation={
@@ -247,8 +247,18 @@ def _manifest(
         source_facts={"name": source.name} | source.facts,
         occultation=dict(vars(hidden)) if hidden.active else {},
         method=request.method,
-        assessment=assessment.facts(),
+        assessment=assessment.facts() | _choice_facts(selection, own.tables.reduced),
     )
+
+
+def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, Any]:
+    """What the screening found and the frame of the reduced catalogue; nothing where there is neither."""
+    facts: dict[str, Any] = {}
+    if (found := screening_facts(selection)) is not None:
+        facts["screening"] = found
+    if reduced is not None:
+        facts["reduced"] = asdict(reduced.frame) | {"stars": int(np.count_nonzero(reduced.kept))}
+    return facts
 
 
 def _envelope_facts(p: Plan) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG
 from gss.catalogue_tools.occultation import Occultation
 from gss.catalogue_tools.onboard import check_format
 from gss.catalogue_tools.orbits import Range, jyear_of
+from gss.catalogue_tools.screening import ScreeningRules
 from gss.catalogue_tools.selection import Rules
+from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import profile
 
@@ -62,7 +64,8 @@ class BuildRequest:
     time zone. ``epoch_jyear`` None: the middle of the validity, J2000 without dates. ``bank_bytes`` None: the format's
     usual bank. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
     ``source``: hipparcos, hipparcos_all, gaia, or list with the ``star_list`` it names. ``method``: exact, or blocks for
-    Jacobs' own steps of 1°. ``k_vector``: an index of the distances goes on board too.
+    Jacobs' own steps of 1°. ``k_vector``: an index of the distances goes on board too. ``reduced``: the frame
+    of a reduced catalogue, to whose stars the distances are cut down; None: none, but far-mst has one of its camera's frame.
     """
 
     profile_name: str
@@ -88,6 +91,7 @@ class BuildRequest:
     occultation: Occultation = field(default_factory=Occultation)
     method: str = "exact"
     k_vector: bool = False
+    reduced: ReducedFrame | None = None
 
     def __post_init__(self) -> None:
         check_format(self.format_name)
@@ -102,6 +106,8 @@ class BuildRequest:
             )
         if self.pointings < 1:
             raise BadInput("no pointings to judge the quality by", expected="at least 1", got=str(self.pointings))
+        if self.reduced is not None:
+            _check_frame(self.reduced)
         _check_source(self)
         _check_epoch(self)
 
@@ -143,7 +149,7 @@ def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
     known = {f.name for f in fields(BuildRequest)}
     values = {name: value for name, value in parameters.items() if name in known}
     try:
-        values["rules"] = Rules(**values["rules"])
+        values["rules"] = _rules_from(values["rules"])
         values["orbit"] = _orbit_from(values.get("orbit"))
         if values.get("attitude") is not None:
             values["attitude"] = AttitudeLimits(**{k: _pair(v) for k, v in values["attitude"].items()})
@@ -151,9 +157,16 @@ def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
             values["start"] = datetime.fromisoformat(values["start"])
         values["corrections"] = corrections_of(values.get("corrections") or {})
         values["occultation"] = Occultation(**(values.get("occultation") or {}))
+        if values.get("reduced") is not None:
+            values["reduced"] = ReducedFrame(**values["reduced"])
         return BuildRequest(**values)
     except (KeyError, TypeError, ValueError) as error:
         raise CorruptData("the manifest's parameters are no request", got=f"{type(error).__name__}: {error}") from None
+
+
+def _rules_from(values: Mapping[str, Any]) -> Rules:
+    screening = values.get("screening")
+    return Rules(**{**values, "screening": None if screening is None else ScreeningRules(**screening)})
 
 
 def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | None:
@@ -167,6 +180,18 @@ def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | 
 def _pair(value: Any) -> Any:
     """JSON has no tuples."""
     return tuple(value) if isinstance(value, list) else value
+
+
+def _check_frame(frame: ReducedFrame) -> None:
+    sides = (frame.width_rad, frame.height_rad)
+    possible = all(np.radians(1) <= side <= np.radians(120) for side in sides)
+    if not (possible and 1 <= frame.brightest <= 100 and np.radians(0.25) <= frame.step_rad <= np.radians(10)):
+        raise BadInput(
+            "the frame of the reduced catalogue is out of range",
+            expected="sides of 1° to 120°, 1 to 100 stars, steps of 0.25° to 10°",
+            got=f"{np.degrees(sides[0]):g}° x {np.degrees(sides[1]):g}°, {frame.brightest} stars, "
+            f"{np.degrees(frame.step_rad):g}°",
+        )
 
 
 def _check_source(request: BuildRequest) -> None:

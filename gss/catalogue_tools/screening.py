@@ -18,6 +18,7 @@ MONITEQ_MAG, MONITEQ_RAD, MONITEQ_ARC_RAD = 0.5, float(np.radians(0.01)), float(
 # Table 2.4: proper motion above 1″ a year; bright pairs are mostly closer than 30″ (§2.2).
 FAST_RAD_YR = float(np.radians(1 / 3600))
 DOUBLE_RAD = float(np.radians(30 / 3600))
+ACTIONS = ("drop", "list")
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,83 @@ def companions(
     near, far = (2 * np.sin(np.clip(arc_rad + s * tolerance_rad, 0, np.pi) / 2) for s in (-1, 1))
     outer, inner = (tree.query_ball_point(unit, radius, return_length=True) for radius in (far, near))
     return np.asarray(outer - inner, float)
+
+
+@dataclass(frozen=True)
+class ScreeningRules:
+    """When a star is on the screening list, and what becomes of it. ``action``: drop, or list, which only names it.
+
+    ``doubles``, ``variables``, ``fast``: the marks of :func:`screen`. ``most_companions``: more stars than that in the ring at
+    ``arc_rad`` ± ``tolerance_rad`` put a star on the list, whatever their magnitude. ``most_false``: so do more expected false
+    triples, which are its stars in the ring times the stars by chance in the patch of a third one. None: not looked at.
+    """
+
+    action: str = "drop"
+    doubles: bool = True
+    variables: bool = True
+    fast: bool = True
+    most_companions: int | None = None
+    most_false: float | None = None
+    arc_rad: float = MONITEQ_ARC_RAD
+    tolerance_rad: float = MONITEQ_RAD
+    double_rad: float = DOUBLE_RAD
+    fast_rad_yr: float = FAST_RAD_YR
+
+    def __post_init__(self) -> None:
+        if self.action not in ACTIONS:
+            raise BadInput("unknown screening", expected=" | ".join(ACTIONS), got=self.action)
+        limits = (self.most_companions, self.most_false)
+        if any(limit is not None and not (np.isfinite(limit) and limit >= 0) for limit in limits):
+            raise BadInput("a limit of the screening is impossible", expected="0 or more", got=str(limits))
+        if not (0 < self.tolerance_rad < np.pi / 2 and 0 < self.arc_rad < np.pi):
+            raise BadInput(
+                "the ring of the screening is impossible",
+                expected="an arc of 0° to 180°, a tolerance of 0° to 90°",
+                got=f"{np.degrees(self.arc_rad):g}° ± {np.degrees(self.tolerance_rad):g}°",
+            )
+
+
+@dataclass(frozen=True)
+class Screened:
+    """(n,) masks by reason and (n,) figures of the stars that were looked at; ``third``: see :class:`FalseMatches`."""
+
+    reasons: dict[str, NDArray[np.bool_]]
+    companions: Array
+    third: float
+
+    @property
+    def marked(self) -> NDArray[np.bool_]:
+        """(n,) any reason."""
+        return np.asarray(np.any(list(self.reasons.values()), axis=0))
+
+    @property
+    def false_triples(self) -> Array:
+        """(n,) expected number of wrong second and third stars."""
+        return self.companions * self.third
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many by reason; a star may have several."""
+        named = {name: int(np.count_nonzero(mask)) for name, mask in self.reasons.items()}
+        return named | {"any": int(np.count_nonzero(self.marked))}
+
+
+def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRules) -> Screened:
+    """Screen (n,) stars. ``on_board``: which may go on board, and so be taken for others; the chance of a third star follows from
+    how many of all the stars there are over the sphere."""
+    marks = screen(stars, rules.double_rad, rules.fast_rad_yr)
+    ring = companions(stars.icrs, np.where(on_board, 0.0, np.nan), rules.arc_rad, rules.tolerance_rad, 0.0, 1.0)
+    third = false_matches(stars.v_mag, None, MONITEQ_MAG, rules.tolerance_rad, rules.arc_rad).third
+    reasons = {
+        name: mask
+        for name, mask in (("double", marks.double), ("variable", marks.variable), ("fast", marks.fast))
+        if getattr(rules, {"double": "doubles", "variable": "variables", "fast": "fast"}[name])
+    }
+    if rules.most_companions is not None:
+        reasons["companions"] = ring > rules.most_companions
+    if rules.most_false is not None:
+        reasons["false matches"] = ring * third > rules.most_false
+    return Screened(reasons or {"none": np.zeros(len(stars), bool)}, ring, third)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,102 @@
+"""How many pairs and bytes a choice of stars will take, before the tables are made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.onboard import encode, format_of, frame_of, image_bytes, reduced_catalogue, tables_for
+from gss.catalogue_tools.plan import Plan
+from gss.domain.angles import Array
+from gss.domain.bank_tables import ReducedFrame
+from gss.domain.camera import Camera
+from gss.domain.stars import DistanceTable, StarTable
+
+PAIR_SAMPLE = 800
+# Triplets and links of so many stars are made sooner than guessed well; of more, an experience stands in.
+MADE_STARS = 6000
+# Surveys with such steps take a tenth of the second that one of 1° takes; the numbers fall nearly straight with the step.
+COARSE_STEPS_RAD = tuple(float(np.radians(step)) for step in (3.0, 4.0))
+REDUCED_HEAD_BYTES = 8 + 16
+SECTION_HEAD_BYTES = 8
+
+
+def estimated(p: Plan, kept: StarTable) -> tuple[int, int]:
+    """(pairs, bytes) of the image of these stars. Pairs: counted up to 800 stars, else scaled up from that many; with a reduced
+    catalogue those among its stars; none of a format without pairs, whose bytes are those of the very image up to 6000 stars."""
+    request = p.request
+    name, frame, pairs = request.format_name, frame_for(request.format_name, p.profile.camera, request.reduced), 0
+    if not format_of(name).pair_bytes:
+        if 2 <= len(kept) <= MADE_STARS:
+            return 0, _made_bytes(p, kept)
+    elif frame is None:
+        pairs = estimate_pairs(kept.icrs, request.pair_min_rad, p.pair_max_rad)
+    else:
+        pairs = reduced_pairs(kept, frame, request.pair_min_rad, p.pair_max_rad)
+    return pairs, image_bytes(name, len(kept), pairs) + _reduced_bytes(name, len(kept), frame)
+
+
+def frame_for(format_name: str, camera: Camera, asked: ReducedFrame | None) -> ReducedFrame | None:
+    """The frame of a format's reduced catalogue; None where it has none."""
+    return frame_of(camera) if asked is None and format_name == "far-mst" else asked
+
+
+def reduced_pairs(kept: StarTable, frame: ReducedFrame, min_rad: float, max_rad: float) -> int:
+    """Pairs among the stars of the reduced catalogue: of the survey itself where its steps are coarse, else of two coarser ones,
+    whose numbers are drawn out to it."""
+    counts = []
+    for step_rad in COARSE_STEPS_RAD if frame.step_rad < COARSE_STEPS_RAD[0] else (frame.step_rad,):
+        stars = kept.take(reduced_catalogue(kept, replace(frame, step_rad=step_rad)).kept)
+        counts.append(estimate_pairs(stars.icrs, min_rad, max_rad))
+    if len(counts) == 1:
+        return counts[0]
+    fine, coarse = counts
+    slope = (fine - coarse) / (COARSE_STEPS_RAD[1] - COARSE_STEPS_RAD[0])
+    drawn = fine + max(0.0, slope) * (COARSE_STEPS_RAD[0] - frame.step_rad)
+    return int(min(round(drawn), estimate_pairs(kept.icrs, min_rad, max_rad)))
+
+
+def searched(p: Plan, kept: StarTable) -> StarTable:
+    """About the stars that the device searches: all, or those of a coarsely made reduced catalogue."""
+    frame = frame_for(p.request.format_name, p.profile.camera, p.request.reduced)
+    if frame is None:
+        return kept
+    step_rad = max(frame.step_rad, COARSE_STEPS_RAD[0])
+    return kept.take(reduced_catalogue(kept, replace(frame, step_rad=step_rad)).kept)
+
+
+def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
+    """Number of pairs within the limits: counted for up to 800 stars, else scaled up from 800 evenly chosen ones."""
+    n = len(unit)
+    if n < 2:
+        return 0
+    sample = unit[np.unique(np.linspace(0, n - 1, min(n, PAIR_SAMPLE)).astype(int))]
+    tree = cKDTree(unit)
+    near, far = 2 * np.sin(min_rad / 2), 2 * np.sin(min(max_rad, np.pi) / 2)
+    within = tree.query_ball_point(sample, far, return_length=True) - tree.query_ball_point(
+        sample, near * (1 - 1e-12), return_length=True
+    )
+    # With no lower limit each star would find itself, which the inner count takes off again.
+    return round(float(within.sum()) * n / len(sample) / 2)
+
+
+def _made_bytes(p: Plan, kept: StarTable) -> int:
+    none = np.empty(0, np.int32)
+    nothing = DistanceTable(none, none, np.empty(0), p.request.pair_min_rad, p.pair_max_rad)
+    name = p.request.format_name
+    own = tables_for(name, kept, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
+    return len(encode(kept, own.distances, name, p.profile.name, tables=own.tables))
+
+
+def _coarser(frame: ReducedFrame | None) -> ReducedFrame | None:
+    """How many stars are kept does not change the bytes of their list."""
+    return None if frame is None else replace(frame, step_rad=max(frame.step_rad, COARSE_STEPS_RAD[1]))
+
+
+def _reduced_bytes(name: str, stars: int, frame: ReducedFrame | None) -> int:
+    if frame is None:
+        return 0
+    size = REDUCED_HEAD_BYTES + -(-stars // 8)
+    return size + -size % 4 + (0 if format_of(name).sections else SECTION_HEAD_BYTES)

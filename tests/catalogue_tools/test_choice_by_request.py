@@ -1,0 +1,169 @@
+"""What a request may ask of the choice of stars: sizes before the build, a screening list, a reduced catalogue, the thinning."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.attitude import AttitudeLimits
+from gss.catalogue_tools.build import build, prepare, preview
+from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.onboard import decode
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, parameters_of, request_from
+from gss.catalogue_tools.screening import ScreeningRules, screen
+from gss.catalogue_tools.selection import Fate, Rules
+from gss.catalogue_tools.uniform_density import survey_attitudes
+from gss.domain.angles import separation_rad
+from gss.domain.bank_tables import ReducedFrame
+from gss.domain.errors import BadInput
+
+
+def deg(*values):
+    return tuple(float(np.radians(v)) for v in values)
+
+
+WHOLE = BuildRequest("sunsat", "sunsat", Rules(5.0), pointings=300)
+PATCH = replace(
+    WHOLE,
+    profile_name="oersted",
+    format_name="oersted",
+    rules=Rules(4.5),
+    attitude=AttitudeLimits("inertial", deg(-4, 4), deg(-4, 4), deg(-4, 4), ra_rad=1.4, dec_rad=0.1),
+)
+BAND = replace(
+    WHOLE,
+    orbit=ElementsOrbit(deg(97, 97), deg(133, 149)),
+    attitude=AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)),
+    start=datetime(2026, 12, 1, tzinfo=UTC),
+)
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return load_stars()
+
+
+def test_a_reduced_directory_that_fits_is_not_refused_early(stars):
+    """far-mst to V 6 fits a bank that the pairs of all its stars would overflow, and its preview says about how large it is."""
+    request = BuildRequest("far_mst", "far-mst", Rules(6.0), bank_bytes=600_000, pointings=300)
+    assert len(prepare(request, stars).selection.kept) > 5000
+    quick, built = preview(request, stars), build(request, stars)
+    assert len(built.image) <= 600_000
+    assert quick.pairs == pytest.approx(len(built.distances), rel=0.05)
+    assert quick.bytes == pytest.approx(len(built.image), rel=0.05)
+
+
+@pytest.mark.parametrize("profile", ["oersted", "aim"])
+@pytest.mark.parametrize("faint_mag", [4.5, 6.0])
+def test_the_size_of_a_small_patch_is_known_before(stars, profile, faint_mag):
+    """Formats of triplets and links say in the preview what the image takes, on a patch of the sky."""
+    request = replace(PATCH, profile_name=profile, format_name=profile, rules=Rules(faint_mag))
+    quick, built = preview(request, stars), build(request, stars)
+    assert len(quick.selection.kept) == pytest.approx(len(built.stars), abs=1)
+    assert quick.bytes == pytest.approx(len(built.image), rel=0.02 if len(built.stars) > 50 else 0.2)
+    assert quick.pairs == len(built.distances) == 0
+
+
+def test_the_screening_list_drops_and_says_how_many(stars):
+    """Stars with the marks of Moniteq's table are gone, each counted in the funnel, and the manifest says why."""
+    plain = build(BAND, stars)
+    built = build(replace(BAND, rules=Rules(5.0, screening=ScreeningRules())), stars)
+    marks = screen(stars.brighter_than(5.0))
+    bad = set(stars.brighter_than(5.0).hip[marks.marked].tolist())
+    assert set(built.stars.hip.tolist()) == set(plain.stars.hip.tolist()) - bad
+    gone = len(plain.stars) - len(built.stars)
+    assert gone == built.selection.count(Fate.SCREENED) > 0
+    assert {f.label: (f.stars, f.dropped) for f in built.selection.funnel}["on the screening list"] == (gone, True)
+    paper = built.manifest.assessment["screening"]
+    assert paper["counts"]["any"] == gone == len(paper["stars"])
+    assert paper["counts"]["variable"] <= gone
+    assert built.manifest.counts["on the screening list"] == gone
+
+
+def test_the_screening_list_may_only_name(stars):
+    """With the action list every star stays, and the funnel and the manifest name those that are on it."""
+    listed = build(replace(BAND, rules=Rules(5.0, screening=ScreeningRules("list"))), stars)
+    assert listed.sha256 == build(BAND, stars).sha256
+    paper = listed.manifest.assessment["screening"]
+    last = listed.selection.funnel[-1]
+    assert (last.label, last.stars) == ("of these on the screening list", sum(s["kept"] for s in paper["stars"]))
+    assert last.stars == paper["counts"]["any"] > 0
+
+
+def test_companions_and_false_triples_have_limits(stars):
+    """A star goes when more others lie in its ring than allowed, counted one by one; so says the limit on triples."""
+    marks = {"doubles": False, "variables": False, "fast": False}
+    ring = {"arc_rad": deg(8)[0], "tolerance_rad": deg(0.05)[0]}
+    by_count = replace(WHOLE, rules=Rules(5.0, screening=ScreeningRules(most_companions=1, **marks, **ring)))
+    ready = prepare(by_count, stars)
+    found, candidates = ready.selection.screened, ready.selection.candidates
+    for k in range(0, len(candidates), 97):
+        apart = separation_rad(candidates.icrs[k], candidates.icrs)
+        assert found.companions[k] == np.count_nonzero(np.abs(apart - ring["arc_rad"]) <= ring["tolerance_rad"])
+    assert np.array_equal(ready.selection.fate == Fate.SCREENED, found.companions > 1)
+    assert 0 < ready.selection.count(Fate.SCREENED) < len(candidates)
+    by_false = ScreeningRules(most_false=1.5 * found.third, **marks, **ring)
+    again = prepare(replace(WHOLE, rules=Rules(5.0, screening=by_false)), stars)
+    assert np.array_equal(again.selection.fate, ready.selection.fate)
+
+
+def test_any_format_may_have_a_reduced_catalogue(stars):
+    """A sunsat image holds all stars, the pairs of the reduced catalogue only, and the frame; the preview knows its size."""
+    request = replace(WHOLE, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
+    built, quick = build(request, stars), preview(request, stars)
+    read = decode(built.image)
+    kept = read.tables.reduced.kept
+    assert read.tables.reduced.frame.brightest == 8
+    assert 100 < np.count_nonzero(kept) < len(read) == len(build(WHOLE, stars).stars)
+    assert kept[read.distances.first].all()
+    assert kept[read.distances.second].all()
+    assert built.manifest.counts["reduced catalogue"] == np.count_nonzero(kept)
+    assert built.manifest.assessment["reduced"]["width_rad"] == pytest.approx(deg(36)[0])
+    assert quick.pairs == pytest.approx(len(built.distances), rel=0.02)
+    assert quick.bytes - 8 * quick.pairs == len(built.image) - 8 * len(built.distances)
+
+
+def test_thinning_by_frames_fills_every_frame(stars):
+    """Upright frames of the camera's shape hold the wanted number, or all there are, and the funnel says which fields it was."""
+    request = replace(WHOLE, profile_name="cubestar", format_name="cubestar", rules=Rules(5.0, brightest_per_field=6))
+    circles = prepare(request, stars)
+    frames = prepare(replace(request, rules=replace(request.rules, thinning="frames")), stars)
+    assert frames.selection.count(Fate.THINNED) > 0
+    assert not np.array_equal(frames.selection.fate, circles.selection.fate)
+    assert "beyond 6 per upright frame" in [f.label for f in frames.selection.funnel]
+    shape, kept, every = frames.plan.shape, frames.selection.kept.icrs, frames.selection.candidates.icrs
+    for attitude in survey_attitudes(deg(4)[0])[::50]:
+        have, could = (np.count_nonzero(shape.inside(unit @ attitude.T)) for unit in (kept, every))
+        assert have >= min(could, 5)
+
+
+def test_choices_come_back_from_their_parameters():
+    """A request with all choices survives its manifest, and one of before they existed reads as without them."""
+    rules = Rules(5.0, thinning="frames", screening=ScreeningRules("list", most_companions=3, most_false=0.1))
+    request = replace(WHOLE, rules=rules, reduced=ReducedFrame(*deg(30, 24)))
+    plain = json.loads(json.dumps(parameters_of(request)))
+    assert request_from(plain) == request
+    for name in ("thinning", "screening"):
+        del plain["rules"][name]
+    del plain["reduced"]
+    assert request_from(plain) == replace(WHOLE, rules=Rules(5.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Rules(5.0, thinning="squares"), "way of thinning"),
+        (lambda: ScreeningRules("burn"), "unknown screening"),
+        (lambda: ScreeningRules(most_companions=-1), "limit of the screening"),
+        (lambda: ScreeningRules(most_false=float("nan")), "limit of the screening"),
+        (lambda: ScreeningRules(arc_rad=0.0), "ring of the screening"),
+        (lambda: replace(WHOLE, reduced=ReducedFrame(0.0, 1.0)), "frame of the reduced"),
+        (lambda: replace(WHOLE, reduced=ReducedFrame(0.5, 0.5, 0)), "frame of the reduced"),
+    ],
+)
+def test_impossible_choices_are_named(make, words):
+    """A choice that cannot be made is refused with what was expected."""
+    with pytest.raises(BadInput, match=words):
+        make()
