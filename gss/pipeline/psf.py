@@ -22,12 +22,16 @@ MOMENT_ROUNDS = 14
 STEP_DONE_PX = 2e-4
 MODEL_FLOOR = 0.006  # of the width: what a real lens differs from a Gaussian
 
+NARROWEST_PX = 0.05
+
 
 def widths_px(covariance: Array) -> tuple[float, float]:
-    """Standard deviations along the short and the long axis of a (2, 2) covariance."""
+    """Standard deviations along the short and the long axis of a (2, 2) covariance, none under a twentieth of a pixel: noise
+    can measure less than nothing."""
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, off = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
-    return math.sqrt(max(middle - off, 0.0)), math.sqrt(middle + off)
+    low, high = (math.sqrt(max(v, NARROWEST_PX**2)) for v in (middle - off, middle + off))
+    return low, high
 
 
 @dataclass(frozen=True)

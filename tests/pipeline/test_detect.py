@@ -181,3 +181,10 @@ def test_what_is_no_frame_is_refused() -> None:
     for array in (np.zeros((4, 4)), np.zeros((20, 20, 3)), np.zeros((20, 20), complex), bad):
         with pytest.raises(BadInput):
             find_stars(array)
+
+
+def test_a_shape_that_noise_made_impossible_is_no_crash() -> None:
+    """Second moments below zero give the narrowest width there is, on both axes."""
+    assert widths_px(np.array([[-0.3, 0.1], [0.1, -0.2]])) == (NARROWEST_PX, NARROWEST_PX)
+    low, high = widths_px(np.array([[4.0, 0.0], [0.0, 1.0]]))
+    assert (low, high) == (1.0, 2.0)
