@@ -58,9 +58,12 @@ class Brown:
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
         radial = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
-        dx = 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
-        dy = self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
-        return np.stack([x * radial + dx, y * radial + dy], axis=-1)
+        measured = np.empty(np.shape(ideal))
+        measured[..., 0], measured[..., 1] = x * radial, y * radial
+        if self.p1 or self.p2:
+            measured[..., 0] += 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
+            measured[..., 1] += self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
+        return measured
 
     def _jacobian(self, p: Array) -> tuple[Array, Array, Array, Array]:
         x, y = p[..., 0], p[..., 1]
@@ -78,12 +81,17 @@ class Brown:
             error = self.distort(p) - measured
             a, b, c, d = self._jacobian(p)
             det = a * d - b * c
-            step = np.stack([d * error[..., 0] - b * error[..., 1], a * error[..., 1] - c * error[..., 0]], axis=-1)
-            step = step / det[..., None]
+            step = np.empty(p.shape)
+            step[..., 0] = (d * error[..., 0] - b * error[..., 1]) / det
+            step[..., 1] = (a * error[..., 1] - c * error[..., 0]) / det
             # A damped step keeps far points from jumping over the fold of a strong barrel polynomial.
-            length = np.linalg.norm(step, axis=-1, keepdims=True)
-            p = p - step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
-            if not np.any(length > CONVERGED):
+            length = np.sqrt((step * step).sum(-1, keepdims=True))
+            p -= (
+                step
+                if length.size and length.max() <= 0.5
+                else step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))
+            )
+            if not (length > CONVERGED).any():
                 break
         bad = np.linalg.norm(self.distort(p) - measured, axis=-1) > 1e-9
         p[bad] = np.nan

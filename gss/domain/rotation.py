@@ -35,13 +35,17 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
     """(…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any length but zero."""
     q = np.asarray(quaternion, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    x, y, z, w = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    x, y, z, w = (q[..., k] for k in range(4))
+    matrix = np.empty((*q.shape[:-1], 3, 3))
+    matrix[..., 0, 0], matrix[..., 0, 1] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w)
+    matrix[..., 1, 1], matrix[..., 1, 2] = 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    matrix[..., 2, 2], matrix[..., 2, 0] = 1 - 2 * (x * x + y * y), 2 * (x * z - y * w)
+    matrix[..., 0, 2], matrix[..., 1, 0], matrix[..., 2, 1] = (
+        2 * (x * z + y * w),
+        2 * (x * y + z * w),
+        2 * (y * z + x * w),
+    )
+    return matrix
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:

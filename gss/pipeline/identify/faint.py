@@ -188,10 +188,11 @@ def _assign(
 def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
     """Rows of (n, 2) and (m, 2) pixels that are near each other."""
     if len(first) * len(second) <= FEW_PAIRS:
-        return np.nonzero(distances2(first, second) <= within_px**2)
+        a, b = np.nonzero(distances2(first, second) <= within_px**2)
+        return a, b
     close = cKDTree(second).query_ball_point(first, within_px)
-    a = np.repeat(np.arange(len(first)), [len(c) for c in close])
-    return a, np.concatenate([np.asarray(c, np.intp) for c in close]) if len(a) else np.zeros(0, np.intp)
+    rows = np.repeat(np.arange(len(first)), [len(c) for c in close])
+    return rows, np.concatenate([np.asarray(c, np.intp) for c in close]) if len(rows) else np.zeros(0, np.intp)
 
 
 def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, spots: int, fit: Refined) -> Array:

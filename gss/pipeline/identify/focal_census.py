@@ -13,7 +13,6 @@ from scipy.special import bdtrc
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.attitude import svd
 from gss.pipeline.small import distances2, turned
 
 Rows = NDArray[np.intp]
@@ -42,16 +41,15 @@ def focal_objection(
     ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: how near its place a star counts as met.
     """
     known_unit = camera.unproject(pixels)
-    cam_from_icrs = svd(known_unit[matched], icrs_of_matched)
+    cam_from_icrs = turned(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
     near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
     starts = [(matched, icrs_of_matched)]
     if len(matched) > 2:
         inner = _without_furthest(pixels[matched])
         starts.append((matched[inner], icrs_of_matched[inner]))
 
-    def census(scale: float, enough: bool = False) -> tuple[int, int]:
+    def census(scale: float, unit: Array, enough: bool = False) -> tuple[int, int]:
         scaled = camera if scale == 1.0 else camera.with_focal_scaled(scale)
-        unit = known_unit if scale == 1.0 else scaled.unproject(pixels)
         most = (0, 0)
         for rows, icrs in starts:
             most = max(most, _met(pixels, unit, rows, icrs, near, scaled, radius_px))
@@ -59,11 +57,12 @@ def focal_objection(
                 break
         return most
 
-    here, in_view = census(1.0, enough=True)
+    here, in_view = census(1.0, known_unit, enough=True)
     if plenty(here, in_view, len(pixels)):
         return ""
-    here = max(here, *(census(scale)[0] for scale in AS_KNOWN))
-    counts = [census(scale)[0] for scale in OTHERS]
+    scales = (*AS_KNOWN, *OTHERS)
+    met = [census(scale, unit)[0] for scale, unit in zip(scales, _seen_with(camera, scales, pixels), strict=True)]
+    here, counts = max(here, *met[: len(AS_KNOWN)]), met[len(AS_KNOWN) :]
     best = int(np.argmax(counts))
     gain = counts[best] - here
     chance = min(1.0, in_view * np.pi * radius_px**2 / (camera.columns * camera.rows))
@@ -73,6 +72,13 @@ def focal_objection(
         f"{here} stars of the bank are where the focal length of the camera puts them, "
         f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: it is not this focal length"
     )
+
+
+def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
+    """(scales, n, 3) directions of the pixels with each focal length, all lenses inverted at once."""
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
+    return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)
 
 
 def _without_furthest(pixels: Array) -> Rows:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.pipeline.identify.kvector import PairTable
 from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
@@ -94,6 +95,11 @@ def _too_long(search: _Search, best: Evidence | None) -> str:
     return f"budget of {MAX_JOINED_ROWS} combinations used up after {search.hypotheses} hypotheses{tail}"
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """(3, …) cross product; numpy's own takes longer over its axes than over a dozen vectors."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 class _Search:
     """Candidate lists of one field: built once per anchor star, joined once per pair."""
 
@@ -107,7 +113,9 @@ class _Search:
         low, high = np.maximum(self.distance - self.tolerance, 0), self.distance + self.tolerance
         start, stop = table.ranges(low.ravel(), high.ravel())
         self.start, self.stop = start.reshape(n, n), stop.reshape(n, n)
-        self.cos_low, self.cos_high = np.cos(high), np.cos(low)
+        cos_low, cos_high = np.cos(high), np.cos(low)
+        self.cos_middle, self.cos_half = (cos_low + cos_high) / 2, (cos_high - cos_low) / 2
+        self.xyz = np.ascontiguousarray(sky.icrs.T)
         self.anchors: dict[int, tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]] = {}
         self.hypotheses = 0
         self.joined_rows = 0
@@ -142,12 +150,14 @@ class _Search:
         if rows > ROWS_AT_ONCE:
             return []  # so unspecific that it proves nothing, and its join would take gigabytes
         h = np.repeat(np.arange(len(a)), count)
-        pos = np.arange(len(h)) + np.repeat(offsets[a] - (np.cumsum(count) - count), count)
-        k, c = anchor_k[pos], anchor_c[pos]
-        bh = b[h]
-        icrs = self.sky.icrs
-        cosine = np.einsum("ij,ij->i", icrs[bh], icrs[c])
-        fits = (cosine >= self.cos_low[j, k]) & (cosine <= self.cos_high[j, k]) & (k != j) & (c != bh)
+        pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
+        k, c = anchor_k.take(pos), anchor_c.take(pos)
+        off = -self.cos_middle[j].take(k)
+        for axis in self.xyz:  # one coordinate after the other: a gather of whole vectors takes several times as long
+            off += axis[b].take(h) * axis.take(c)
+        fits = np.flatnonzero(np.abs(off) <= self.cos_half[j].take(k))
+        h, k, c = h[fits], k[fits], c[fits]
+        fits = np.flatnonzero((k != j) & (c != b[h]))
         return self._supported(i, j, a, b, h[fits], k[fits], c[fits])
 
     def _supported(
@@ -163,8 +173,8 @@ class _Search:
         if not len(h):
             return []
         u, icrs = self.unit, self.sky.icrs
-        seen = np.einsum("ij,ij->i", np.cross(u[i], u[j])[None], u[k])
-        known = np.einsum("ij,ij->i", np.cross(icrs[a[h]], icrs[b[h]]), icrs[c])
+        seen = u[k] @ _cross(u[i], u[j])
+        known = (_cross(icrs[a[h]].T, icrs[b[h]].T) * icrs[c].T).sum(0)
         # Nearly collinear triangles have no reliable handedness; the whole field decides on them later.
         flat = (
             COLLINEAR
