@@ -11,8 +11,10 @@ from gss.catalogue_tools.correction_switches import Corrections
 from gss.catalogue_tools.doubles import Doubles
 from gss.catalogue_tools.plan import planes_of
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
+from gss.catalogue_tools.screening import ScreeningRules
 from gss.catalogue_tools.selection import Rules
-from gss.catalogue_tools.terms import altitude_m, occultation_of, orbital_velocity, pole_of
+from gss.catalogue_tools.terms import altitude_m, mounting_of, occultation_of, orbital_velocity, pole_of
+from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput
 
 FIRST_YEAR, LAST_YEAR = 1950, 2150
@@ -33,6 +35,8 @@ def request_of(body: CatalogueIn, user: str, now: datetime) -> BuildRequest:
             math.radians(body.min_separation_deg),
             body.brightest_per_field,
             body.drop_variables,
+            body.thinning,
+            _screening(body),
         ),
         name=body.name,
         author=user,
@@ -60,6 +64,7 @@ def request_of(body: CatalogueIn, user: str, now: datetime) -> BuildRequest:
         ),
         method=body.method,
         k_vector=body.k_vector,
+        reduced=_frame(body),
     )
 
 
@@ -97,9 +102,24 @@ def _attitude(body: CatalogueIn) -> AttitudeLimits | None:
         ra_rad=math.radians(body.ra_deg),
         dec_rad=math.radians(body.dec_deg),
         field_roll_rad=math.radians(body.field_roll_deg),
-        body_from_cam=None if body.body_from_cam is None else tuple(body.body_from_cam),
+        body_from_cam=mounting_of(body.body_from_cam, body.mounting_deg),
         off_nadir_rad=math.radians(body.off_nadir_deg) if body.pointing == "target" else 0.0,
     )
+
+
+def _screening(body: CatalogueIn) -> ScreeningRules | None:
+    s = body.screening
+    if s.action == "off":
+        return None
+    ring = math.radians(s.arc_deg), math.radians(s.tolerance_deg)
+    return ScreeningRules(s.action, s.doubles, s.variables, s.fast, s.most_companions, s.most_false, *ring)
+
+
+def _frame(body: CatalogueIn) -> ReducedFrame | None:
+    r = body.reduced
+    if r is None:
+        return None
+    return ReducedFrame(math.radians(r.width_deg), math.radians(r.height_deg), r.brightest, math.radians(r.step_deg))
 
 
 def _corrections(

@@ -18,6 +18,7 @@ MOST_ROWS = 5_000_000
 # The libraries would unpack these on their own, to any size.
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
+CAMERA_KEYS = ("camera", "profile")
 FRAME_KEYS = ("frame", "radesys", "coordsys", "system")
 FRAME_WORDS = {
     "icrs": "icrs",
@@ -40,6 +41,7 @@ class RawList:
     units: dict[str, str] = field(default_factory=dict)
     epoch: str | None = None
     frame: str | None = None
+    camera: str | None = None
     broken: list[tuple[int, str, str]] = field(default_factory=list)
 
 
@@ -82,7 +84,8 @@ def _stated(meta: Mapping[str, Any], keys: Iterable[str]) -> str | None:
 
 
 def _csv(data: bytes) -> RawList:
-    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …`` and ``frame = …``."""
+    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …``, ``frame = …`` and
+    ``camera = …``."""
     text = _text(data)
     meta: dict[str, str] = {}
     start = 0
@@ -94,6 +97,7 @@ def _csv(data: bytes) -> RawList:
         start = end + 1
     raw = _delimited(text[start:], None)
     raw.epoch, raw.frame = _stated(meta, EPOCH_KEYS), _stated(meta, FRAME_KEYS)
+    raw.camera = _stated(meta, CAMERA_KEYS)
     return raw
 
 
@@ -117,6 +121,7 @@ def _ecsv(data: bytes) -> RawList:
     raw.units = {c["name"]: str(c["unit"]) for c in header.get("datatype", []) if c.get("unit")}
     meta = dict(header.get("meta") or {})
     raw.epoch, raw.frame = _stated(meta, EPOCH_KEYS), _stated(meta, FRAME_KEYS)
+    raw.camera = _stated(meta, CAMERA_KEYS)
     return raw
 
 
@@ -198,6 +203,7 @@ def _fits(data: bytes) -> RawList:
         header = {**dict(files[0].header), **dict(tables[0].header)}
     raw = _of_astropy(table)
     raw.epoch, raw.frame = _stated(header, EPOCH_KEYS), _stated(header, FRAME_KEYS)
+    raw.camera = _stated(header, CAMERA_KEYS)
     return raw
 
 
@@ -213,6 +219,7 @@ def _votable(data: bytes) -> RawList:
     stated |= {info.name: info.value for info in (*first.infos, *first.params)}
     systems = [s for resource in file.resources for s in resource.coordinate_systems] + list(file.coordinate_systems)
     raw.epoch = _stated(stated, EPOCH_KEYS) or next((str(s.epoch) for s in systems if s.epoch), None)
+    raw.camera = _stated(stated, CAMERA_KEYS)
     raw.frame = _stated(stated, FRAME_KEYS) or next((str(s.system) for s in systems if s.system), None)
     return raw
 

@@ -25,6 +25,7 @@ from gss.catalogue_tools.star_list_values import (
 )
 from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
@@ -33,7 +34,8 @@ REPORTED_ROWS = 100
 @dataclass(frozen=True)
 class ImportedList:
     """``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred; ``dropped_count``: all.
-    ``columns`` and ``units``: how each field was read. ``frame``: of the file. ``notes``: what a user should know."""
+    ``columns`` and ``units``: how each field was read. ``frame``: of the file. ``notes``: what a user should know. ``camera``: the
+    profile that the file says it is for, "" where it says none; what is no profile of ours is only noted."""
 
     stars: StarTable
     dropped: tuple[DroppedRow, ...]
@@ -43,6 +45,18 @@ class ImportedList:
     epoch_jyear: float
     frame: str
     notes: tuple[str, ...]
+    camera: str = ""
+
+
+def require_camera(camera: str, profile_name: str) -> None:
+    """A list that is meant for one camera must not be used with another; "" is meant for any."""
+    if camera and camera != profile_name:
+        raise BadInput(
+            "this star list is for another camera",
+            expected=camera,
+            got=profile_name,
+            hint="take the list's camera, or a list that names none",
+        )
 
 
 def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -> ImportedList:
@@ -82,7 +96,13 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
         )
     if "pm_ra" not in values or "pm_dec" not in values:
         notes.append(f"no proper motions: places stay those of J{epoch:g}")
-    return ImportedList(stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes))
+    camera = (raw.camera or "").strip()
+    if camera and camera not in PROFILES:
+        notes.append(f"made for {camera[:40]}, which is no camera profile here")
+        camera = ""
+    return ImportedList(
+        stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
+    )
 
 
 def _epoch(raw: RawList, mapping: ListMapping) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gss.catalogue_tools.attitude import ORBIT_LAWS, AttitudeLimits, euler_123
@@ -76,3 +78,15 @@ def pole_of(planes: OrbitRanges | None) -> Array:
         raise BadInput("orbital aberration needs an orbit", expected="orbital elements or a TLE", got="no orbit")
     i, raan = float(np.mean(planes.inclination_rad)), float(np.mean(planes.raan_rad))
     return np.array([np.sin(raan) * np.sin(i), -np.cos(raan) * np.sin(i), np.cos(i)])
+
+
+def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float] | None) -> tuple[float, ...] | None:
+    """The mounting as nine numbers by rows. ``turns_deg``: instead of them, how the body's axes turn, about x, then y, then z, to
+    become the camera's (the order of Jacobs 1995 eq. 1.13). None for neither: the law's own."""
+    if turns_deg is None:
+        return None if body_from_cam is None else tuple(float(x) for x in body_from_cam)
+    if body_from_cam is not None:
+        raise BadInput("two mountings were given", expected="either nine numbers or three turns", got="both")
+    if not np.isfinite(turns_deg).all():
+        raise BadInput("a turn of the mounting is not a number", expected="three angles", got=str(list(turns_deg)))
+    return tuple(float(x) for x in euler_123(np.radians(turns_deg)).T.ravel())

@@ -18,10 +18,11 @@ from gss.catalogue_tools.build import BuiltCatalogue, build
 from gss.catalogue_tools.onboard import FORMATS, own_format
 from gss.catalogue_tools.orbits import Range
 from gss.catalogue_tools.request import METHODS, BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.selection import Rules
-from gss.catalogue_tools.terms import altitude_m
+from gss.catalogue_tools.selection import THINNINGS, Rules
+from gss.catalogue_tools.terms import altitude_m, mounting_of
 from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
 from gss.cli.catalogue_files import print_facts, write_file
+from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from gss.cli import Subparsers
 
 # Values such as -10:10 are numbers to argparse too, not unknown options.
-NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:-]*$")
+NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:,-]*$")
 # Roll, pitch and yaw limits in degrees where the user gives none: Jacobs 1995 Table 5-2 for Sunsat.
 USUAL_DEG: dict[str, tuple[Range, Range, Range]] = {"sunsat": ((-10.0, 10.0), (-5.0, 5.0), (130.0, 140.0))}
 OTHER_USUAL_DEG: tuple[Range, Range, Range] = ((-5.0, 5.0), (-5.0, 5.0), (-5.0, 5.0))
@@ -68,12 +69,16 @@ def _register_build(commands: Subparsers) -> None:
     p.add_argument(
         "--body-from-cam", type=_nine, metavar="R", help="mounting: nine numbers by rows with commas, for the law's own"
     )
+    p.add_argument(
+        "--mounting-deg", type=_three, metavar="X,Y,Z", help="or: turns from the body's axes to the camera's"
+    )
     p.add_argument("--method", default="exact", help=" | ".join(METHODS) + " (Jacobs' steps of 1°)")
     p.add_argument("--margin-deg", type=float, default=0.0, help="widen the field on every side")
     p.add_argument("--mag-limit", type=float, help="faint limit in V (default: the profile's)")
     p.add_argument("--bright-limit", type=float, default=-2.0, help="bright limit in V")
     p.add_argument("--min-separation-deg", type=float, default=0.0, help="reject stars with closer neighbours")
     p.add_argument("--brightest-per-field", type=int, default=0, help="keep the N brightest of each field (0: all)")
+    p.add_argument("--thinning", default="circles", help=f"which fields: {' | '.join(THINNINGS)} of the camera's shape")
     p.add_argument("--drop-variables", action="store_true", help="reject variable stars")
     p.add_argument("--pair-min-deg", type=float, default=0.25, help="smallest tabulated distance")
     p.add_argument("--pair-max-deg", type=float, help="largest tabulated distance (default: the field's diagonal)")
@@ -81,6 +86,12 @@ def _register_build(commands: Subparsers) -> None:
     p.add_argument("--epoch", type=float, help="Julian year of the positions (default: middle of use)")
     p.add_argument("--bank-bytes", type=int, help="capacity of the bank")
     p.add_argument("--k-vector", action="store_true", help="an index of the distances goes on board too")
+    p.add_argument(
+        "--reduced-frame",
+        type=_frame,
+        metavar="WxH[,N[,STEP]]",
+        help="the N (8) brightest of every frame of W by H degrees, STEP (1) degrees apart, as a reduced catalogue",
+    )
     p.add_argument("--name", default="", help="name in the manifest")
     p.add_argument("--author", default="", help="who is responsible for it")
     p.add_argument("--out", type=Path, metavar="FILE", help="write the image here and the manifest to FILE.json")
@@ -121,6 +132,8 @@ def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
             min_separation_rad=float(np.radians(a.min_separation_deg)),
             brightest_per_field=a.brightest_per_field,
             drop_variables=a.drop_variables,
+            thinning=a.thinning,
+            screening=catalogue_sky.screening(a),
         ),
         name=a.name,
         author=a.author,
@@ -138,6 +151,7 @@ def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
         occultation=catalogue_sky.occultation(a, height_m),
         method=a.method,
         k_vector=a.k_vector,
+        reduced=a.reduced_frame,
     )
 
 
@@ -166,6 +180,8 @@ def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
         "lifetime_days": m.assessment.get("lifetime_days"),
         "corrections": [c["name"] for c in m.corrections.get("applied", [])],
         "source": m.source_facts.get("name"),
+        "screened": m.assessment.get("screening", {}).get("counts"),
+        "reduced_stars": m.counts.get("reduced catalogue"),
         "bytes": len(built.image),
         "bank_bytes": built.plan.bank_bytes,
         "sha256": built.sha256,
@@ -186,13 +202,33 @@ def _range(text: str) -> Range:
 
 
 def _nine(text: str) -> tuple[float, ...]:
+    return _numbers(text, 9, "nine")
+
+
+def _three(text: str) -> tuple[float, ...]:
+    return _numbers(text, 3, "three")
+
+
+def _numbers(text: str, count: int, word: str) -> tuple[float, ...]:
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if len(values) != 9:
-        raise argparse.ArgumentTypeError(f"expected nine numbers with commas, got {text!r}")
+    if len(values) != count:
+        raise argparse.ArgumentTypeError(f"expected {word} numbers with commas, got {text!r}")
     return values
+
+
+def _frame(text: str) -> ReducedFrame:
+    sides, *more = text.split(",")
+    try:
+        width, height = (float(np.radians(float(side))) for side in sides.split("x"))
+        brightest, step_deg = int(more[0]) if more else 8, float(more[1]) if len(more) > 1 else 1.0
+    except ValueError:
+        more = [""] * 3
+    if len(more) > 2:
+        raise argparse.ArgumentTypeError(f"expected WxH, WxH,N or WxH,N,STEP, got {text!r}")
+    return ReducedFrame(width, height, brightest, float(np.radians(step_deg)))
 
 
 def _radians(limits: Range) -> Range:
@@ -228,7 +264,8 @@ def _attitude(a: argparse.Namespace, has_orbit: bool) -> AttitudeLimits | None:
     roll, pitch, yaw = (_radians(mine or default) for mine, default in zip(given, usual, strict=True))
     ra, dec, field_roll = (float(np.radians(angle)) for angle in (a.ra_deg, a.dec_deg, a.field_roll_deg))
     aside = float(np.radians(a.off_nadir_deg)) if law == "target" else 0.0
-    return AttitudeLimits(law, roll, pitch, yaw, ra, dec, field_roll, a.body_from_cam, off_nadir_rad=aside)
+    mounting = mounting_of(a.body_from_cam, a.mounting_deg)
+    return AttitudeLimits(law, roll, pitch, yaw, ra, dec, field_roll, mounting, off_nadir_rad=aside)
 
 
 def _start(text: str | None, now: datetime) -> datetime:

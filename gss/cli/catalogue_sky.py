@@ -15,9 +15,10 @@ from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.occultation import Occultation
 from gss.catalogue_tools.plan import planes_of
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
+from gss.catalogue_tools.screening import ACTIONS, ScreeningRules
 from gss.catalogue_tools.sources import SOURCES, Source, load_source, of_list
 from gss.catalogue_tools.star_list_mapping import ListMapping
-from gss.catalogue_tools.star_lists import read_star_list
+from gss.catalogue_tools.star_lists import read_star_list, require_camera
 from gss.catalogue_tools.terms import occultation_of, orbital_velocity, pole_of
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
@@ -30,6 +31,7 @@ SWITCHES = (
     "flag_variables",
     "variables_at_date",
 )
+MARKS = ("doubles", "variables", "fast")
 OWN = -1.0
 
 
@@ -54,6 +56,11 @@ def register(p: argparse.ArgumentParser) -> None:
     p.add_argument("--roll-off", default="off", help="the lens's loss: off | average | worst")
     p.add_argument("--doubles", default="", help=f"stars that the camera cannot separate: {' | '.join(POLICIES)}")
     p.add_argument("--doubles-separation-deg", type=float, help="default: what the camera can separate")
+    p.add_argument("--screen", choices=ACTIONS, help="the screening list: drop its stars, or only list them")
+    p.add_argument("--screen-marks", default="doubles,variables,fast", metavar="MARKS", help="which put a star on it")
+    p.add_argument("--screen-companions", type=int, metavar="N", help="so do more stars than that in the ring")
+    p.add_argument("--screen-false", type=float, metavar="X", help="so do more expected false triples than that")
+    p.add_argument("--screen-ring-deg", default="8:0.01", metavar="ARC:TOL", help="the ring (default 8:0.01)")
     p.add_argument("--earth", action="store_true", help="the Earth hides sky; needs --altitude-km or --tle")
     p.add_argument("--earth-margin-deg", type=float, default=0.0, help="beyond the limb")
     for name in ("sun", "moon"):
@@ -86,7 +93,9 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
         data = Path(a.list).read_bytes()
     except OSError as error:
         raise BadInput("the star list cannot be read", got=str(error)) from None
-    return of_list(read_star_list(data, kind_of(a.list), mapping).stars, a.list)
+    read = read_star_list(data, kind_of(a.list), mapping)
+    require_camera(read.camera, request.profile_name)
+    return of_list(read.stars, a.list)
 
 
 def corrections(
@@ -114,6 +123,28 @@ def corrections(
         roll_off=a.roll_off,
         doubles=Doubles(a.doubles, separation) if a.doubles else None,
         **on,
+    )
+
+
+def screening(a: argparse.Namespace) -> ScreeningRules | None:
+    """Which stars are on the screening list, None without one."""
+    if a.screen is None:
+        return None
+    marks = [mark for mark in a.screen_marks.split(",") if mark]
+    if unknown := [mark for mark in marks if mark not in MARKS]:
+        raise BadInput("unknown mark", expected=",".join(MARKS), got=",".join(unknown))
+    try:
+        arc, tolerance = (float(np.radians(float(part))) for part in a.screen_ring_deg.split(":"))
+    except ValueError:
+        raise BadInput("the ring cannot be read", expected="ARC:TOL in degrees", got=a.screen_ring_deg) from None
+    on = {mark: mark in marks for mark in MARKS}
+    return ScreeningRules(
+        a.screen,
+        **on,
+        most_companions=a.screen_companions,
+        most_false=a.screen_false,
+        arc_rad=arc,
+        tolerance_rad=tolerance,
     )
 
 

@@ -13,7 +13,7 @@ from gss.catalogue_tools.lifetime import Lifetime
 from gss.catalogue_tools.manifest import Manifest
 from gss.catalogue_tools.quality import Quality
 from gss.catalogue_tools.request import request_from
-from gss.catalogue_tools.selection import Fate, Selection
+from gss.catalogue_tools.selection import Fate, Selection, screening_facts
 from gss.catalogue_tools.sources import Source
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.errors import CorruptData
@@ -44,6 +44,7 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
             {"name": w.name, "brightest_mag": round(w.brightest_mag, 2), "share": round(w.share, 4), "way": way_deg(w)}
             for w in a.wanderers
         ],
+        "screening": screening_facts(built.selection),
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from gss.catalogue_tools.sources import Source, load_source, of_list
 from gss.catalogue_tools.star_list_mapping import KINDS, ListMapping
-from gss.catalogue_tools.star_lists import ImportedList, read_star_list
+from gss.catalogue_tools.star_lists import ImportedList, read_star_list, require_camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile as profile_named
 from gss.operations.clock import Now
@@ -42,7 +42,8 @@ class StarListService:
     def add(
         self, data: bytes, filename: str, mapping: ListMapping, *, user: str, profile: str = "", name: str = ""
     ) -> StarList:
-        """Read a file, keep it, and say what was read and what was dropped. ``profile``: the camera it is meant for."""
+        """Read a file, keep it, and say what was read and what was dropped. ``profile``: the camera it is meant for,
+        where the file does not say it; BadInput where it says another."""
         if len(data) > LARGEST_BYTES:
             raise BadInput(
                 "the star list is too large", expected=f"at most {LARGEST_BYTES} bytes", got=f"{len(data)} bytes"
@@ -51,6 +52,8 @@ class StarListService:
             profile_named(profile)
         kind = kind_of(filename)
         read = read_star_list(data, kind, mapping)
+        if profile:
+            require_camera(read.camera, profile)
         row = StarList(
             name=(name or filename or "star list")[:80],
             created=self._now(),
@@ -58,7 +61,7 @@ class StarListService:
             format=kind,
             epoch_jyear=read.epoch_jyear,
             frame=read.frame,
-            profile=profile,
+            profile=profile or read.camera,
             stars=len(read.stars),
             dropped=read.dropped_count,
             size=len(data),
@@ -89,13 +92,7 @@ class StarListService:
         if list_id is None:
             raise BadInput("no star list is named", expected="the id of a list", hint="upload one first")
         row = self.get(list_id)
-        if row.profile and row.profile != profile:
-            raise BadInput(
-                "this star list is for another camera",
-                expected=row.profile,
-                got=profile,
-                hint="take the list's camera, or upload the list again without one",
-            )
+        require_camera(row.profile, profile)
         with self._lock:
             if list_id not in self._read:
                 read = read_star_list(self._blobs.get(row.sha256), row.format, ListMapping(**row.mapping))

@@ -164,6 +164,40 @@ def test_a_list_for_another_camera_is_refused(client: TestClient) -> None:
     reply = client.post("/api/catalogues/preview", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
     assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
     assert (reply.json()["expected"], reply.json()["got"]) == ("sunsat", "cubestar")
+    stating = {"file": ("s.csv", b"# camera = sunsat\n" + data)}
+    refused = client.post("/api/catalogues/sources", files=stating, data={"profile": "cubestar"})
+    assert (refused.status_code, refused.json()["message"]) == (400, "this star list is for another camera")
+    row = client.post("/api/catalogues/sources", files=stating).json()
+    assert row["profile"] == "sunsat"
+    reply = client.post("/api/catalogues", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
+    assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
+
+
+def test_the_choice_of_stars_is_asked_for_and_told(client: TestClient) -> None:
+    """Screening list, reduced catalogue, thinning and mounting by three turns: in preview, detail, report and manifest."""
+    asked: dict[str, Any] = {
+        "faint_mag": 4.5,
+        "pointing": "inertial",
+        "mounting_deg": [-10, 0, 90],
+        "thinning": "frames",
+        "brightest_per_field": 12,
+        "screening": {"action": "drop", "most_companions": 3, "tolerance_deg": 0.05},
+        "reduced": {"width_deg": 36, "height_deg": 36, "step_deg": 4},
+    }
+    quick = client.post("/api/catalogues/preview", json=asked).json()
+    detail = built(client, name="chosen", **asked)
+    assert [f["label"] for f in quick["funnel"]] == [f["label"] for f in detail["funnel"]]
+    gone = next(f["stars"] for f in detail["funnel"] if f["label"] == "on the screening list")
+    assert gone > 0
+    assert detail["screening"]["counts"]["any"] >= gone
+    assert detail["screening"]["stars"][0]["reasons"]
+    assert 0 < detail["reduced_stars"] <= detail["stars"]
+    assert detail["manifest"]["parameters"]["rules"]["thinning"] == "frames"
+    assert detail["request"]["mounting_deg"] == [-10, 0, 90]
+    assert "Screening list" in client.get(f"/api/catalogues/{detail['id']}/report.html").text
+    both = asked | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+    reply = client.post("/api/catalogues/preview", json=both)
+    assert (reply.status_code, reply.json()["message"]) == (400, "two mountings were given")
 
 
 def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> None:

@@ -6,9 +6,12 @@ import argparse
 import json
 from datetime import UTC, datetime
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.manifest import read_manifest
 from gss.catalogue_tools.star_list_export import write_star_list
 from gss.cli.catalogue import register, run_build
 from gss.domain.errors import BadInput, GssError
@@ -68,9 +71,45 @@ def test_a_list_of_ones_own_is_a_source(tmp_path, capsys):
     assert (found["source"], found["stars"]) == ("list", len(load_stars(2.5)))
 
 
+def test_a_list_for_another_camera_is_refused_here_too(tmp_path, capsys):
+    """A file that says its camera is for no other one; what names no profile is for any."""
+    path = tmp_path / "mine.csv"
+    data = write_star_list(load_stars(3.0), "csv")
+    path.write_bytes(b"# camera = sunsat\n" + data)
+    with pytest.raises(BadInput, match="star list is for another camera") as caught:
+        do("build", "--list", path, "--mag-limit", "2.5")
+    assert (caught.value.expected, caught.value.got) == ("sunsat", "cubestar")
+    assert do("build", "--list", path, "--mag-limit", "2.5", "--profile", "sunsat", "--json") == 0
+    path.write_bytes(b"# camera = Box Brownie\n" + data)
+    assert do("build", "--list", path, "--mag-limit", "2.5", "--json") == 0
+    capsys.readouterr()
+
+
+def test_a_choice_of_stars_by_options(tmp_path, capsys):
+    """Screening, reduced catalogue, thinning and mounting come from options into the figures and the manifest."""
+    options = "--screen drop --screen-marks doubles,variables --screen-companions 9 --screen-ring-deg 8:0.05"
+    more = "--reduced-frame 36x36,8,4 --thinning frames --brightest-per-field 6 --mounting-deg -10,0,90"
+    law = "--pointing inertial --roll-deg -9:9 --pitch-deg -9:9 --yaw-deg 0:0"
+    out = tmp_path / "image"
+    arguments = f"--mag-limit 5 {options} {more} {law} --json --out {out}".split()
+    assert do("build", *arguments) == 0
+    found = facts(capsys)
+    assert set(found["screened"]) == {"double", "variable", "companions", "any"}
+    assert 0 < found["reduced_stars"] <= found["stars"]
+    assert "beyond 6 per upright frame" in found["funnel"]
+    asked = read_manifest(out.with_name("image.json").read_text()).parameters
+    mounting = np.reshape(asked["attitude"]["body_from_cam"], (3, 3))
+    assert Rotation.from_matrix(mounting).as_euler("XYZ", degrees=True) == pytest.approx([-10, 0, 90])
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ("--screen drop --screen-marks blue", "unknown mark"),
+        ("--screen list --screen-ring-deg wide", "ring cannot be read"),
+        ("--thinning squares", "way of thinning"),
+        ("--reduced-frame 0.1x3", "frame of the reduced"),
+        ("--pointing inertial --mounting-deg 1,2,3 --body-from-cam 1,0,0,0,1,0,0,0,1", "two mountings"),
         (f"{BAND} --mag-limit -1.9", "leaves no stars"),
         (f"{BAND} --epoch 1900", "epoch of the positions is far"),
         (f"{BAND} --earth", "needs the altitude"),

@@ -12,6 +12,7 @@ from gss.api.present.contact_page import STYLE
 
 NEED = 5
 ENDLESS = 1e6
+SHOWN_STARS = 60
 ARCSEC_RAD = math.pi / 648_000
 
 
@@ -29,6 +30,7 @@ def catalogue_page(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> st
         *_section("Lifetime", _lifetime(report)),
         *_section("Bank", _bank(report)),
         *_section("From catalogue to bank", _funnel(report)),
+        *_section("Screening list", _screening(manifest)),
         *_section("Corrections", _corrections(manifest)),
         *_section("Number widths on board", _quantisation(manifest)),
         *_section("Source", _source(manifest)),
@@ -149,6 +151,23 @@ def _bank(report: Mapping[str, Any]) -> str:
 def _funnel(report: Mapping[str, Any]) -> str:
     rows = [(f["label"], f"{-f['stars'] if f['kind'] == 'drop' else f['stars']}") for f in report.get("funnel", [])]
     return _table(("step", "stars"), rows) if rows else ""
+
+
+def _screening(m: Mapping[str, Any]) -> str:
+    found = (m.get("assessment") or {}).get("screening")
+    if not found:
+        return "<p class='soft'>Not asked for.</p>"
+    rows = [(reason, str(stars)) for reason, stars in found["counts"].items()]
+    named = [
+        (f"HIP {s['hip']}", ", ".join(s["reasons"]), str(s["companions"]), "kept" if s["kept"] else "left out")
+        for s in found["stars"][:SHOWN_STARS]
+    ]
+    ring = f"mean {_number(found['mean_companions'], 2)}, most {_number(found['most_companions'], 0)}"
+    return (
+        _table(("reason", "stars in the envelope"), rows)
+        + _facts([("stars in the ring of each", ring), ("chance of a third star", _short(found["third"]))])
+        + (_table(("star", "reasons", "in its ring", ""), named) if named else "")
+    )
 
 
 def _corrections(m: Mapping[str, Any]) -> str:

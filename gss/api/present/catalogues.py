@@ -59,6 +59,8 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
         sizes=report.get("sizes"),
         blinded=report.get("blinded", {}),
         wanderers=report.get("wanderers", []),
+        screening=report.get("screening"),
+        reduced_stars=(row.manifest.get("counts") or {}).get("reduced catalogue"),
     )
 
 

@@ -11,6 +11,7 @@ from gss.api.schemas.base import In, Out, Utc
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 """Smallest and largest, degrees."""
 Mounting = Annotated[list[float], Field(min_length=9, max_length=9)]
+Turns = Annotated[list[float], Field(min_length=3, max_length=3)]
 Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
 
 
@@ -42,11 +43,38 @@ class OccultationIn(In):
     moon_deg: float | None = Field(default=None, gt=0, lt=180)
 
 
+class ScreeningIn(In):
+    """Which stars are on the screening list. ``action``: off, list (names them), drop. Marks: close doubles, variables, stars
+    that move fast. More than ``most_companions`` stars in the ring at ``arc_deg`` ± ``tolerance_deg`` put a star on it, and so
+    do more than ``most_false`` expected false triples."""
+
+    action: Literal["off", "list", "drop"] = "off"
+    doubles: bool = True
+    variables: bool = True
+    fast: bool = True
+    most_companions: int | None = Field(default=None, ge=0, le=100_000)
+    most_false: float | None = Field(default=None, ge=0, le=1e6)
+    arc_deg: float = Field(default=8.0, gt=0, lt=180)
+    tolerance_deg: float = Field(default=0.01, gt=0, le=10)
+
+
+class ReducedIn(In):
+    """The frame of a reduced catalogue: the ``brightest`` of every upright frame of that size, ``step_deg`` apart."""
+
+    width_deg: float = Field(ge=1, le=120)
+    height_deg: float = Field(ge=1, le=120)
+    brightest: int = Field(default=8, ge=1, le=100)
+    step_deg: float = Field(default=1.0, ge=0.25, le=10)
+
+
 class CatalogueIn(In):
     """What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
 
     ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
-    nine numbers by rows, in place of the law's own mounting. ``off_nadir_deg``: how far a target law looks aside.
+    nine numbers by rows, in place of the law's own mounting, or ``mounting_deg``: three turns, about x, y and z in this order,
+    that bring the body's axes to the camera's. ``off_nadir_deg``: how far a target law looks aside. ``thinning``: the fields
+    of which ``brightest_per_field`` stay: circles, or upright frames of the camera's shape. ``reduced`` None: no reduced
+    catalogue, except where the format has one of its camera's frame.
     """
 
     name: str = Field(default="", max_length=60)
@@ -68,6 +96,7 @@ class CatalogueIn(In):
     field_roll_deg: float = Field(default=0.0, ge=-360, le=360)
     off_nadir_deg: float = Field(default=0.0, ge=0, le=80)
     body_from_cam: Mounting | None = None
+    mounting_deg: Turns | None = None
     margin_deg: float = Field(default=0.5, ge=0, le=20)
     method: Literal["exact", "blocks"] = "exact"
     source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
@@ -79,7 +108,10 @@ class CatalogueIn(In):
     bright_mag: float = Field(default=-2.0, ge=-3, le=21)
     min_separation_deg: float = Field(default=0.0, ge=0, le=5)
     brightest_per_field: int = Field(default=0, ge=0, le=500)
+    thinning: Literal["circles", "frames"] = "circles"
     drop_variables: bool = False
+    screening: ScreeningIn = ScreeningIn()
+    reduced: ReducedIn | None = None
     pair_min_deg: float = Field(default=0.25, ge=0, le=20)
     pair_max_deg: float | None = Field(default=None, gt=0, le=120)
     bank_bytes: int | None = Field(default=None, ge=64, le=1 << 30)
@@ -163,6 +195,27 @@ class WandererOut(Out):
     way: list[tuple[float, float]]
 
 
+class ScreenedStarOut(Out):
+    """A star of the screening list; ``companions``: others in its ring."""
+
+    hip: int
+    reasons: list[str]
+    companions: int
+    kept: bool
+
+
+class ScreeningOut(Out):
+    """The screening list over the envelope: how many stars by reason, the ring's figures, stars by chance in the patch of a third
+    one, and the brightest that are on it."""
+
+    action: str
+    counts: dict[str, int]
+    mean_companions: float
+    most_companions: float
+    third: float
+    stars: list[ScreenedStarOut]
+
+
 class SizesOut(Out):
     """Bytes of every part of the image against the bank."""
 
@@ -216,6 +269,8 @@ class CatalogueDetailOut(CatalogueOut):
     sizes: SizesOut | None
     blinded: dict[str, float]
     wanderers: list[WandererOut]
+    screening: ScreeningOut | None = None
+    reduced_stars: int | None = None
 
 
 class UploadIn(In):

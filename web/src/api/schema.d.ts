@@ -3426,6 +3426,9 @@ export interface components {
             };
             /** Wanderers */
             wanderers: components["schemas"]["WandererOut"][];
+            screening?: components["schemas"]["ScreeningOut"] | null;
+            /** Reduced Stars */
+            reduced_stars?: number | null;
         };
         /**
          * CatalogueDiffOut
@@ -3467,7 +3470,10 @@ export interface components {
          * @description What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
          *
          *     ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
-         *     nine numbers by rows, in place of the law's own mounting. ``off_nadir_deg``: how far a target law looks aside.
+         *     nine numbers by rows, in place of the law's own mounting, or ``mounting_deg``: three turns, about x, y and z in this order,
+         *     that bring the body's axes to the camera's. ``off_nadir_deg``: how far a target law looks aside. ``thinning``: the fields
+         *     of which ``brightest_per_field`` stay: circles, or upright frames of the camera's shape. ``reduced`` None: no reduced
+         *     catalogue, except where the format has one of its camera's frame.
          */
         CatalogueIn: {
             /**
@@ -3573,6 +3579,8 @@ export interface components {
             off_nadir_deg: number;
             /** Body From Cam */
             body_from_cam?: number[] | null;
+            /** Mounting Deg */
+            mounting_deg?: number[] | null;
             /**
              * Margin Deg
              * @default 0.5
@@ -3640,10 +3648,28 @@ export interface components {
              */
             brightest_per_field: number;
             /**
+             * Thinning
+             * @default circles
+             * @enum {string}
+             */
+            thinning: "circles" | "frames";
+            /**
              * Drop Variables
              * @default false
              */
             drop_variables: boolean;
+            /**
+             * @default {
+             *       "action": "off",
+             *       "doubles": true,
+             *       "variables": true,
+             *       "fast": true,
+             *       "arc_deg": 8,
+             *       "tolerance_deg": 0.01
+             *     }
+             */
+            screening: components["schemas"]["ScreeningIn"];
+            reduced?: components["schemas"]["ReducedIn"] | null;
             /**
              * Pair Min Deg
              * @default 0.25
@@ -5785,6 +5811,26 @@ export interface components {
             late: components["schemas"]["GapOut"][];
         };
         /**
+         * ReducedIn
+         * @description The frame of a reduced catalogue: the ``brightest`` of every upright frame of that size, ``step_deg`` apart.
+         */
+        ReducedIn: {
+            /** Width Deg */
+            width_deg: number;
+            /** Height Deg */
+            height_deg: number;
+            /**
+             * Brightest
+             * @default 8
+             */
+            brightest: number;
+            /**
+             * Step Deg
+             * @default 1
+             */
+            step_deg: number;
+        };
+        /**
          * RegionIn
          * @description A rectangle of the detector.
          */
@@ -6081,6 +6127,84 @@ export interface components {
             /** Complete */
             complete: boolean;
             clock: components["schemas"]["ClockOut"] | null;
+        };
+        /**
+         * ScreenedStarOut
+         * @description A star of the screening list; ``companions``: others in its ring.
+         */
+        ScreenedStarOut: {
+            /** Hip */
+            hip: number;
+            /** Reasons */
+            reasons: string[];
+            /** Companions */
+            companions: number;
+            /** Kept */
+            kept: boolean;
+        };
+        /**
+         * ScreeningIn
+         * @description Which stars are on the screening list. ``action``: off, list (names them), drop. Marks: close doubles, variables, stars
+         *     that move fast. More than ``most_companions`` stars in the ring at ``arc_deg`` ± ``tolerance_deg`` put a star on it, and so
+         *     do more than ``most_false`` expected false triples.
+         */
+        ScreeningIn: {
+            /**
+             * Action
+             * @default off
+             * @enum {string}
+             */
+            action: "off" | "list" | "drop";
+            /**
+             * Doubles
+             * @default true
+             */
+            doubles: boolean;
+            /**
+             * Variables
+             * @default true
+             */
+            variables: boolean;
+            /**
+             * Fast
+             * @default true
+             */
+            fast: boolean;
+            /** Most Companions */
+            most_companions?: number | null;
+            /** Most False */
+            most_false?: number | null;
+            /**
+             * Arc Deg
+             * @default 8
+             */
+            arc_deg: number;
+            /**
+             * Tolerance Deg
+             * @default 0.01
+             */
+            tolerance_deg: number;
+        };
+        /**
+         * ScreeningOut
+         * @description The screening list over the envelope: how many stars by reason, the ring's figures, stars by chance in the patch of a third
+         *     one, and the brightest that are on it.
+         */
+        ScreeningOut: {
+            /** Action */
+            action: string;
+            /** Counts */
+            counts: {
+                [key: string]: number;
+            };
+            /** Mean Companions */
+            mean_companions: number;
+            /** Most Companions */
+            most_companions: number;
+            /** Third */
+            third: number;
+            /** Stars */
+            stars: components["schemas"]["ScreenedStarOut"][];
         };
         /**
          * SectionOut
