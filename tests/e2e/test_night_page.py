@@ -98,3 +98,26 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
     form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])
     form.get_by_test_id("analyse-start").click()
     expect(page.get_by_test_id("study-failed")).to_contain_text("too few attitudes")
+
+
+def test_a_dot_of_the_bench_is_pasted_and_given_beforehand(page: Page, imported: str) -> None:
+    """A table from a spreadsheet: a wrong row is named, a right one becomes a version that a calibration from stars can take."""
+    page.goto("/calibration")
+    form = page.get_by_test_id("calibrate-form")
+    form.get_by_role("button", name="Bench").click()
+    expect(form.get_by_test_id("calibrate-start")).to_be_disabled()
+    form.get_by_test_id("bench-rows").fill("col,row\n1,2\n3")
+    expect(form.get_by_test_id("bench-read")).to_contain_text("line 3 is not 2 numbers")
+    angle = np.arange(24) * 2 * np.pi / 24
+    rows = "\n".join(f"{511.5 + 9 * np.cos(a):.3f}\t{255.5 + 9 * np.sin(a):.3f}" for a in angle)
+    form.get_by_test_id("bench-rows").fill("col\trow\n" + rows)
+    expect(form.get_by_test_id("bench-read")).to_contain_text("24 rows")
+    form.get_by_test_id("calibrate-start").click()
+    expect(page.get_by_test_id("study-report")).to_contain_text("Optical centre from a dot")
+    form.get_by_role("button", name="Stars").click()
+    expect(form.get_by_test_id("prior")).to_have_count(1)
+    form.get_by_test_id("prior").check()
+    form.get_by_test_id("calibrate-frames").fill(imported)
+    form.get_by_label("Lens model").select_option("brown-4")
+    form.get_by_test_id("calibrate-start").click()
+    expect(page.get_by_test_id("study-report")).to_contain_text("Residuals after")
