@@ -33,10 +33,10 @@ def calibration_sheet(row: Calibration) -> Report:
         "geometry": _geometry,
         "photometry": _photometry,
         "psf": _psf,
+        "dark_frame": _dark_frame,
         "dark": _dark,
         "photon_transfer": _photon_transfer,
         "response": _dead,
-        "dark_frame": _dark_frame,
     } | BENCH
     sections = [section for name, make in makers.items() if name in result for section in make(result[name])]
     sections += _account(result)
@@ -205,7 +205,7 @@ def _dark(d: Mapping[str, Any]) -> list[Section]:
         Fact("noisy pixels", number(d["noisy_count"])),
     ]
     rows = [[number(int(c)), number(int(r)), number(e)] for (c, r), e in zip(d["hot"], d["hot_excess_dn"], strict=True)]
-    hottest = [Table("Hottest pixels", ["column", "row", "DN above"], rows[:40])] if rows else []
+    hottest = [Table("Hottest pixels", ["column", "row", "DN above"], rows[:12])] if rows else []
     return [Section("Dark frames", "", facts, [], hottest)]
 
 
