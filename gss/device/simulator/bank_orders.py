@@ -120,6 +120,8 @@ class BankOrders:
         yield from self._read_back(bank, request_id)
         if record.banks[bank].profile != self._tracker.profile.name:
             raise Refusal("incompatible", f"bank {bank} is for {record.banks[bank].profile}")
+        if problem := self._tracker.unsuitable(bank):
+            raise Refusal("incompatible", f"bank {bank}: {problem}")
         self._memory.activate(bank)
         self._confirm_by_s = self._now_s + trial_s
         self._outbox.event("BANK_ACTIVATED", f"bank {bank}; confirm within {trial_s} s", request_id)

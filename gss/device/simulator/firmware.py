@@ -103,6 +103,19 @@ class StarTracker:
                 self.catalogue_problem = f"bank {bank}: {error}"
         return self.catalogue_problem
 
+    def unsuitable(self, bank: str) -> str:
+        """Why the chain could not match from a readable bank, as without the magnitudes that it goes by; "" where it can."""
+        try:
+            catalogue = decode(self._memory.content(bank))
+        except (CorruptData, BadInput):
+            return ""  # a damaged bank is told where it is read
+        try:
+            # Not with the active triplet table, which belongs to the bank before; what it lacks is told at the first image.
+            self.chain.prepare(catalogue, self.profile)
+        except (BadInput, CorruptData) as error:
+            return str(error)
+        return ""
+
     def _catalogue_at_work(self) -> Any:
         """What the chain made of bank and triplets when they were read; made anew when either changed."""
         if self.catalogue is None:
