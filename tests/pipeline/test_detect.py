@@ -9,6 +9,7 @@ from scipy.special import erf
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.pipeline.detect import find_stars
+from gss.pipeline.psf import NARROWEST_PX, widths_px
 
 GAIN_E, READ_E, SKY_E, BIAS_DN = 40.0, 40.0, 80.0, 8.0
 
