@@ -31,12 +31,15 @@ RINGS, RING_POINTS = 5, 48
 @dataclass(frozen=True)
 class Baffle:
     """Least angles from the boresight to Sun and Moon (0: off), from ``start_jyear`` to ``end_jyear``. Seen from the Earth's
-    centre: in a low orbit the Moon stands up to 1.1° elsewhere."""
+    centre: in a low orbit the Moon stands up to 1.1° elsewhere. ``epoch_rad``: way of Sun or node between the dates that are
+    looked at, ``moon_step_days``: time between them where the Moon counts."""
 
     sun_rad: float
     moon_rad: float
     start_jyear: float
     end_jyear: float
+    epoch_rad: float = EPOCH_RAD
+    moon_step_days: float = MOON_STEP_DAYS
 
     def bodies(self, part: Array) -> tuple[Array, Array]:
         """(n, 3) ICRS directions of Sun and Moon after (n,) shares of the validity."""
@@ -67,30 +70,32 @@ class Baffle:
                 clear = np.minimum(clear, np.arccos(np.clip((boresight * body).sum(axis=-1), -1, 1)) - angle)
         return clear
 
-    def parts(self, node_way_rad: float, step_rad: float = EPOCH_RAD) -> Array:
-        """Shares of the validity to look at, for a node that moves so far."""
+    def parts(self, node_way_rad: float, finer: float = 1.0) -> Array:
+        """Shares of the validity to look at, for a node that moves so far; ``finer``: times as many."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
-        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / step_rad
+        steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / self.epoch_rad * finer
         if self.moon_rad:
-            steps = max(steps, days / MOON_STEP_DAYS)
+            steps = max(steps, days / self.moon_step_days)
         return np.linspace(0, 1, int(np.clip(np.ceil(steps), 1, MOST_EPOCHS - 1)) + 1)
 
 
-def free_of_baffle(base: Envelope, unit: Array, baffle: Baffle, views: Views, earth_rad: float) -> NDArray[np.bool_]:
+def free_of_baffle(
+    base: Envelope, unit: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int = VIEWS_PER_STAR
+) -> NDArray[np.bool_]:
     """Which (n, 3) directions, all within ``base`` and not always behind the Earth, some field shows with Sun and Moon far
     enough. In favour of seeing: a direction within ``NEAR_RAD`` of what a clear field shows counts; for laws that do not
     turn with the orbit within ``PATCH_NEAR_RAD``."""
     if isinstance(base, PatchEnvelope):
         return _free_in_patch(base, unit, baffle)
     if isinstance(base, BandEnvelope):
-        return _free_in_band(base, unit, baffle, views, earth_rad)
+        return _free_in_band(base, unit, baffle, views, earth_rad, views_per_star)
     return _free_in_sky(base, unit, baffle)
 
 
 def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
     shape = FieldShape(widened(base.shape.camera, PATCH_NEAR_RAD))
     cams = cams_within(base.limits, PATCH_ATTITUDES, 0)
-    parts = baffle.parts(0.0, EPOCH_RAD / 2)
+    parts = baffle.parts(0.0, 2.0)
     sun, moon = baffle.bodies(parts)
     found = np.zeros(len(u), bool)
     if base.limits.pointing not in SUN_LAWS:
@@ -106,7 +111,9 @@ def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.
     return found
 
 
-def _free_in_band(base: BandEnvelope, u: Array, baffle: Baffle, views: Views, earth_rad: float) -> NDArray[np.bool_]:
+def _free_in_band(
+    base: BandEnvelope, u: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int
+) -> NDArray[np.bool_]:
     """For every date's plane: views at the star's own angle from the orbit's axis are turned along the orbit until they show
     the star, which says where their boresight is."""
     if earth_rad > 0:
@@ -128,7 +135,7 @@ def _free_in_band(base: BandEnvelope, u: Array, baffle: Baffle, views: Views, ea
             left = left[baffle.clearance(u[left], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
             star = u[left] @ axes.T
-            pick, real = _near(angles, np.arccos(np.clip(star[:, 1], -1, 1)))
+            pick, real = _near(angles, np.arccos(np.clip(star[:, 1], -1, 1)), views_per_star)
             out = np.hypot(star[:, 0], star[:, 2])[:, None]
             sx, sz = (star[:, k, None] / np.maximum(out, 1e-12) for k in (0, 2))
             boresight = np.stack(
@@ -140,11 +147,11 @@ def _free_in_band(base: BandEnvelope, u: Array, baffle: Baffle, views: Views, ea
     return found
 
 
-def _near(angles: Array, wanted: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(n, VIEWS_PER_STAR) places in the ascending angles, spread over those within NEAR_RAD of each wanted one, and whether
+def _near(angles: Array, wanted: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """(n, ``count``) places in the ascending angles, spread over those within NEAR_RAD of each wanted one, and whether
     they are."""
     low, high = np.searchsorted(angles, wanted - NEAR_RAD), np.searchsorted(angles, wanted + NEAR_RAD)
-    share = (np.arange(VIEWS_PER_STAR) + 0.5) / VIEWS_PER_STAR
+    share = (np.arange(count) + 0.5) / count
     pick = (low[:, None] + share * (high - low)[:, None]).astype(np.intp)
     return np.minimum(pick, len(angles) - 1), np.broadcast_to((high > low)[:, None], pick.shape)
 

@@ -17,7 +17,7 @@ END_RAD = 1e-4
 FIRST, KEPT, CHILDREN, ROUNDS, SHRINK = 12_000, 24, 60, 16, 0.55
 
 
-def seen_bands(band: BandEnvelope, views: Views, earth_rad: float) -> list[tuple[float, float]]:
+def seen_bands(band: BandEnvelope, views: Views, earth_rad: float, rounds: int = ROUNDS) -> list[tuple[float, float]]:
     """Intervals of the component along orbit +y at which something is seen clear of the Earth: without the Earth it is the one
     interval ``band.polar_interval``. ``views``: of the band's field and limits.
 
@@ -38,13 +38,13 @@ def seen_bands(band: BandEnvelope, views: Views, earth_rad: float) -> list[tuple
     bounds = np.concatenate([[near], middle, [far]])
     bands = []
     for k, (start, stop) in enumerate(zip(starts, stops, strict=True)):
-        first = min(start, _end(band, limit, bounds[k], bounds[k + 1], 1.0))
-        last = max(stop, _end(band, limit, bounds[k], bounds[k + 1], -1.0))
+        first = min(start, _end(band, limit, bounds[k], bounds[k + 1], 1.0, rounds))
+        last = max(stop, _end(band, limit, bounds[k], bounds[k + 1], -1.0, rounds))
         bands.append((max(near, first - END_RAD), min(far, last + END_RAD)))
     return [(float(np.cos(b)), float(np.cos(a))) for a, b in bands]
 
 
-def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign: float) -> float:
+def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign: float, rounds: int) -> float:
     """Smallest (``sign`` 1) or largest angle from orbit +y, between the two given, of a clear direction: random attitudes and
     places, then ever nearer round the best. The extreme lies on the field's outline or on the Earth's limb."""
     rng = np.random.default_rng(0)
@@ -52,7 +52,7 @@ def _end(band: BandEnvelope, limit: float, low_rad: float, high_rad: float, sign
     tries = np.column_stack([cube, rng.random(FIRST), np.arange(FIRST) % 2])
     scale = 0.3
     best = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         angle, ok = _angles(band, limit, tries)
         value = np.where(ok & (angle >= low_rad) & (angle <= high_rad), sign * angle, np.inf)
         order = np.argsort(value)[:KEPT]

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.attitude import AttitudeLimits, orbit_axes
-from gss.catalogue_tools.baffle_search import Baffle, free_of_baffle
+from gss.catalogue_tools.baffle_search import EPOCH_RAD, MOON_STEP_DAYS, VIEWS_PER_STAR, Baffle, free_of_baffle
 from gss.catalogue_tools.counting import Shadow, fields_per_star
 from gss.catalogue_tools.envelope import BandEnvelope, Envelope, Moments, polar_range
 from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.hidden_bands import seen_bands
+from gss.catalogue_tools.hidden_bands import ROUNDS, seen_bands
 from gss.catalogue_tools.orbits import EARTH_RADIUS_M, LOWEST_ORBIT_M, OrbitRanges, altitude_of_tle
 from gss.catalogue_tools.reach import TOLERANCE_RAD
 from gss.catalogue_tools.views import Views, views_of
@@ -87,6 +87,24 @@ class Occultation:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """How closely is looked: random fields as witnesses, moments for the shares of time, rounds of the search for the ends of a
+    band, views and dates for what Sun and Moon hide."""
+
+    witnesses: int
+    moments: int
+    rounds: int
+    views: int
+    epoch_rad: float
+    moon_step_days: float
+
+
+THOROUGH = Effort(WITNESSES, SAMPLE, ROUNDS, VIEWS_PER_STAR, EPOCH_RAD, MOON_STEP_DAYS)
+# For a page that follows the hand.
+QUICK = Effort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
+
+
+@dataclass(frozen=True)
 class Blinded:
     """Shares of all moments at which the boresight is too near to each body, and to any of them; from ``SAMPLE`` moments."""
 
@@ -99,13 +117,14 @@ class Blinded:
 @dataclass(frozen=True)
 class OccultedEnvelope:
     """An envelope less what is hidden. ``orbit``: for laws that do not say where the Earth is; None: it may be anywhere.
-    ``start_jyear``, ``end_jyear``: the validity, which Sun and Moon need."""
+    ``start_jyear``, ``end_jyear``: the validity, which Sun and Moon need. ``effort``: how long to look."""
 
     base: Envelope
     occultation: Occultation
     orbit: OrbitRanges | None = None
     start_jyear: float | None = None
     end_jyear: float | None = None
+    effort: Effort = THOROUGH
 
     def __post_init__(self) -> None:
         if self.occultation.baffled:
@@ -116,7 +135,11 @@ class OccultedEnvelope:
         """Sun and Moon over the validity."""
         if self.start_jyear is None or self.end_jyear is None:
             raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
-        return Baffle(self.occultation.sun_rad, self.occultation.moon_rad, self.start_jyear, self.end_jyear)
+        angles, steps = (
+            (self.occultation.sun_rad, self.occultation.moon_rad),
+            (self.effort.epoch_rad, self.effort.moon_step_days),
+        )
+        return Baffle(*angles, self.start_jyear, self.end_jyear, *steps)
 
     @property
     def shape(self) -> FieldShape:
@@ -183,7 +206,7 @@ class OccultedEnvelope:
         band = isinstance(self.base, BandEnvelope)
         possible = np.flatnonzero(self.base.contains(u)) if band else np.arange(len(u))
         per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
-        count = int(np.clip(HITS_PER_DIRECTION * len(possible) / per_field, 1000, SAMPLE))
+        count = int(np.clip(HITS_PER_DIRECTION * len(possible) / per_field, 1000, self.effort.moments))
         moments = self.at(np.random.default_rng(0).random((count, self.dimensions)))
         good = _take(moments, np.flatnonzero(self.usable(moments)))
         share = np.zeros(len(u))
@@ -200,7 +223,9 @@ class OccultedEnvelope:
             return seen
         doubtful = np.flatnonzero(seen)
         doubtful = doubtful[~self._witnessed(u[doubtful])]
-        seen[doubtful] = free_of_baffle(self.base, u[doubtful], self.baffle, self._views, self.occultation.earth_rad)
+        seen[doubtful] = free_of_baffle(
+            self.base, u[doubtful], self.baffle, self._views, self.occultation.earth_rad, self.effort.views
+        )
         return seen
 
     def _clear_of_earth(self, u: Array) -> NDArray[np.bool_]:
@@ -227,13 +252,13 @@ class OccultedEnvelope:
     @cached_property
     def _bands(self) -> list[tuple[float, float]]:
         return (
-            seen_bands(self.base, self._views, self.occultation.earth_rad)
+            seen_bands(self.base, self._views, self.occultation.earth_rad, self.effort.rounds)
             if isinstance(self.base, BandEnvelope)
             else []
         )
 
     def _witnessed(self, u: Array) -> NDArray[np.bool_]:
-        moments = self.at(np.random.default_rng(1).random((WITNESSES, self.dimensions)))
+        moments = self.at(np.random.default_rng(1).random((self.effort.witnesses, self.dimensions)))
         good = _take(moments, np.flatnonzero(self.usable(moments)))
         return fields_per_star(u, good.cam_from_icrs, self.base.shape, self.shadow(good)) > 0
 

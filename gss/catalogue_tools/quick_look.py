@@ -6,20 +6,19 @@ Hipparcos to V 6 it misses none in the documents' cases.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.attitude import base_from_icrs, euler_123
 from gss.catalogue_tools.counting import fields_per_star
 from gss.catalogue_tools.envelope import Envelope, Moments, PatchEnvelope
 from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.occultation import QUICK, OccultedEnvelope
 from gss.catalogue_tools.plan import Plan
 from gss.domain.angles import Array
 
-# At 0.15 half of the draws lie within a hundredth of an end.
-CROWDING = 0.15
 MEMBER_FIELDS = 3000
 MAP_FIELDS = 400
 COARSE_NSIDE, FINE_NSIDE = 16, 32
@@ -31,6 +30,12 @@ class QuickLook:
 
     plan: Plan
 
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The plan's, looked at less closely where something hides the sky."""
+        whole = self.plan.envelope
+        return replace(whole, effort=QUICK) if isinstance(whole, OccultedEnvelope) else whole
+
     @property
     def base(self) -> Envelope:
         """What is seen before anything hides it."""
@@ -41,13 +46,13 @@ class QuickLook:
         map that shows it, and a patch that turns to the Sun loses whole fields before it loses a star."""
         u = np.asarray(unit, float)
         if isinstance(self.base, PatchEnvelope):
-            return np.asarray(fields_per_star(u, _fields(self.base, MEMBER_FIELDS, CROWDING), self.base.shape) > 0)
-        return self.plan.envelope.contains(u)
+            return self.base.witnessed(u, MEMBER_FIELDS)
+        return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
         """(n,) share of time in the field."""
         if self._occulted:
-            return self.plan.envelope.time_fraction(unit)
+            return self.envelope.time_fraction(unit)
         return self._base_fraction(np.asarray(unit, float))
 
     def edges(self, at_end: bool) -> list[Array]:
@@ -84,16 +89,6 @@ class QuickLook:
     def _base_fraction(self, unit: Array) -> Array:
         if not isinstance(self.base, PatchEnvelope):
             return self.base.time_fraction(unit)
-        even = fields_per_star(unit, _fields(self.base, MAP_FIELDS, 1.0), self.base.shape) / MAP_FIELDS
-        rare = (even == 0) & (fields_per_star(unit, _fields(self.base, MAP_FIELDS, CROWDING), self.base.shape) > 0)
+        even = fields_per_star(unit, self.base.crowded(MAP_FIELDS, 1.0), self.base.shape) / MAP_FIELDS
+        rare = (even == 0) & self.base.witnessed(unit, MAP_FIELDS)
         return np.asarray(np.where(rare, 0.5 / MAP_FIELDS, even))
-
-
-def _fields(patch: PatchEnvelope, count: int, crowding: float) -> Array:
-    """(count, 3, 3) cam_from_icrs within the limits; a Beta distribution of that shape along every axis."""
-    rng = np.random.default_rng(0)
-    along = rng.beta(crowding, crowding, (count, 4))
-    sun = np.asarray(patch.sun_longitude_rad, float)
-    base = base_from_icrs(patch.limits, sun[0] + (sun[1] - sun[0]) * along[:, 0])
-    angles = patch.limits.low + (patch.limits.high - patch.limits.low) * along[:, 1:]
-    return np.asarray(patch.limits.cam_from_body @ euler_123(angles) @ base)

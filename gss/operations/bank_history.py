@@ -28,7 +28,7 @@ from gss.operations.link import LinkService
 from gss.store import bank_history as store
 from gss.store import catalogues, commands
 from gss.store.engine import Database
-from gss.store.models import BankHistory, Catalogue, Device
+from gss.store.models import BankHistory, Catalogue, Contact, Device
 
 ACTIVE, TRIAL, HELD, LOADING, EMPTY, DAMAGED = "active", "trial", "held", "loading", "empty", "damaged"
 STATE_OF = {"empty": EMPTY, "loading": LOADING, "loaded": LOADING, "committed": HELD, "corrupt": DAMAGED}
@@ -61,7 +61,7 @@ class Planned:
 
 @dataclass(frozen=True)
 class Timeline:
-    """The banks of one device over a span."""
+    """The banks of one device over a span, and the contacts with it."""
 
     device: Device
     devices: Sequence[Device]
@@ -69,6 +69,7 @@ class Timeline:
     end: datetime
     stays: Sequence[Stay]
     planned: Sequence[Planned]
+    contacts: Sequence[Contact]
 
 
 class BankHistoryService:
@@ -209,10 +210,11 @@ class BankHistoryService:
                     hint="open the line to a device",
                 )
             stays = [self._stay(session, row) for row in store.between(session, device.id, start, end)]
+            contacts = store.contacts_between(session, device.id, start, end)
         now_held = {stay.row.bank: stay for stay in stays if stay.row.ended is None}
         present = device.id == self._device_id
         planned = [plan for planner in self.planners for plan in planner(now_held)] if present else []
-        return Timeline(device, devices, start, end, stays, planned)
+        return Timeline(device, devices, start, end, stays, planned, contacts)
 
     def active(self) -> Stay | None:
         """What the device that answered last matches from, as it last said; None while nothing is known."""

@@ -33,6 +33,14 @@ def between(session: Session, device_id: int, start: datetime, end: datetime) ->
     return list(session.scalars(query.order_by(BankHistory.bank, BankHistory.began, BankHistory.id)))
 
 
+def contacts_between(session: Session, device_id: int, start: datetime, end: datetime) -> list[Contact]:
+    """Contacts with a device at some time of a span, in order."""
+    query = select(Contact).where(
+        Contact.device_id == device_id, Contact.started <= end, Contact.ended.is_(None) | (Contact.ended >= start)
+    )
+    return list(session.scalars(query.order_by(Contact.started, Contact.id)))
+
+
 def devices(session: Session) -> list[Device]:
     """Devices whose banks are on record, the one that answered last first."""
     known = select(BankHistory.device_id).distinct()

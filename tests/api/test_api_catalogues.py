@@ -274,11 +274,16 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
         row = BankHistory(device_id=device.id, bank="B", state="active", sha256=pair[0]["sha256"])
         row.began = row.told = now - timedelta(days=1)
         bank_history.add(session, row)
+        contact = devices.open_contact(session, "tcp", now - timedelta(hours=5), "c")
+        devices.update_contact(session, contact.id, device_id=device.id)
+        contact.ended = now - timedelta(hours=4)
+        contact_id = contact.id
     told = client.get("/api/catalogues/timeline").json()
     assert told["device"]["name"] == "FM2"
     (stay,) = told["stays"]
     assert (stay["bank"], stay["name"], stay["catalogue_id"]) == ("B", "first", pair[0]["id"])
     assert stay["valid_to"] == pair[0]["valid_to"]
     assert told["cover"]["text"]
+    assert [(c["id"], c["ended"] is None) for c in told["contacts"]] == [(contact_id, False)]
     span = {"start": "2026-12-02T00:00:00Z", "end": "2026-12-01T00:00:00Z"}
     assert client.get("/api/catalogues/timeline", params=span).status_code == 400

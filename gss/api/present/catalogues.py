@@ -14,6 +14,7 @@ from gss.api.schemas.catalogue_history import (
     CatalogueDiffOut,
     CatalogueRefOut,
     ChangedStarOut,
+    ContactSpanOut,
     CoverageOut,
     CoverOut,
     DeviceRefOut,
@@ -128,6 +129,7 @@ def timeline(found: Timeline, now: datetime, watch_days: float) -> TimelineOut:
         end=found.end,
         stays=[_stay(stay, now) for stay in found.stays],
         planned=[BankPlanOut(**{n: getattr(p, n) for n in BankPlanOut.model_fields}) for p in found.planned],
+        contacts=[ContactSpanOut.model_validate(c) for c in found.contacts],
         cover=CoverOut(state=word.state.value, text=word.text, until=word.until),
     )
 

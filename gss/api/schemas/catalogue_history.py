@@ -104,6 +104,14 @@ class DeviceRefOut(Out):
     simulated: bool
 
 
+class ContactSpanOut(Out):
+    """A contact, for a tick. ``ended`` None: it is still open."""
+
+    id: int
+    started: Utc
+    ended: Utc | None
+
+
 class CoverOut(Out):
     """Is there a catalogue for the sky to come, in words."""
 
@@ -122,6 +130,7 @@ class TimelineOut(Out):
     end: Utc
     stays: list[BankStayOut]
     planned: list[BankPlanOut]
+    contacts: list[ContactSpanOut]
     cover: CoverOut
 
 

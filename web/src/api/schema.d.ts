@@ -4185,6 +4185,18 @@ export interface components {
             note: string;
         };
         /**
+         * ContactSpanOut
+         * @description A contact, for a tick. ``ended`` None: it is still open.
+         */
+        ContactSpanOut: {
+            /** Id */
+            id: number;
+            /** Started */
+            started: string;
+            /** Ended */
+            ended: string | null;
+        };
+        /**
          * ContactTransferOut
          * @description A transfer that was begun.
          */
@@ -6984,6 +6996,8 @@ export interface components {
             stays: components["schemas"]["BankStayOut"][];
             /** Planned */
             planned: components["schemas"]["BankPlanOut"][];
+            /** Contacts */
+            contacts: components["schemas"]["ContactSpanOut"][];
             cover: components["schemas"]["CoverOut"];
         };
         /**

@@ -1,0 +1,101 @@
+"""Bank history and star lists, on every database we support."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from gss.domain.errors import NotFound
+from gss.store import bank_history, devices, star_lists
+from gss.store.models import BankHistory, StarList
+
+T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
+DAY = timedelta(days=1)
+
+
+def a_device(session, name: str, seen: datetime):
+    facts = {"profile": "p", "firmware": "1", "simulated": True, "dictionary_hash": "h"}
+    return devices.remember(session, seen, name=name, **facts)
+
+
+def a_stay(device_id: int, bank: str, began: datetime, ended: datetime | None, sha256: str = "") -> BankHistory:
+    return BankHistory(
+        device_id=device_id, bank=bank, state="held", sha256=sha256, began=began, told=ended or began, ended=ended
+    )
+
+
+def a_list(name: str, profile: str = "") -> StarList:
+    return StarList(
+        name=name,
+        created=T0,
+        author="a",
+        format="csv",
+        epoch_jyear=2016.0,
+        frame="icrs",
+        profile=profile,
+        stars=3,
+        dropped=1,
+        size=90,
+        sha256="cd" * 32,
+        mapping={"columns": {"ra": "RAJ2000"}},
+        report={"dropped": [{"row": 2}]},
+    )
+
+
+def test_a_banks_past_is_found_by_span_and_its_present_by_device(database):
+    """Stays that touch the span come by bank and time; those without an end are what is so now; another device has its own."""
+    with database.unit_of_work() as session:
+        first, second = a_device(session, "one", T0), a_device(session, "two", T0 + DAY)
+        bank_history.add(session, a_stay(first.id, "B", T0 - 9 * DAY, T0 - 5 * DAY, "aa"))
+        bank_history.add(session, a_stay(first.id, "B", T0 - 5 * DAY, None, "bb"))
+        bank_history.add(session, a_stay(first.id, "A", T0 - 2 * DAY, None))
+        bank_history.add(session, a_stay(second.id, "A", T0, None, "cc"))
+        first_id, second_id = first.id, second.id
+    with database.unit_of_work() as session:
+        found = bank_history.between(session, first_id, T0 - 4 * DAY, T0)
+        assert [(r.bank, r.sha256) for r in found] == [("A", ""), ("B", "bb")]
+        assert [r.sha256 for r in bank_history.between(session, first_id, T0 - 30 * DAY, T0 - 5 * DAY)] == ["aa", "bb"]
+        assert [(r.bank, r.sha256) for r in bank_history.still_so(session, first_id)] == [("A", ""), ("B", "bb")]
+        assert [d.id for d in bank_history.devices(session)] == [second_id, first_id]
+        assert found[1].began == T0 - 5 * DAY
+        assert found[1].ended is None
+
+
+def test_contacts_of_a_span_are_those_of_the_device(database):
+    """Contacts that touch the span come in order, an open one too; those with other devices, or with nobody, do not."""
+    with database.unit_of_work() as session:
+        first, second = a_device(session, "one", T0), a_device(session, "two", T0)
+        ids = []
+        cases = ((first, -20, -19.9), (first, 0, None), (first, -3, -2.9), (second, -3, -2.9), (None, -3, -2.9))
+        for device, began, ended in cases:
+            contact = devices.open_contact(session, "u", T0 + began * DAY, "c")
+            if device is not None:
+                devices.update_contact(session, contact.id, device_id=device.id)
+            contact.ended = None if ended is None else T0 + ended * DAY
+            ids.append(contact.id)
+        first_id = first.id
+    with database.unit_of_work() as session:
+        found = bank_history.contacts_between(session, first_id, T0 - 10 * DAY, T0 + DAY)
+        assert [(c.id, c.ended is None) for c in found] == [(ids[2], False), (ids[1], True)]
+        assert bank_history.device_of_contact(session, ids[0]) == first_id
+        assert bank_history.device_of_contact(session, ids[4]) is None
+        assert bank_history.device_of_contact(session, 10**6) is None
+
+
+def test_star_lists_come_back_whole_and_newest_first(database):
+    """A list keeps its camera, mapping and report; an unknown one is said to be missing."""
+    with database.unit_of_work() as session:
+        ids = [star_lists.add(session, a_list(name, camera)).id for name, camera in (("x", ""), ("y", "sunsat"))]
+    with database.unit_of_work() as session:
+        assert [row.id for row in star_lists.newest(session, 5)] == ids[::-1]
+        assert len(star_lists.newest(session, 1)) == 1
+        row = star_lists.get(session, ids[1])
+        assert (row.profile, row.mapping, row.report["dropped"]) == (
+            "sunsat",
+            {"columns": {"ra": "RAJ2000"}},
+            [{"row": 2}],
+        )
+        assert (row.created, row.epoch_jyear) == (T0, 2016.0)
+        with pytest.raises(NotFound, match="no such star list"):
+            star_lists.get(session, 10**6)
