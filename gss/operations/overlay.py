@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gss.domain.aberration import aberrate
 from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.camera import Camera
 from gss.domain.results import Attitude, Centroids, Matches, Region
@@ -29,8 +30,9 @@ def describe(
     centroids: Centroids,
     matches: Matches | None,
     attitude: Attitude | None,
+    velocity_c: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
-    """The overlays of one result, ready for JSON."""
+    """The overlays of one result, ready for JSON. ``velocity_c``: of the observer, where aberration was taken out."""
     detail: dict[str, Any] = {
         "regions": [_region(r) for r in regions],
         "stars": _stars(stars, camera, centroids, matches),
@@ -41,7 +43,7 @@ def describe(
     }
     if attitude is not None:
         cam_from_icrs = attitude.cam_from_icrs
-        detail["predicted"] = predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids)
+        detail["predicted"] = predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids, velocity_c)
         detail["grid"] = grid(camera, cam_from_icrs)
         detail["north"] = north(cam_from_icrs)
         detail["field"] = field_outline(camera, cam_from_icrs)
@@ -97,12 +99,19 @@ def _finite(value: float) -> float | None:
 
 
 def predicted(
-    camera: Camera, cam_from_icrs: Array, stars: StarTable, faint_limit_mag: float, centroids: Centroids
+    camera: Camera,
+    cam_from_icrs: Array,
+    stars: StarTable,
+    faint_limit_mag: float,
+    centroids: Centroids,
+    velocity_c: tuple[float, float, float] | None = None,
 ) -> list[dict[str, Any]]:
-    """Where the attitude puts the catalogue's stars, brightest first, and whether something was found there."""
+    """Where the attitude puts the catalogue's stars, brightest first, and whether something was found there. A moving observer
+    sees them aside."""
     near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
     stars = stars.take(np.flatnonzero(near & (stars.v_mag <= faint_limit_mag))).brighter_than(faint_limit_mag)
-    pixels = camera.project(stars.icrs @ cam_from_icrs.T)
+    icrs = stars.icrs if velocity_c is None else aberrate(stars.icrs, np.array(velocity_c))
+    pixels = camera.project(icrs @ cam_from_icrs.T)
     rows = []
     for k in np.flatnonzero(camera.contains(pixels))[:MOST_PREDICTED]:
         gap_px = np.hypot(centroids.col_px - pixels[k, 0], centroids.row_px - pixels[k, 1])

@@ -55,6 +55,7 @@ def solution_values(
             result.centroids,
             result.matches,
             result.attitude if drawn else None,
+            result.velocity_c,
         ),
     }
     if not drawn:
@@ -112,7 +113,9 @@ def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> 
     none = np.zeros(len(spots))
     seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
     limit = _limit_of(PROFILES.get(profile_name or ""), camera)
-    return overlay.describe(camera, stars, limit, (), seen, None, attitude) | row.detail
+    velocity_c = row.detail.get("velocity_c")  # a list in the store
+    moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
+    return overlay.describe(camera, stars, limit, (), seen, None, attitude, moving) | row.detail
 
 
 def finite(value: float) -> float | None:
