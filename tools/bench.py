@@ -24,12 +24,14 @@ import argparse  # noqa: E402
 import json  # noqa: E402
 import sys  # noqa: E402
 from collections.abc import Callable, Sequence  # noqa: E402
+from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
 from tools.bench_catalogue import catalogues  # noqa: E402
 from tools.bench_frames import chains, drawing, finding  # noqa: E402
 from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
+from tools.bench_page import updated  # noqa: E402
 from tools.bench_tables import Table, machine  # noqa: E402
 
 SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
@@ -58,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for table in SECTIONS[name](asked.quick):
             tables.append(table)
             print(table.markdown() if asked.markdown else table.text(), file=show, flush=True)
+    if asked.update:
+        asked.update.write_text(updated(asked.update.read_text(), tables))
     report = _report(at_start, asked.quick, tables)
     if asked.json:
         json.dump(report, sys.stdout, indent=1)
@@ -72,6 +76,9 @@ def _parser() -> argparse.ArgumentParser:
         "sections", nargs="*", metavar="section", help=f"one or more of {', '.join(SECTIONS)}; all without"
     )
     parser.add_argument("--quick", action="store_true", help="a few repetitions only: shows that it runs, not how fast")
+    parser.add_argument(
+        "--update", type=Path, metavar="PAGE", help="put the tables into this page, for example docs/benchmarks.md"
+    )
     shape = parser.add_mutually_exclusive_group()
     shape.add_argument("--json", action="store_true", help="one JSON document on standard output")
     shape.add_argument("--markdown", action="store_true", help="tables for docs/benchmarks.md")

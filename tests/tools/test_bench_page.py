@@ -1,0 +1,21 @@
+"""Single sections of the page of benchmarks can be measured again."""
+
+from __future__ import annotations
+
+from tools.bench_page import updated
+from tools.bench_tables import Table
+
+
+def table(title: str, figure: int) -> Table:
+    return Table("section", title, "Conditions.", 1, [("row", {"figure": figure})])
+
+
+def test_only_the_measured_table_changes() -> None:
+    """A table takes the place of the one with its title; the text before and the tables around it stay; a new one is added."""
+    page = "# Page\n\nWords.\n\n" + table("One", 1).markdown() + "\n" + table("Two", 2).markdown()
+    again = updated(page, [table("One", 7)])
+    assert again == page.replace("| row | 1 |", "| row | 7 |")
+    assert updated(again, [table("One", 1)]) == page
+    added = updated(page, [table("Three", 3)])
+    assert added.startswith(page)
+    assert "### Three" in added

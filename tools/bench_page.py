@@ -1,0 +1,22 @@
+"""Put tables that were measured again into the page in the place of the older ones with the same titles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tools.bench_tables import Table
+
+
+def updated(page: str, tables: Sequence[Table]) -> str:
+    """The page with each table's part, from its title to the next heading, replaced; a new table goes to the end."""
+    for table in tables:
+        head, new = f"### {table.title}\n", table.markdown().rstrip("\n") + "\n"
+        start = 0 if page.startswith(head) else page.find("\n" + head) + 1
+        if start == 0 and not page.startswith(head):
+            page = page.rstrip("\n") + "\n\n" + new
+            continue
+        lines = page[start + len(head) :].splitlines(keepends=True)
+        length = next((k for k, line in enumerate(lines) if line.startswith(("#", "**"))), len(lines))
+        rest = "".join(lines[length:])
+        page = page[:start] + new + ("\n" + rest if rest else "")
+    return page
