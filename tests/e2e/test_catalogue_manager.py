@@ -67,3 +67,32 @@ def test_the_banks_are_on_record(page):
     page.goto("/catalogues")
     expect(page.get_by_test_id("banks")).to_contain_text("golden")
     expect(page.get_by_test_id("banks")).to_contain_text("active bank does not expire")
+
+
+def test_the_choice_of_stars_and_the_mounting_are_on_the_page(page):
+    """Screening, thinning, a reduced catalogue and a mounting by turns or numbers change the preview; a bad one is said."""
+    page.goto("/catalogues/new")
+    page.get_by_test_id("step-4").wait_for()  # open from the start
+    page.get_by_role("group", name="Screening list").get_by_role("button", name="drop").click()
+    page.get_by_test_id("build-companions").fill("9")
+    expect(page.get_by_test_id("funnel")).to_contain_text("on the screening list")
+    page.get_by_test_id("build-brightest_per_field").fill("6")
+    page.get_by_role("group", name="Fields of the thinning").get_by_role("button", name="upright frame").click()
+    expect(page.get_by_test_id("funnel")).to_contain_text("beyond 6 per upright frame")
+    page.get_by_test_id("step-5").click()
+    page.get_by_test_id("build-reduced").check()
+    page.get_by_test_id("build-reduced_brightest").fill("4")
+    page.get_by_test_id("step-2").click()
+    page.get_by_test_id("build-pointing").select_option("inertial")
+    mounting = page.get_by_role("group", name="Mounting of the camera")
+    mounting.get_by_role("button", name="turns").click()
+    page.get_by_test_id("build-turn_y").fill("90")
+    expect(page.get_by_text("preview in")).to_be_visible()
+    mounting.get_by_role("button", name="matrix").click()
+    page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0")
+    expect(page.get_by_text("nine numbers by rows, got 8")).to_be_visible()
+    expect(page.get_by_test_id("build")).to_be_disabled()
+    page.get_by_test_id("build-matrix").fill("2 0 0 0 1 0 0 0 1")
+    expect(page.get_by_text("the mounting is no rotation")).to_be_visible()
+    page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0 1")
+    expect(page.get_by_text("preview in")).to_be_visible()
