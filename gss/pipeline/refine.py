@@ -15,9 +15,13 @@ from gss.pipeline.small import median
 
 ROUNDS = 8
 DONE = 1e-10
-ATTITUDE_DONE = 1e-5  # after a step the error is a thousandth of it at most: what is left is below a milliarcsecond or so
+ATTITUDE_DONE = (
+    1e-5  # after a step the error is a thousandth of it at most: what is left is below a milliarcsecond or so
+)
 OUTLIER_SIGMA = 4.0
 CORNER_DISTORTION = 0.02  # of the radius: how far an unknown lens is expected to bend its corners, as one sigma
+ASPECT_SIGMA = 0.1  # pixels that are not square, of a camera that nobody knows
+CENTRE_SIGMA = 0.12  # of the frame's width: the optical axis off the middle
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot show
 MOST_RAD = 0.2  # of turn in one step
@@ -54,16 +58,14 @@ def refine(
     fit_lens: Sequence[str] = (),
 ) -> Refined:
     """Fit attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` one common factor of both focal lengths,
-    with ``fit_lens`` the named coefficients (k1 k2 p1 p2) of a :class:`Brown` lens, held near zero where the stars do
-    not tell.
+    with ``fit_lens`` the named coefficients (k1 k2 p1 p2) of a :class:`Brown` lens and the ``aspect`` of the two focal lengths and
+    the optical centre's ``col`` and ``row``, held near zero, near one and near the middle where the stars do not tell.
 
-    ``camera``'s distortion must be Brown when ``fit_lens`` is given. Gauss–Newton with numeric derivatives, outliers beyond
+    ``camera``'s distortion must be Brown when coefficients are fitted. Gauss–Newton with numeric derivatives, outliers beyond
     4 robust sigmas weigh nothing.
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
-    corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
-    loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
-    prior = np.array([0.0 if n not in loose else (CORNER_DISTORTION * loose[n]) ** -2 for n in names])
+    prior = _prior(camera, names)
     weight = 1 / np.asarray(sigma_px, float) ** 2
     used = np.ones(len(pixels), bool)
     residual = np.zeros((len(pixels), 2))
@@ -76,7 +78,7 @@ def refine(
         weighted = (w[:, None] * j).T
         normal, gradient = weighted @ j, weighted @ residual.ravel()
         if len(names) > 3:
-            now = np.array([float(getattr(camera.distortion, n, 0.0)) if n in loose else 0.0 for n in names])
+            now = np.array([value_of(camera, n) for n in names])
             normal, gradient = normal + np.diag(prior), gradient - prior * now
         step = np.asarray(np.linalg.solve(normal * ridge, gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
@@ -89,6 +91,29 @@ def refine(
     rms = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else float("inf")
     covariance = _covariance(normal, residual, weight, good, len(names))
     return Refined(camera, cam_from_icrs, residual, np.where(good, weight, 0.0), rms, tuple(names), covariance)
+
+
+def _prior(camera: Camera, names: Sequence[str]) -> Array:
+    """(p,) information that a lens like most has on each parameter; none on attitude and focal length."""
+    corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
+    loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
+    sigma = {name: CORNER_DISTORTION * size for name, size in loose.items()} | {
+        "aspect": ASPECT_SIGMA,
+        "col": CENTRE_SIGMA * camera.columns / camera.focal_col_px,
+        "row": CENTRE_SIGMA * camera.columns / camera.focal_row_px,
+    }
+    return np.array([sigma[name] ** -2 if name in sigma else 0.0 for name in names])
+
+
+def value_of(camera: Camera, name: str) -> float:
+    """What a parameter of a lens is now; 0 for a perfect one."""
+    if name == "aspect":
+        return float(np.log(camera.focal_row_px / camera.focal_col_px))
+    if name == "col":
+        return (camera.centre_col_px - (camera.columns - 1) / 2) / camera.focal_col_px
+    if name == "row":
+        return (camera.centre_row_px - (camera.rows - 1) / 2) / camera.focal_row_px
+    return float(getattr(camera.distortion, name, 0.0))
 
 
 def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
@@ -149,6 +174,12 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
     for value, name in zip(step[3:], names[3:], strict=True):
         if name == "focal":
             camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
+        elif name == "aspect":
+            camera = replace(camera, focal_row_px=camera.focal_row_px * float(np.exp(np.clip(value, -0.3, 0.3))))
+        elif name == "col":
+            camera = replace(camera, centre_col_px=camera.centre_col_px + float(value) * camera.focal_col_px)
+        elif name == "row":
+            camera = replace(camera, centre_row_px=camera.centre_row_px + float(value) * camera.focal_row_px)
         elif isinstance(camera.distortion, Brown):
             changed = replace(camera.distortion, **{name: getattr(camera.distortion, name) + float(value)})
             camera = replace(camera, distortion=changed)

@@ -28,15 +28,23 @@ def level(radius_rad: float) -> Level:
 
 
 def view(
-    fov_deg: float, stars: int, false: int, rng: np.random.Generator, k1: float = 0.0
+    fov_deg: float,
+    stars: int,
+    false: int,
+    rng: np.random.Generator,
+    k1: float = 0.0,
+    aspect: float = 1.0,
+    off: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array, Array, Array]:
-    """Pixels, magnitudes, Hipparcos numbers (−1 false), attitude of the brightest stars in a random field."""
+    """Pixels, magnitudes, Hipparcos numbers (−1 false), attitude of the brightest stars in a random field; ``off``: the axis
+    from the middle, in parts of the width."""
     r = Rotation.random(rng=rng).as_matrix()
     focal = SHAPE[0] / 2 / np.tan(np.radians(fov_deg) / 2)
     v = SKY.icrs @ r.T
     ok = v[:, 2] > 0.2
     xy = v[:, :2] / np.where(ok, v[:, 2], 1)[:, None]
-    xy = xy * (1 + k1 * (xy**2).sum(1, keepdims=True)) * focal + [(SHAPE[0] - 1) / 2, (SHAPE[1] - 1) / 2]
+    xy = xy * (1 + k1 * (xy**2).sum(1, keepdims=True)) * [focal, focal * aspect]
+    xy += [(SHAPE[0] - 1) / 2 + off[0] * SHAPE[0], (SHAPE[1] - 1) / 2 + off[1] * SHAPE[0]]
     on = np.flatnonzero(ok & (xy > 0).all(1) & (xy < [SHAPE[0] - 1, SHAPE[1] - 1]).all(1))[:stars]
     p = np.concatenate([xy[on] + rng.normal(0, 0.2, (len(on), 2)), rng.uniform(0, SHAPE, (false, 2))])
     mag = np.concatenate(
@@ -150,3 +158,37 @@ def test_refined_camera_is_that_of_the_domain() -> None:
     assert isinstance(found.fit.camera, Camera)
     back = found.fit.camera.project(SKY.icrs[found.stars] @ found.fit.cam_from_icrs.T)
     assert np.sqrt(((back - pixels[found.rows]) ** 2).mean()) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "aspect", "off", "low_deg", "high_deg"),
+    [
+        (12.0, 1.3, (0.0, 0.0), 11.5, 12.6),
+        (25.0, 1 / 1.3, (0.0, 0.0), 24.0, 26.0),
+        (45.0, 1.07, (0.0, 0.0), 43.0, 47.0),
+        (45.0, 1.0, (0.2, 0.15), 43.0, 47.0),
+        (12.0, 1.0, (0.25, 0.0), 11.5, 12.6),
+        (25.0, 1.2, (0.05, 0.0), 4.0, 60.0),
+        (45.0, 1.0, (0.25, 0.0), 4.0, 60.0),
+    ],
+)
+def test_odd_cameras(fov_deg: float, aspect: float, off: tuple[float, float], low_deg: float, high_deg: float) -> None:
+    """Pixels up to 1.3 times as high as wide, and axes a quarter of the width off the middle: every name is right, and the fitted
+    camera puts the whole sky within a pixel of where the true one does."""
+    rng = np.random.default_rng(5)
+    solved = 0
+    for _ in range(2):
+        pixels, mag, hip, r = view(fov_deg, 40, 2, rng, aspect=aspect, off=off)
+        found = solve(pixels, mag, low_deg, high_deg).solved
+        if found is None:
+            continue
+        solved += 1
+        camera = found.fit.camera
+        assert (hip[found.rows] == SKY.hip[found.stars]).all()
+        assert abs(camera.focal_row_px / camera.focal_col_px / aspect - 1) < 2e-3
+        focal = SHAPE[0] / 2 / np.tan(np.radians(fov_deg) / 2)
+        places = np.stack(np.meshgrid(np.linspace(100, 900, 5), np.linspace(100, 660, 4)), -1).reshape(-1, 2)
+        middle = np.array([(SHAPE[0] - 1) / 2 + off[0] * SHAPE[0], (SHAPE[1] - 1) / 2 + off[1] * SHAPE[0]])
+        sky = np.concatenate([(places - middle) / [focal, focal * aspect], np.ones((20, 1))], axis=1) @ r
+        assert np.abs(camera.project(sky @ found.fit.cam_from_icrs.T) - places).max() < 1.0
+    assert solved >= 1

@@ -35,9 +35,9 @@ def solve_foreign(
     fast: bool | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
-    """Solve a frame of an uncalibrated camera with square pixels whose horizontal field of view lies in a range.
+    """Solve a frame of an uncalibrated camera whose horizontal field of view lies in a range.
 
-    The result's ``camera`` carries the fitted focal length and radial distortion.
+    The result's ``camera`` carries the fitted focal lengths, centre and distortion.
     """
     trace = Trace(clock)
     with trace.stage("detect"):
@@ -58,7 +58,7 @@ def solve_foreign(
     if place is None:
         with trace.stage("why not"):
             reverse = (
-                _blind(mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level)
+                _blind(mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level, odd=False)
                 if len(centroids) >= 5
                 else None
             )
@@ -105,7 +105,8 @@ def _blind(
     fov_range_rad: tuple[float, float],
     sky: Sky,
     level: Callable[[float], Level],
+    odd: bool = True,
 ) -> BlindFound:
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
     spots = Spots(centroids.pixels, centroids.sigma_px, magnitude, psf_sigma_px)
-    return identify_blind(spots, shape, fov_range_rad, sky, level)
+    return identify_blind(spots, shape, fov_range_rad, sky, level, odd=odd)

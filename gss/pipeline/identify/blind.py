@@ -38,6 +38,44 @@ NO_LENS = (
 
 
 @dataclass(frozen=True)
+class Guess:
+    """What a camera may be beside a field of view: ``aspect``, its focal length down over that across; where its optical axis
+    meets the frame, from the middle, in parts of the width."""
+
+    aspect: float = 1.0
+    right: float = 0.0
+    down: float = 0.0
+
+    def camera(self, columns: int, rows: int, fov_rad: float) -> Camera:
+        """With a lens that can be fitted."""
+        plain = Camera.from_fov(columns, rows, fov_rad)
+        return replace(
+            plain,
+            focal_row_px=plain.focal_row_px * self.aspect,
+            centre_col_px=plain.centre_col_px + self.right * columns,
+            centre_row_px=plain.centre_row_px + self.down * columns,
+            distortion=Brown(),
+        )
+
+
+SQUARE = Guess()
+# Neighbours are so near that figures keep their codes, and the proof's fit does the rest.
+ASPECTS = tuple(Guess(aspect=1.05 ** (sign * k)) for k in range(1, 7) for sign in (1, -1))
+CENTRES = tuple(
+    Guess(right=float(off * np.cos(turn)), down=float(off * np.sin(turn)))
+    for off in (0.12, 0.24)
+    for turn in np.arange(8) * np.pi / 4
+)
+ALSO = ("aspect", "col", "row")
+MAX_ODD_CHECKS = 120  # proofs for all of them together
+WIDE_RAD = np.radians(30.0)
+FULLER_ROUNDS = 3
+LOOSE, BETTER, FAR_BETTER = 1.5, 0.9, 0.5
+THIN, THIN_AMONG = 0.5, 24
+ODD_BATCHES = 2  # figures of the brightest only: many cameras have to be tried
+
+
+@dataclass(frozen=True)
 class BlindFound:
     """``solved`` or None with the reason; ``hypotheses``: candidates put to the test. ``placed``: the place on the sky was
     proved, even if no lens was found under which the stars fit one by one."""
@@ -56,8 +94,12 @@ def identify_blind(
     level: Callable[[float], Level],
     *,
     accept: float = ACCEPT,
+    odd: bool = True,
 ) -> BlindFound:
-    """Identify detections, brightest first, in a frame of (columns, rows) ``shape`` with square pixels.
+    """Identify detections, brightest first, in a frame of (columns, rows) ``shape``.
+
+    A camera with square pixels and its axis in the middle is looked for first; with ``odd``, then pixels that are not square and
+    axes off the middle.
 
     ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` gives the dictionary of one size (the
     caller keeps them). The answer names every star that can be named, not only those of the proof.
@@ -66,8 +108,24 @@ def identify_blind(
     if n < 5:
         return BlindFound(None, 0, f"{counted(n)} found: at least 5 are needed without a calibrated camera")
     search = _BlindSearch(spots, shape, fov_range_rad, sky, accept)
-    for wanted in _rank_batches(n):
-        for fov in _fov_hypotheses(*fov_range_rad):
+    batches = list(_rank_batches(n))
+    plain = _search(search, batches, level)
+    if not odd or (plain.solved is not None and not search.is_doubtful(plain.solved)):
+        return plain
+    for guess in (SQUARE, *ASPECTS, *CENTRES):
+        search.suppose(guess)
+        found = _search(search, batches[:ODD_BATCHES], level)
+        if found.solved is not None and (plain.solved is None or _is_better(found.solved, plain.solved)):
+            return found
+        if search.tried > MAX_CANDIDATES or search.full > MAX_ODD_CHECKS:
+            break
+    return replace(plain, hypotheses=search.tried)
+
+
+def _search(search: _BlindSearch, batches: list[NDArray[np.int32]], level: Callable[[float], Level]) -> BlindFound:
+    """All figures under all fields of view, within the budgets."""
+    for wanted in batches:
+        for fov in _fov_hypotheses(*search.limits):
             solved = search.run(wanted, fov, level)
             if solved is not None:
                 return BlindFound(solved, search.tried, placed=True)
@@ -94,13 +152,21 @@ class _BlindSearch:
         self.tried = self.full = 0
         self.best: Solved | None = None
         self.unsettled = 0
+        self.guess, self.also = SQUARE, tuple[str, ...]()
+
+    def suppose(self, guess: Guess) -> None:
+        """From now on look for another kind of camera; what was tried still counts."""
+        if not self.also:
+            self.full = 0
+        self.guess, self.also = guess, ALSO
+        self.unsettled = 0
 
     def run(self, wanted: NDArray[np.int32], fov_rad: float, level: Callable[[float], Level]) -> Solved | None:
         """Test the figures ``wanted`` under one field of view, large circles first: they are few and quickly built."""
         columns, rows = self.shape
         ratio = min(1.0, rows / columns)
         window = _fov_window(fov_rad, self.limits)
-        camera = replace(Camera.from_fov(columns, rows, fov_rad), distortion=Brown())
+        camera = self.guess.camera(columns, rows, fov_rad)
         unit = camera.unproject(self.pixels)
         codes, ids, size = codes_of(unit[wanted], wanted)
         span = np.linalg.norm(self.pixels[ids[:, 0]] - self.pixels[ids[:, 1]], axis=1)
@@ -128,6 +194,7 @@ class _BlindSearch:
                 self.spots.sigma_px,
                 self.sky,
                 max(self.tried, 1),
+                self.also,
             )
             if solved is None:
                 continue
@@ -148,14 +215,43 @@ class _BlindSearch:
 
     def _settle(self, solved: Solved) -> Solved | None:
         """Lens and attitude from all stars that can be named; None where a strong lens has led the proof's fit astray."""
+        settled = self._name(solved, self.also)
+        for _ in range(FULLER_ROUNDS):
+            if settled is None or not self._is_loose(settled):
+                break
+            fuller = self._name(settled, ALSO)
+            if fuller is None or not _is_better(fuller, settled):
+                break
+            # A common camera is given up only for one that explains all, and far better: lenses have more terms than are fitted.
+            if not self.also and (self._is_loose(fuller) or fuller.fit.rms_px > FAR_BETTER * settled.fit.rms_px):
+                break
+            settled = fuller
+        # So free a camera must explain what is seen, or it explains anything.
+        return None if settled is not None and self.also and self._is_loose(settled) else settled
+
+    def _name(self, solved: Solved, also: tuple[str, ...]) -> Solved | None:
         spots = replace(self.spots, sigma_px=np.maximum(self.spots.sigma_px, MIN_SIGMA_PX))
         start = solved.fit
 
         def fit_to(rows: Rows, of: Rows, sigma_px: Array) -> Refined:
-            return fit_lens(spots.pixels[rows], self.sky.icrs[of], sigma_px, start.camera, start.cam_from_icrs)
+            return fit_lens(spots.pixels[rows], self.sky.icrs[of], sigma_px, start.camera, start.cam_from_icrs, also)
 
         named = name_the_rest(spots, self.sky, start, solved.rows, solved.stars, fit_to)
         return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
+
+    def _is_loose(self, settled: Solved) -> bool:
+        """Whether the camera does not explain what is seen: too few names, or places further off than their errors."""
+        sigma_px = np.maximum(self.spots.sigma_px[settled.rows], MIN_SIGMA_PX)
+        return self.is_thin(settled) or settled.fit.rms_px > LOOSE * float(np.median(sigma_px))
+
+    def is_thin(self, settled: Solved) -> bool:
+        """Whether too few of the bright detections have a name for a camera that is right."""
+        among = min(len(self.pixels), THIN_AMONG)
+        return int((settled.rows < among).sum()) < THIN * among
+
+    def is_doubtful(self, settled: Solved) -> bool:
+        """Whether a wide field has so few names that its axis may be elsewhere; a narrow one would not show it."""
+        return settled.fit.camera.fov_rad[0] > WIDE_RAD and self.is_thin(settled)
 
     def why(self, prefix: str) -> str:
         """Reason for a search that ended without an answer."""
@@ -168,6 +264,12 @@ class _BlindSearch:
             f"{prefix}best candidate has {len(best.rows)} of {n} stars, but a false-match probability of "
             f"{best.false_match_probability:.1e} (limit {self.accept:.0e})"
         )
+
+
+def _is_better(fuller: Solved, settled: Solved) -> bool:
+    """More names, or as many that fit clearly better."""
+    more = len(fuller.rows) - len(settled.rows)
+    return more > 0 or (more == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:

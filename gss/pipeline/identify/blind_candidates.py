@@ -67,11 +67,11 @@ def _probe(
     """Put the other bright detections on the sky with each candidate's attitude and count those that meet a star."""
     c = len(ids)
     probes = pixels[: min(PROBES, len(pixels))]
-    focal = camera.focal_col_px * factor
+    focal = np.array([camera.focal_col_px, camera.focal_row_px]) * factor[:, None]
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
 
     def rays(points: Array) -> Array:
-        xy = (points - centre) / focal[:, None, None]
+        xy = (points - centre) / focal[:, None, :]
         v = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
@@ -81,7 +81,7 @@ def _probe(
     u[:, :, 2] *= sign[:, None]
     rotation = u @ vt
     others = np.einsum("cji,ckj->cki", rotation, rays(np.broadcast_to(probes, (c, *probes.shape))))
-    reach = 0.008 * camera.columns / focal
+    reach = 0.008 * camera.columns / focal[:, 0]
     distance, _ = level.bright.query(others.reshape(-1, 3), distance_upper_bound=float(reach.max()))
     hit = distance.reshape(c, -1) < reach[:, None]
     own = (ids[:, :, None] == np.arange(len(probes))).any(1)

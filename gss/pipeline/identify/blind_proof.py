@@ -17,6 +17,7 @@ from gss.pipeline.refine import Refined, refine
 WIDE_HALF_DIAGONAL_RAD = np.radians(12.0)
 WIDE_STARS = 20
 WIDE_LENS = ("k1", "k2", "p1", "p2")
+ENOUGH_FOR_MORE = 8
 MERGE_PX = 2.5
 BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
 ACQUIRE = (0.003, 0.008)  # of the frame's width: a good lens, and one with strong distortion
@@ -38,11 +39,22 @@ class Solved:
 
 
 def prove(
-    camera: Camera, cam_from_icrs: Array, pixels: Array, magnitude: Array, sigma_px: Array, sky: Sky, hypotheses: float
+    camera: Camera,
+    cam_from_icrs: Array,
+    pixels: Array,
+    magnitude: Array,
+    sigma_px: Array,
+    sky: Sky,
+    hypotheses: float,
+    also: tuple[str, ...] = (),
 ) -> Solved | None:
-    """Match and refine in turn from a narrow and from a wide acquisition radius; the more certain of the two."""
+    """Match and refine in turn from a narrow and from a wide acquisition radius; the more certain of the two.
+
+    ``also``: what of the camera is free beside focal length and lens, once enough stars are matched. The figure of the proof
+    rests on the first prediction, before any fit.
+    """
     results = [
-        _prove(camera, cam_from_icrs, pixels, magnitude, sigma_px, sky, hypotheses, part * camera.columns)
+        _prove(camera, cam_from_icrs, pixels, magnitude, sigma_px, sky, hypotheses, part * camera.columns, also)
         for part in ACQUIRE
     ]
     good = [r for r in results if r is not None]
@@ -73,6 +85,7 @@ def _prove(
     sky: Sky,
     hypotheses: float,
     acquire_px: float,
+    also: tuple[str, ...],
 ) -> Solved | None:
     wanted = int(1.5 * len(pixels)) + 5
     sigma = np.maximum(sigma_px, 0.15)
@@ -90,10 +103,17 @@ def _prove(
             first = np.full((len(sky), 2), np.inf)
             first[seen] = predicted
             expected = len(seen)
+        free = also if len(m) >= ENOUGH_FOR_MORE else ()
         try:
             lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
             fit = refine(
-                pixels[m], sky.icrs[seen[p]], sigma[m], fit.camera, fit.cam_from_icrs, fit_focal=True, fit_lens=lens
+                pixels[m],
+                sky.icrs[seen[p]],
+                sigma[m],
+                fit.camera,
+                fit.cam_from_icrs,
+                fit_focal=True,
+                fit_lens=(*lens, *free),
             )
         except np.linalg.LinAlgError:
             return None
