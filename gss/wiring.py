@@ -175,6 +175,7 @@ def build(settings: Settings) -> Services:
     reception = Reception(
         link, commands, telemetry, transfers, frames, banks, tables, images, replay, stars, bus, utc_now
     )
+    reception.clock = schedule.clock
     link.handlers += [
         telemetry.handle,
         commands.handle,

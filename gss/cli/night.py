@@ -158,7 +158,7 @@ def shots_of(
             raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
         frame = read_frame(data, name)
         taken = frame.taken_at
-        observer = None if taken is None or keep_aberration else observer_at(taken)
+        observer = None if frame.seen_at is None or keep_aberration else observer_at(frame.seen_at)
         if taken is None or interval_s is not None:
             taken = UNTIMED_EPOCH + timedelta(seconds=(interval_s or 0.0) * k)
         exposure = frame.exposure_s if frame.exposure_s is not None else exposure_s

@@ -62,7 +62,7 @@ def register(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--truth",
         metavar="RA,DEC,ROLL|FILE",
-        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}",
+        help="true attitude in degrees, or a JSON file {file name: [RA, DEC, ROLL]}; a wrong answer gives exit code 1",
     )
     parser.add_argument(
         "--utc",
@@ -122,6 +122,7 @@ def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, 
 
     frame = read_frame(_bytes_of(name), name)
     taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
+    seen = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
     if exposure_s is not None and not exposure_s > 0:
@@ -132,7 +133,7 @@ def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, 
         fov_rad=None if arguments.fov_deg is None else math.radians(arguments.fov_deg),
         blind=arguments.blind,
         epoch_jyear=round(epoch, 2),
-        observer=None if taken is None or arguments.keep_aberration else observer_at(taken, _tle(arguments.tle)),
+        observer=None if seen is None or arguments.keep_aberration else observer_at(seen, _tle(arguments.tle)),
         exposure_s=exposure_s,
         fast=False if arguments.plain else None,
         options=tuple(parse(arguments.set).items()),
@@ -144,6 +145,8 @@ def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, 
     if truth is not None:
         record["truth"] = truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
     print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
+    if (record.get("truth") or {}).get("verdict") == "wrong":
+        return FAILED_EXIT
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
 
 

@@ -122,9 +122,10 @@ def as_record(experiment: Experiment) -> dict[str, Any]:
 def from_record(record: Mapping[str, Any]) -> Experiment:
     """The experiment of plain values."""
     values = dict(record)
-    series = tuple(
-        Series(**{k: tuple(v) if isinstance(v, list) else v for k, v in s.items()}) for s in values["series"]
-    )
+    curves: list[dict[str, Any]] = [
+        {k: tuple(v) if isinstance(v, list) else v for k, v in curve.items()} for curve in values["series"]
+    ]
+    series = tuple(Series(**curve) for curve in curves)
     values |= {name: tuple(values[name]) for name in ("columns", "conditions", "notes")}
     return Experiment(**(values | {"rows": tuple(tuple(row) for row in values["rows"]), "series": series}))
 

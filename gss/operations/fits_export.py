@@ -35,6 +35,8 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
         header["EXPTIME"] = (frame.exposure_s, "s")
     if frame.profile:
         header["INSTRUME"] = frame.profile
+    if frame.truth is not None:
+        header["GSSABERR"] = (False, "simulated: the sky was drawn without aberration")
     if solution is not None and solution.quaternion is not None:
         attitude = matrix_from_quaternion(np.array(solution.quaternion, float))
         header.update(_world_coordinates(camera_from(solution.camera), attitude))

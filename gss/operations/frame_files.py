@@ -19,6 +19,8 @@ MAX_SIDE_PX = 20_000
 LONGEST_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
+WITHOUT_ABERRATION = "without_aberration"
+"""In ``source`` of frames whose file says that its sky was drawn without aberration, as our own exports of simulated frames do."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
 HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
 
@@ -35,6 +37,11 @@ class ImportedFrame:
     exposure_s: float | None
     taken_at: datetime | None
     source: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def seen_at(self) -> datetime | None:
+        """When an observer saw this sky, whose motion moved the stars; None where unknown, or where no aberration is in it."""
+        return None if WITHOUT_ABERRATION in self.source else self.taken_at
 
 
 def read_frame(data: bytes, name: str) -> ImportedFrame:
@@ -202,6 +209,8 @@ def _fits_meta(header: Any) -> Meta:
             meta["taken_at"] = _believable(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
         except (ValueError, OverflowError):
             meta["date-obs"] = taken
+    if header.get("GSSABERR") is False:
+        meta[WITHOUT_ABERRATION] = "yes"
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
         if isinstance(header.get(key), str):
             meta[key.lower()] = header[key]

@@ -6,9 +6,9 @@ This is the glue between link, transfers, frames and banks; each of them knows n
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from gss.domain.errors import GssError
 from gss.domain.stars import StarTable
 from gss.operations.banks import BankService
 from gss.operations.clock import Now
+from gss.operations.clock_correlation import Correlation
 from gss.operations.commanding import CommandService
 from gss.operations.device_frames import Picture, picture_of, shape_of
 from gss.operations.device_tables import FACTORY, DeviceTableService
@@ -76,6 +77,8 @@ class Reception:
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
         self._knowledge = SensorKnowledge(link.dictionary)
+        self.clock: Callable[[], Correlation | None] = lambda: None
+        """How the two clocks stand; set by whoever follows them."""
         commands.completed_hooks.append(self._command_completed)
         tables.ask_device = lambda: self._ask("LIST_TABLES")
         for kind in IMAGE_KINDS:
@@ -249,11 +252,16 @@ class Reception:
         return frame
 
     def _taken(self, info: Mapping[str, Any]) -> Any:
-        """The device's mid-exposure time put on the ground's clock, by the difference to its newest housekeeping."""
+        """The device's mid-exposure time put on the ground's clock, by the correlation of the clocks, or before there is one by the
+        difference to its newest housekeeping."""
         now = self._now()
         newest = self._telemetry.latest_packet("housekeeping")
         if newest is None or "frame_time_s" not in info:
             return now
+        clock = self.clock()
+        if clock is not None:
+            # The same clock for all frames of a contact: they keep the distances that the device's own clock gives them.
+            return min(now, datetime.fromtimestamp(clock.utc_of(float(info["frame_time_s"])), UTC))
         return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
 
     def _lay_beside(self, frame: Frame, record: OnboardRecord) -> None:
