@@ -5,50 +5,50 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.orbits import jyear_of
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
-from gss.operations.alarms import AlarmService
-from gss.operations.analyses import AnalysisService
-from gss.operations.authority import AuthorityService
-from gss.operations.bank_history import BankHistoryService
-from gss.operations.bank_plans import activations, uploads
-from gss.operations.banks import BankService
-from gss.operations.build_catalogue import CatalogueService
-from gss.operations.calibrations import CalibrationService
-from gss.operations.camera_book import CameraBook
-from gss.operations.campaigns import CampaignService
+from gss.operations.catalogues.build_catalogue import CatalogueService
+from gss.operations.catalogues.design import DesignService
+from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
-from gss.operations.command_history import CommandHistory
-from gss.operations.commanding import CommandService
-from gss.operations.contacts import ContactService
-from gss.operations.dark_frames import DarkFrames
-from gss.operations.design import DesignService
-from gss.operations.device_tables import DeviceTableService
-from gss.operations.downloads import Downloads
+from gss.operations.commanding.authority import AuthorityService
+from gss.operations.commanding.command_history import CommandHistory
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.commanding.schedule import ScheduleService
+from gss.operations.commanding.stack_runs import StackRunner
+from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
-from gss.operations.expiry import ExpiryWatch
-from gss.operations.frames import FrameService
+from gss.operations.frames.frames import FrameService
+from gss.operations.frames.replay import ReplayService
+from gss.operations.frames.rerun_viewer import RerunViewer
+from gss.operations.frames.solve import Solver, SolverCache
 from gss.operations.jobs import JobService
-from gss.operations.link import LinkService
-from gss.operations.night_frames import StoredShots
-from gss.operations.raw_capture import Retention
-from gss.operations.reception import Reception
-from gss.operations.replay import ReplayService
-from gss.operations.replay_capture import CaptureReplay
-from gss.operations.reprocess import ReprocessService
-from gss.operations.rerun_viewer import RerunViewer
-from gss.operations.schedule import ScheduleService
-from gss.operations.solve import Solver, SolverCache
-from gss.operations.stack_runs import StackRunner
-from gss.operations.stacks import StackService
-from gss.operations.star_lists import StarListService
-from gss.operations.status import StatusService
-from gss.operations.telemetry import TelemetryService
-from gss.operations.transfer_parts import PartStore
-from gss.operations.transfers import TransferService
-from gss.operations.uploaded_images import UploadedImages
+from gss.operations.line.contacts import ContactService
+from gss.operations.line.link import LinkService
+from gss.operations.line.raw_capture import Retention
+from gss.operations.line.reception import Reception
+from gss.operations.line.replay_capture import CaptureReplay
+from gss.operations.line.status import StatusService
+from gss.operations.studies.analyses import AnalysisService
+from gss.operations.studies.calibrations import CalibrationService
+from gss.operations.studies.camera_book import CameraBook
+from gss.operations.studies.campaigns import CampaignService
+from gss.operations.studies.dark_frames import DarkFrames
+from gss.operations.studies.night_frames import StoredShots
+from gss.operations.studies.reprocess import ReprocessService
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers.bank_history import BankHistoryService
+from gss.operations.transfers.bank_plans import activations, uploads
+from gss.operations.transfers.banks import BankService
+from gss.operations.transfers.device_tables import DeviceTableService
+from gss.operations.transfers.downloads import Downloads
+from gss.operations.transfers.expiry import ExpiryWatch
+from gss.operations.transfers.transfer_parts import PartStore
+from gss.operations.transfers.transfers import TransferService
+from gss.operations.transfers.uploaded_images import UploadedImages
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, migrate, open_engine

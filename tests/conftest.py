@@ -134,7 +134,7 @@ def sensor_in_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SensorInM
 
     def make(**identity: Any) -> SensorInMemory:
         sensor = SensorInMemory("memory://sensor", **identity)
-        monkeypatch.setattr("gss.operations.link.open_stream", sensor.open)
+        monkeypatch.setattr("gss.operations.line.link.open_stream", sensor.open)
         return sensor
 
     return make

@@ -7,15 +7,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.build import build, preview
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.envelope import WholeSky
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.catalogue_tools.quality import assess
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.envelope import WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit
-from gss.catalogue_tools.selection import Rules
+from gss.catalogue_tools.selection.quality import assess
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.profiles import profile
 from tools.bench_scenes import EPOCH_JYEAR
 from tools.bench_tables import Table, Value, repeated_ms, spread, timed_ms

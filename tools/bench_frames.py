@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG, load_stars, propagate
 from gss.catalogue_tools.onboard import decode, encode
+from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG, load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import SolveResult, Truth, Verdict
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion

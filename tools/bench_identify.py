@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gss.catalogue_tools.distances import distance_table_of_units
+from gss.catalogue_tools.tables.distances import distance_table_of_units
 from gss.domain.profiles import profile
 from gss.domain.results import Centroids
 from gss.domain.rotation import rotation_from_vector

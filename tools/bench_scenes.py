@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.camera import Camera, Pinhole
 from gss.pipeline.identify.verify import Sky
 

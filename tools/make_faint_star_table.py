@@ -1,14 +1,14 @@
 """Make the package's table of the Hipparcos stars that the main one leaves out: all of hip2 beyond V 8.
 
 Usage: ``python -m tools.make_faint_star_table``, after make_star_table. hip2 has no V: it is Hp − g(V−I), as in
-gss/catalogue_tools/hipparcos.py, good to 0.02 mag for stars that do not vary. Provenance: docs/star-table.md.
+gss/catalogue_tools/sources/hipparcos.py, good to 0.02 mag for stars that do not vary. Provenance: docs/star-table.md.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.hipparcos import v_from_hp
+from gss.catalogue_tools.sources.hipparcos import v_from_hp
 from tools.make_star_table import B_V, DEC, HIP, HP, PLX, PM_DEC, PM_RA, RA, TARGET, V_I, flags_of, read_hip2
 
 FAINT_TARGET = TARGET.with_name("stars_faint.npz")

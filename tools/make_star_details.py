@@ -1,6 +1,6 @@
 """Make the package's table of what hip2 says of each star besides its place: errors, photometry, components, kind of solution.
 
-Usage: ``python -m tools.make_star_details``. Read by gss/catalogue_tools/star_details.py. Provenance: docs/star-table.md.
+Usage: ``python -m tools.make_star_details``. Read by gss/catalogue_tools/sources/star_details.py. Provenance: docs/star-table.md.
 """
 
 from __future__ import annotations

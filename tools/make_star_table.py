@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAS_RAD = np.pi / 648_000_000.0
-TARGET = Path(__file__).parent.parent / "gss" / "catalogue_tools" / "data" / "stars.npz"
+TARGET = Path(__file__).parent.parent / "gss" / "catalogue_tools" / "sources" / "data" / "stars.npz"
 # Columns of hip2.dat (van Leeuwen 2007, CDS I/311), counted from 0.
 HIP, SOLUTION, COMPONENTS, RA, DEC, PLX, PM_RA, PM_DEC, ERR_RA, ERR_DEC = 0, 1, 3, 4, 5, 6, 7, 8, 9, 10
 DISPERSION, HP, HP_SCATTER, ANNEX, B_V, V_I = 17, 19, 21, 22, 23, 25

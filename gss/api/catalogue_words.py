@@ -6,14 +6,14 @@ import math
 from datetime import UTC, datetime
 
 from gss.api.schemas.catalogues import CatalogueIn
-from gss.catalogue_tools.attitude import ORBIT_LAWS, AttitudeLimits
-from gss.catalogue_tools.correction_switches import Corrections
-from gss.catalogue_tools.doubles import Doubles
+from gss.catalogue_tools.corrections.correction_switches import Corrections
+from gss.catalogue_tools.corrections.doubles import Doubles
+from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.plan import planes_of
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.screening import ScreeningRules
-from gss.catalogue_tools.selection import Rules
-from gss.catalogue_tools.terms import altitude_m, mounting_of, occultation_of, orbital_velocity, pole_of
+from gss.catalogue_tools.selection.screening import ScreeningRules
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.tables.terms import altitude_m, mounting_of, occultation_of, orbital_velocity, pole_of
 from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput
 

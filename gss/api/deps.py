@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Header, Path, Query, Request
 from pydantic import AfterValidator
 
-from gss.operations.authority import checked_user
+from gss.operations.commanding.authority import checked_user
 from gss.wiring import Services
 
 

@@ -10,12 +10,8 @@ from typing import Any
 import numpy as np
 
 from gss import __version__
-from gss.catalogue_tools.ambiguity import AmbiguityMap
-from gss.catalogue_tools.assessment import MAP_NSIDE as MAP_NSIDE
-from gss.catalogue_tools.assessment import Assessment, ambiguity, assess_catalogue, envelope_map
-from gss.catalogue_tools.assessment import EnvelopeMap as EnvelopeMap
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.envelope import Envelope
+from gss.catalogue_tools.corrections.sky_source import CorrectedSky, corrected
+from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.manifest import Manifest, profile_sha256
 from gss.catalogue_tools.onboard import (
     OwnTables,
@@ -27,14 +23,18 @@ from gss.catalogue_tools.onboard import (
     tables_for,
 )
 from gss.catalogue_tools.plan import Plan, plan
-from gss.catalogue_tools.quality import Quality
 from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, parameters_of
-from gss.catalogue_tools.selection import Fate, Selection, screening_facts, select
+from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
+from gss.catalogue_tools.selection.assessment import MAP_NSIDE as MAP_NSIDE
+from gss.catalogue_tools.selection.assessment import Assessment, ambiguity, assess_catalogue, envelope_map
+from gss.catalogue_tools.selection.assessment import EnvelopeMap as EnvelopeMap
+from gss.catalogue_tools.selection.quality import Quality
+from gss.catalogue_tools.selection.selection import Fate, Selection, screening_facts, select
 from gss.catalogue_tools.size_estimate import estimate_pairs as estimate_pairs
 from gss.catalogue_tools.size_estimate import estimated, frame_for, searched
-from gss.catalogue_tools.sky_source import CorrectedSky, corrected
-from gss.catalogue_tools.sources import Source, hipparcos_of
+from gss.catalogue_tools.sources.sources import Source, hipparcos_of
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.bank_tables import ReducedCatalogue
 from gss.domain.errors import BadInput
 from gss.domain.stars import DistanceTable, StarTable

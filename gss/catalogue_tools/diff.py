@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.envelope.healpix import centres
 from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
 from gss.domain.stars import Ids, OnboardCatalogue

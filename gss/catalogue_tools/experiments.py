@@ -7,15 +7,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import AttitudeLimits
-from gss.catalogue_tools.blocks import BlockEnvelope, BlockSteps
 from gss.catalogue_tools.build import preview
-from gss.catalogue_tools.envelope import BandEnvelope, WholeSky
-from gss.catalogue_tools.field import Disc, FieldShape
-from gss.catalogue_tools.orbits import from_elements
-from gss.catalogue_tools.quality import Counts, stars_per_field
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope, BlockSteps
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, WholeSky
+from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.orbits import from_elements
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit
-from gss.catalogue_tools.selection import Rules
+from gss.catalogue_tools.selection.quality import Counts, stars_per_field
+from gss.catalogue_tools.selection.selection import Rules
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.experiment import Cell, Experiment, Progress, Series, share_text

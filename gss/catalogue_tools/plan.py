@@ -7,14 +7,14 @@ from datetime import datetime
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
-from gss.catalogue_tools.blocks import BlockEnvelope
-from gss.catalogue_tools.corrections import DAYS_PER_YEAR, sun_longitude_rad
-from gss.catalogue_tools.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
-from gss.catalogue_tools.field import FieldShape, widened
-from gss.catalogue_tools.lifetime import Lifetime, lifetime
-from gss.catalogue_tools.occultation import OccultedEnvelope
-from gss.catalogue_tools.orbits import OrbitRanges, from_elements, from_tle, jyear_of, node_rate_rad_s
+from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, sun_longitude_rad
+from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape, widened
+from gss.catalogue_tools.envelope.lifetime import Lifetime, lifetime
+from gss.catalogue_tools.envelope.occultation import OccultedEnvelope
+from gss.catalogue_tools.envelope.orbits import OrbitRanges, from_elements, from_tle, jyear_of, node_rate_rad_s
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile, profile

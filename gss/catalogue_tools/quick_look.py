@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.counting import fields_per_star
-from gss.catalogue_tools.envelope import Envelope, Moments, PatchEnvelope
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.occultation import QUICK, OccultedEnvelope
+from gss.catalogue_tools.envelope.envelope import Envelope, Moments, PatchEnvelope
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.occultation import QUICK, OccultedEnvelope
 from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
 
 MEMBER_FIELDS = 3000

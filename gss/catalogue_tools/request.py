@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import AttitudeLimits
-from gss.catalogue_tools.correction_switches import Corrections, corrections_of
-from gss.catalogue_tools.hipparcos import FAINTEST_V_MAG
-from gss.catalogue_tools.occultation import Occultation
+from gss.catalogue_tools.corrections.correction_switches import Corrections, corrections_of
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.occultation import Occultation
+from gss.catalogue_tools.envelope.orbits import Range, jyear_of
 from gss.catalogue_tools.onboard import check_format
-from gss.catalogue_tools.orbits import Range, jyear_of
-from gss.catalogue_tools.screening import ScreeningRules
-from gss.catalogue_tools.selection import Rules
+from gss.catalogue_tools.selection.screening import ScreeningRules
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG
 from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import profile

@@ -18,7 +18,19 @@ from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-GROUPS = ("serve", "simulate", "catalogue", "design", "solve", "night", "bench", "export", "check", "experiments", "replay")
+GROUPS = (
+    "serve",
+    "simulate",
+    "catalogue",
+    "design",
+    "solve",
+    "night",
+    "bench",
+    "export",
+    "check",
+    "experiments",
+    "replay",
+)
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
 

@@ -69,8 +69,8 @@ def _seen(q: argparse.ArgumentParser) -> None:
 def run_bench_command(a: argparse.Namespace) -> int:
     """Measure, write, print."""
     from gss.cli.night import give_calibration, shots_of, tell
-    from gss.operations.bench_run import run_bench
-    from gss.operations.solve import Solver
+    from gss.operations.frames.solve import Solver
+    from gss.operations.studies.bench_run import run_bench
 
     known = profile(a.camera) if a.camera else None
     files: Sequence[str] = getattr(a, "files", [])
@@ -84,7 +84,7 @@ def run_bench_command(a: argparse.Namespace) -> int:
 
 def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> Any:
     """The request, with stand-ins for the numbers that frames have in a store."""
-    from gss.operations.calibration_requests import BenchCalibration
+    from gss.operations.studies.calibration_requests import BenchCalibration
 
     ids = tuple(range(1, pictures + 1))
     if a.method in ("dots", "tilt", "dark-law"):

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.build import BuiltCatalogue, build
+from gss.catalogue_tools.envelope.attitude import FREE_LAWS, ORBIT_LAWS, AttitudeLimits
+from gss.catalogue_tools.envelope.orbits import Range
 from gss.catalogue_tools.onboard import FORMATS, own_format
-from gss.catalogue_tools.orbits import Range
 from gss.catalogue_tools.request import METHODS, BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.selection import THINNINGS, Rules
-from gss.catalogue_tools.terms import altitude_m, mounting_of
+from gss.catalogue_tools.selection.selection import THINNINGS, Rules
+from gss.catalogue_tools.tables.terms import altitude_m, mounting_of
 from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
 from gss.cli.catalogue_files import print_facts, write_file
 from gss.domain.bank_tables import ReducedFrame

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gss.catalogue_tools.diff import compare, coverage_change
-from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.manifest import Manifest, check_image, manifest_of, read_manifest
 from gss.catalogue_tools.onboard import decode
 from gss.domain.angles import ARCSEC_RAD
@@ -121,7 +121,7 @@ def run_diff(arguments: argparse.Namespace) -> int:
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Convert, write."""
-    from gss.operations.catalogue_files import export_file
+    from gss.operations.catalogues.catalogue_files import export_file
 
     image, manifest, _ = _read(arguments, arguments.image)
     made = export_file(image, manifest.as_dict(), arguments.kind, manifest.name)
@@ -134,7 +134,7 @@ def run_export(arguments: argparse.Namespace) -> int:
 def run_import(arguments: argparse.Namespace) -> int:
     """Read the tables, verify, write the image."""
     from gss.catalogue_tools.onboard import read_header
-    from gss.operations.catalogue_files import import_file
+    from gss.operations.catalogues.catalogue_files import import_file
 
     image = import_file(_bytes(arguments.file), arguments.file.name)
     write_file(arguments.out, image)
@@ -147,10 +147,10 @@ def run_import(arguments: argparse.Namespace) -> int:
 def run_report(arguments: argparse.Namespace) -> int:
     """The stored report, or that of the manifest's request built again, which must give the same bytes."""
     from gss.api.present.catalogue_page import catalogue_page
-    from gss.catalogue_tools.hipparcos import load_stars
     from gss.catalogue_tools.request import request_from
-    from gss.catalogue_tools.sources import load_source
-    from gss.operations.catalogue_report import report_again
+    from gss.catalogue_tools.sources.hipparcos import load_stars
+    from gss.catalogue_tools.sources.sources import load_source
+    from gss.operations.catalogues.catalogue_report import report_again
 
     _, manifest, report = _read(arguments, arguments.image)
     if report is None:
@@ -199,7 +199,7 @@ def run_timeline(arguments: argparse.Namespace) -> int:
 def write_report(path: Path, built: BuiltCatalogue) -> None:
     """The quality report of a fresh build."""
     from gss.api.present.catalogue_page import catalogue_page
-    from gss.operations.catalogue_report import report_of
+    from gss.operations.catalogues.catalogue_report import report_of
 
     write_file(path, catalogue_page(built.manifest.as_dict(), report_of(built)).encode())
 

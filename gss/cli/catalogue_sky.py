@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import AttitudeLimits
-from gss.catalogue_tools.correction_switches import FRAMES, Corrections
-from gss.catalogue_tools.doubles import POLICIES, Doubles
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.occultation import Occultation
+from gss.catalogue_tools.corrections.correction_switches import FRAMES, Corrections
+from gss.catalogue_tools.corrections.doubles import POLICIES, Doubles
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.plan import planes_of
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.screening import ACTIONS, ScreeningRules
-from gss.catalogue_tools.sources import SOURCES, Source, load_source, of_list
-from gss.catalogue_tools.star_list_mapping import ListMapping
-from gss.catalogue_tools.star_lists import read_star_list, require_camera
-from gss.catalogue_tools.terms import occultation_of, orbital_velocity, pole_of
+from gss.catalogue_tools.selection.screening import ACTIONS, ScreeningRules
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.sources.sources import SOURCES, Source, load_source, of_list
+from gss.catalogue_tools.sources.star_list_mapping import ListMapping
+from gss.catalogue_tools.sources.star_lists import read_star_list, require_camera
+from gss.catalogue_tools.tables.terms import occultation_of, orbital_velocity, pole_of
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 
@@ -80,7 +80,7 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
         return load_stars()
     if request.source != "list":
         return load_source(request.source, request.depth_mag)
-    from gss.operations.star_lists import kind_of
+    from gss.operations.catalogues.star_lists import kind_of
 
     mapping = ListMapping(
         columns=_pairs(a.list_column),

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.device.dictionary_file import load_dictionary
     from gss.domain.errors import BadInput
     from gss.operations.clock import monotonic_s
-    from gss.operations.direct import direct_device
+    from gss.operations.line.direct import direct_device
 
     if not arguments.image.is_file():
         raise BadInput("no such file", got=str(arguments.image))

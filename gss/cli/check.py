@@ -11,7 +11,7 @@ from gss.cli import records
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
-    from gss.operations.check_findings import Findings
+    from gss.operations.checks.check_findings import Findings
 
 DESCRIPTION = """Try a device on a port against each clause of docs/icd.md. The port must be free and the device idle: the
 cycle is stopped for the time, image memories are overwritten and the attitude hint is lost; settings, mode and cycle are given
@@ -40,9 +40,9 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check and tell."""
     from gss.device.dictionary_file import load_dictionary
-    from gss.operations.check_device import check_device
+    from gss.operations.checks.check_device import check_device
+    from gss.operations.checks.probe import probing
     from gss.operations.clock import monotonic_s
-    from gss.operations.probe import probing
 
     dictionary = load_dictionary()
     with probing(arguments.device, dictionary, monotonic_s) as probe:
@@ -63,7 +63,7 @@ def _told(part: str) -> None:
 def _print(findings: Findings, device: dict[str, object]) -> None:
     """One line per clause, and below it what did not hold or was left out."""
     from gss.device.clauses import CLAUSES
-    from gss.operations.check_findings import NOT_CHECKED
+    from gss.operations.checks.check_findings import NOT_CHECKED
 
     print(f"{device['serial']}: {device['device_model']}, {device['profile']}, firmware {device['firmware']}")
     for clause in CLAUSES:

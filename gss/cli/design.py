@@ -10,9 +10,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gss.catalogue_tools.attitude import ORBIT_LAWS
 from gss.catalogue_tools.design.camera import LIMITS, WHOLE, DesignCamera
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES
 
@@ -53,12 +53,12 @@ def register(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reckon, print."""
-    from gss.operations.design import answer
+    from gss.operations.catalogues.design import answer
 
     question = question_of(arguments)
     record = answer(question, load_stars(), quick=arguments.quick, progress=_told)
     if arguments.html is not None:
-        from gss.operations.design_page import page_of
+        from gss.operations.catalogues.design_page import page_of
 
         arguments.html.write_text(page_of(record), "utf-8")
     if arguments.json:
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def question_of(arguments: argparse.Namespace) -> Any:
     """Degrees to radians."""
-    from gss.operations.design import Along, Question, radians
+    from gss.operations.catalogues.design import Along, Question, radians
 
     changes = {name: getattr(arguments, name) for name in EDITABLE if getattr(arguments, name) is not None}
     along = None

@@ -58,7 +58,7 @@ def register(subparsers: Subparsers) -> None:
 
 def list_experiments(_: argparse.Namespace) -> int:
     """One line each."""
-    from gss.operations.experiments import ENTRIES
+    from gss.operations.studies.experiments import ENTRIES
 
     for e in ENTRIES.values():
         print(f"{e.name:24} {e.title}; {e.trials} trials")
@@ -67,7 +67,7 @@ def list_experiments(_: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run and print in the order asked for."""
-    from gss.operations.experiments import (
+    from gss.operations.studies.experiments import (
         ENTRIES,
         Done,
         Shelf,
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         entry,
         run_experiment,
     )
-    from gss.operations.never_wrong import fingerprint
+    from gss.operations.studies.never_wrong import fingerprint
 
     if not 0 < arguments.share <= 100:
         raise BadInput("share of trials is out of range", expected="above 0, at most 100", got=f"{arguments.share:g}")
@@ -112,8 +112,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(arguments: argparse.Namespace) -> int:
     """Do the rest of the campaign, or write what is done."""
-    from gss.operations.never_wrong import Hunt, hunt, read, selected
-    from gss.operations.never_wrong_page import page
+    from gss.operations.studies.never_wrong import Hunt, hunt, read, selected
+    from gss.operations.studies.never_wrong_page import page
     from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS
 
     if not 1 <= arguments.workers <= 64:

@@ -48,7 +48,7 @@ def register(subparsers: Subparsers) -> None:
 
 def export_rerun(arguments: argparse.Namespace) -> int:
     """Write the recording."""
-    from gss.operations.rerun_export import recording
+    from gss.operations.frames.rerun_export import recording
     from gss.settings import Settings
     from gss.wiring import build
 
@@ -62,7 +62,7 @@ def export_rerun(arguments: argparse.Namespace) -> int:
 
 def export_solutions(arguments: argparse.Namespace) -> int:
     """Write the table."""
-    from gss.operations import solution_export
+    from gss.operations.frames import solution_export
     from gss.settings import Settings
     from gss.wiring import build
 

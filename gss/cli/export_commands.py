@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gss.operations.command_history import Filter
+    from gss.operations.commanding.command_history import Filter
 
 DESCRIPTION = """Write the commands that fit every given condition, oldest first, with arguments, result and every stage.
 Moments are ISO 8601, UTC where no zone is given. --name and --result may be given several times."""
@@ -52,7 +52,7 @@ def export_commands(arguments: argparse.Namespace) -> int:
 
 def filter_of(arguments: argparse.Namespace) -> Filter:
     """The conditions; BadInput where a moment is none."""
-    from gss.operations.command_history import Filter
+    from gss.operations.commanding.command_history import Filter
 
     return Filter(
         start=_moment("--from", arguments.start),

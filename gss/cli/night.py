@@ -17,9 +17,9 @@ from gss.domain.profiles import PROFILES, CameraProfile, profile
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
-    from gss.operations.calibrate import Found
-    from gss.operations.night_frames import Shot
     from gss.operations.report.parts import Report
+    from gss.operations.studies.calibrate import Found
+    from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
 """Of images that carry no time: only the distances between them count, and stars move little."""
@@ -80,8 +80,8 @@ def add_observer(p: argparse.ArgumentParser) -> None:
 
 def run_calibrate(a: argparse.Namespace) -> int:
     """Calibrate, write, print."""
-    from gss.operations.calibrate import check_models, from_darks, from_stars
-    from gss.operations.solve import Solver
+    from gss.operations.frames.solve import Solver
+    from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
     known = profile(a.camera) if a.camera else None
     check_models(a.model)
@@ -102,7 +102,7 @@ def run_calibrate(a: argparse.Namespace) -> int:
 
 def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile | None, name: str) -> None:
     """Write and print what a calibration found."""
-    from gss.operations.calibration_sheet import calibration_sheet
+    from gss.operations.studies.calibration_sheet import calibration_sheet
     from gss.store.models import Calibration
 
     row = Calibration(
@@ -123,8 +123,8 @@ def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile |
 
 def run_analyse(a: argparse.Namespace) -> int:
     """Analyse, write, print."""
-    from gss.operations.analyse import FRAME_KINDS, analyse, check_kind, run_frames
-    from gss.operations.solve import Solver
+    from gss.operations.frames.solve import Solver
+    from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
     known = profile(a.camera)
     commanded = None if a.rate is None else math.radians(a.rate)
@@ -146,9 +146,9 @@ def shots_of(
     files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
 ) -> list[Shot]:
     """Image files as shots; BadInput names the file that cannot be read."""
-    from gss.operations.frame_files import read_frame
-    from gss.operations.night_frames import Shot
-    from gss.operations.observer import observer_at
+    from gss.operations.frames.frame_files import read_frame
+    from gss.operations.frames.observer import observer_at
+    from gss.operations.studies.night_frames import Shot
 
     shots = []
     for k, name in enumerate(files):

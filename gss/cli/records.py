@@ -81,7 +81,7 @@ def moment(text: str) -> datetime:
 def export_telemetry(arguments: argparse.Namespace) -> int:
     """Write the file a block at a time."""
     from gss.domain.errors import BadInput
-    from gss.operations.telemetry_export import export
+    from gss.operations.telemetry.telemetry_export import export
 
     services = services_of(arguments)
     if arguments.contact is not None:
@@ -114,7 +114,7 @@ def export_report(arguments: argparse.Namespace) -> int:
     """Write the pass report."""
     from gss.api.present.contact_page import contact_page
     from gss.api.present.contacts import report
-    from gss.operations.contact_report import contact_report
+    from gss.operations.line.contact_report import contact_report
 
     services = services_of(arguments)
     found = report(contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
-    from gss.operations.capture_decoder import Replayed
+    from gss.operations.line.capture_decoder import Replayed
 
 DESCRIPTION = """Decode the raw capture of a contact and print what was said: telemetry, events, commands and reports. Give all
 files of the contact in their order. Nothing is stored and no port is opened. Exit code 0: something was said; 3: nothing.
@@ -82,10 +82,10 @@ def replay_captures(arguments: argparse.Namespace) -> int:
     """Decode and tell."""
     from gss.device.dictionary_file import load_dictionary
     from gss.domain.errors import NotFound
-    from gss.operations.capture_decoder import CaptureDecoder, decoded
     from gss.operations.clock import monotonic_s
-    from gss.operations.raw_capture import read_captures
-    from gss.operations.replay_capture import paced
+    from gss.operations.line.capture_decoder import CaptureDecoder, decoded
+    from gss.operations.line.raw_capture import read_captures
+    from gss.operations.line.replay_capture import paced
 
     missing = [str(path) for path in arguments.files if not path.is_file()]
     if missing:
@@ -110,8 +110,8 @@ def replay_captures(arguments: argparse.Namespace) -> int:
 def plain_item(replayed: Replayed) -> dict[str, Any]:
     """A message as JSON can hold it."""
     from gss.device.session_events import DeviceEvent, HelloReceived, Telemetry
-    from gss.operations.telemetry import stored_values
-    from gss.operations.value_words import plain
+    from gss.operations.telemetry.telemetry import stored_values
+    from gss.operations.telemetry.value_words import plain
 
     at, item = datetime.fromtimestamp(replayed.at_s, UTC), replayed.item
     facts: dict[str, Any] = {"at": at.isoformat(timespec="milliseconds").replace("+00:00", "Z")}

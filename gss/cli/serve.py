@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from gss.cli import Subparsers
-    from gss.operations.simulated_sensor import SimulatedSensor
+    from gss.operations.line.simulated_sensor import SimulatedSensor
     from gss.settings import Settings
 
 
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSensor]:
-    from gss.operations.simulated_sensor import simulated_sensor
+    from gss.operations.line.simulated_sensor import simulated_sensor
 
     folder = settings.data / "simulator"
     baud, seed = settings.simulator_baud, settings.simulator_seed

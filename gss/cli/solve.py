@@ -89,9 +89,9 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve each file; the worst outcome decides the exit code."""
     from gss.operations.clock import stopwatch_s
-    from gss.operations.figure_files import users_folder
-    from gss.operations.sequence import Sequencer
-    from gss.operations.solve import Solver, SolverCache
+    from gss.operations.frames.figure_files import users_folder
+    from gss.operations.frames.sequence import Sequencer
+    from gss.operations.frames.solve import Solver, SolverCache
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
@@ -114,10 +114,10 @@ def _worst(codes: Sequence[int]) -> int:
 
 def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frame_files import read_frame
-    from gss.operations.observer import observer_at
-    from gss.operations.sequence import truth_record
-    from gss.operations.solve import SolveRequest
+    from gss.operations.frames.frame_files import read_frame
+    from gss.operations.frames.observer import observer_at
+    from gss.operations.frames.sequence import truth_record
+    from gss.operations.frames.solve import SolveRequest
     from gss.pipeline.chains.options import parse
 
     frame = read_frame(_bytes_of(name), name)

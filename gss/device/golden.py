@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.catalogue_tools.onboard import encode, format_of, frame_of, own_format, reduced_catalogue, tables_for
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.profiles import CameraProfile
 from gss.domain.stars import DistanceTable, Ids, StarTable
 from gss.pipeline.chains.oersted_match import limit_mag

@@ -1,7 +1,7 @@
 """Calibration and parameter tables in the bytes a sensor keeps them, both ways. The ground and the simulator use this file.
 
 A table is a word and numbers with names: a calibration's word is its distortion model, a parameter set's word the chain it
-is for. Triplet tables have a format of their own: ``gss.catalogue_tools.triplets``. Little endian, as bank images.
+is for. Triplet tables have a format of their own: ``gss.catalogue_tools.tables.triplets``. Little endian, as bank images.
 
 Header, offset type meaning
      0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)

@@ -18,13 +18,13 @@ from fastapi.testclient import TestClient
 from pyarrow import parquet as pq
 
 from gss.api.app import create_app
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.cli import main
 from gss.domain.errors import GssError
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.operations.jobs import Cancelled
-from gss.operations.reprocess import Reprocessing
+from gss.operations.studies.reprocess import Reprocessing
 from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.wiring import Services, build
@@ -104,7 +104,7 @@ def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
 
 def test_a_killed_worker_costs_its_batch_only(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker that dies ends the job with that word; what was done is kept, and the next start does the rest."""
-    monkeypatch.setattr("gss.operations.reprocess.BATCH", 1)
+    monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 1)
     wanted = Reprocessing("far_mst", profile="cubestar")
     tasks = services.reprocessing.tasks(wanted)
 

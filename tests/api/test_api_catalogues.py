@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import decode, read_c_source
-from gss.catalogue_tools.star_list_export import write_star_list
-from gss.operations.catalogue_files import KINDS, import_file
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.sources.star_list_export import write_star_list
+from gss.operations.catalogues.catalogue_files import KINDS, import_file
 from gss.store import bank_history, devices
 from gss.store.models import BankHistory
 

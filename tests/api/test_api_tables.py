@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.catalogue_tools.triplets import decode_triplets
+from gss.catalogue_tools.tables.triplets import decode_triplets
 from gss.device.tables import decode_table
 
 

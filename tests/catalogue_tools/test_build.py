@@ -7,16 +7,16 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.build import build, estimate_pairs, preview
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.manifest import check_image, read_manifest, require_profile
 from gss.catalogue_tools.onboard import decode, read_header
-from gss.catalogue_tools.quality import stars_per_field
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit
-from gss.catalogue_tools.selection import Fate, Rules
+from gss.catalogue_tools.selection.quality import stars_per_field
+from gss.catalogue_tools.selection.selection import Fate, Rules
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput, CorruptData, GssError
 from gss.domain.profiles import profile

@@ -16,14 +16,14 @@ from astropy.io import fits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.exports import export, export_table, import_table
 from gss.catalogue_tools.formats.c_source import identifier
 from gss.catalogue_tools.formats.registry import blocks_of
 from gss.catalogue_tools.formats.table_files import KINDS
-from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.catalogue_tools.manifest import Manifest
 from gss.catalogue_tools.onboard import FORMATS, c_source, decode, encode, frame_of, read_c_source, tables_for
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import profile
 

@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.build import build, prepare, preview
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
 from gss.catalogue_tools.onboard import decode
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, parameters_of, request_from
-from gss.catalogue_tools.screening import ScreeningRules, screen
-from gss.catalogue_tools.selection import Fate, Rules
-from gss.catalogue_tools.uniform_density import survey_attitudes
+from gss.catalogue_tools.selection.screening import ScreeningRules, screen
+from gss.catalogue_tools.selection.selection import Fate, Rules
+from gss.catalogue_tools.selection.uniform_density import survey_attitudes
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import separation_rad
 from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput

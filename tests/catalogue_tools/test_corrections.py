@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import get_body_barycentric, get_body_barycentric_posvel
 from astropy.time import Time
 
-from gss.catalogue_tools.corrections import (
+from gss.catalogue_tools.corrections.corrections import (
     aberrate,
     date_from_icrs,
     earth_velocity_c,

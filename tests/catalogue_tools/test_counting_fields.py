@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from astropy_healpix import HEALPix
 
-from gss.catalogue_tools.counting import Shadow, fields_per_star, stars_per_field
-from gss.catalogue_tools.envelope import WholeSky
-from gss.catalogue_tools.field import Disc, FieldShape
-from gss.catalogue_tools.healpix import centres, pixel_of, pixel_radius_rad
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.envelope.envelope import WholeSky
+from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.healpix import centres, pixel_of, pixel_radius_rad
+from gss.catalogue_tools.selection.counting import Shadow, fields_per_star, stars_per_field
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.profiles import PROFILES, profile
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.diff import compare
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.catalogue_tools.kvector import k_vector
 from gss.catalogue_tools.onboard import decode, encode
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.catalogue_tools.tables.kvector import k_vector
 from gss.domain.errors import BadInput
 
 

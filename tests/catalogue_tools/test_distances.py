@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table, distance_table_of_units
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table, distance_table_of_units
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
 

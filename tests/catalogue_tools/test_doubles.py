@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.doubles import POLICIES, Doubles, merge, separable_rad, spoiled
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.corrections.doubles import POLICIES, Doubles, merge, separable_rad, spoiled
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import ARCSEC_RAD, separation_rad
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES

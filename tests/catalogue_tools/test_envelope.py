@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.attitude import AttitudeLimits, euler_123, orbit_axes
-from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
-from gss.catalogue_tools.field import FieldShape, widened
-from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.orbits import from_elements
-from gss.catalogue_tools.reach import cosine_range
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits, euler_123, orbit_axes
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape, widened
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.envelope.orbits import from_elements
+from gss.catalogue_tools.envelope.reach import cosine_range
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, orbit_from_icrs

@@ -13,8 +13,8 @@ from astropy.coordinates import GCRS, TEME, CartesianRepresentation, SkyCoord, g
 from astropy.time import Time
 from astropy.utils import iers
 
-from gss.catalogue_tools.corrections import aberrate
-from gss.catalogue_tools.ephemeris import AU_KM, PLANETS, bodies_at, earth_pole_icrs, teme_from_icrs
+from gss.catalogue_tools.corrections.corrections import aberrate
+from gss.catalogue_tools.corrections.ephemeris import AU_KM, PLANETS, bodies_at, earth_pole_icrs, teme_from_icrs
 from gss.domain.angles import ARCSEC_RAD
 
 DATES = ("2024-02-29T06:00:00", "2026-01-01T12:00:00", "2026-06-15T03:00:00")

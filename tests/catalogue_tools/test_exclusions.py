@@ -16,8 +16,8 @@ from astropy.utils import iers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.ephemeris import PLANETS
-from gss.catalogue_tools.exclusions import Exclusions, Track, exclusions, may_be_a_planet, near, within
+from gss.catalogue_tools.corrections.ephemeris import PLANETS
+from gss.catalogue_tools.corrections.exclusions import Exclusions, Track, exclusions, may_be_a_planet, near, within
 from gss.domain.angles import ARCSEC_RAD, separation_rad
 from gss.domain.errors import BadInput
 

@@ -11,11 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.distances import distance_table
 from gss.catalogue_tools.formats.byte_tables import format_table, section_table
 from gss.catalogue_tools.formats.registry import BY_NAME, blocks_of
 from gss.catalogue_tools.formats.sections import SECTIONS
-from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.catalogue_tools.onboard import (
     FORMATS,
     base_format,
@@ -31,7 +29,9 @@ from gss.catalogue_tools.onboard import (
     stars_of,
     tables_for,
 )
-from gss.catalogue_tools.sin2_directory import pair_directory
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.catalogue_tools.tables.sin2_directory import pair_directory
 from gss.domain.angles import ARCSEC_RAD, unit_from_ra_dec
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.neighbours import neighbour_links

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy_healpix import HEALPix
 
-from gss.catalogue_tools.healpix import centres, pixel_area_sr
+from gss.catalogue_tools.envelope.healpix import centres, pixel_area_sr
 from gss.domain.angles import unit_from_ra_dec
 
 

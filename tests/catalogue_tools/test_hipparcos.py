@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.time import Time
 
-from gss.catalogue_tools.hipparcos import load_stars, photometry, propagate, v_from_hp
+from gss.catalogue_tools.sources.hipparcos import load_stars, photometry, propagate, v_from_hp
 from gss.domain.angles import ARCSEC_RAD, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_MULTIPLE, FLAG_NO_PROPER_MOTION, FLAG_POOR_POSITION, FLAG_VARIABLE

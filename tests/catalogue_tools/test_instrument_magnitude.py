@@ -11,17 +11,17 @@ from astropy.modeling.physical_models import BlackBody
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.correction_switches import Corrections
-from gss.catalogue_tools.gaia import v_from_g
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.instrument_magnitude import (
+from gss.catalogue_tools.corrections.correction_switches import Corrections
+from gss.catalogue_tools.corrections.instrument_magnitude import (
     V_PASSBAND,
     V_WAVELENGTH_NM,
     instrument_minus_v,
     roll_off_mag,
     temperature_k,
 )
-from gss.catalogue_tools.sky_source import corrected
+from gss.catalogue_tools.corrections.sky_source import corrected
+from gss.catalogue_tools.sources.gaia import v_from_g
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES
 from gss.domain.response import GENERIC, RESPONSES, SpectralResponse, response_of

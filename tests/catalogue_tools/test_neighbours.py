@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.neighbours import figures, links_of
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.neighbours import figures, links_of
 from gss.domain.neighbours import LinkLengths, NeighbourLinks, neighbour_links
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 

@@ -6,18 +6,18 @@ import pytest
 from astropy.coordinates import GCRS, get_body
 from astropy.time import Time
 
-from gss.catalogue_tools.attitude import AttitudeLimits, off_nadir_rad
-from gss.catalogue_tools.baffle_search import Baffle
-from gss.catalogue_tools.blocks import BlockEnvelope
-from gss.catalogue_tools.counting import fields_per_star
-from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hidden_bands import seen_bands
-from gss.catalogue_tools.occultation import Occultation, OccultedEnvelope
-from gss.catalogue_tools.orbits import from_elements
-from gss.catalogue_tools.quality import assess
-from gss.catalogue_tools.views import views_of
+from gss.catalogue_tools.design.baffle_search import Baffle
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits, off_nadir_rad
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.envelope.hidden_bands import seen_bands
+from gss.catalogue_tools.envelope.occultation import Occultation, OccultedEnvelope
+from gss.catalogue_tools.envelope.orbits import from_elements
+from gss.catalogue_tools.envelope.views import views_of
+from gss.catalogue_tools.selection.counting import fields_per_star
+from gss.catalogue_tools.selection.quality import assess
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile

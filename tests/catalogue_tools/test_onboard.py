@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars, propagate
 from gss.catalogue_tools.onboard import (
     FORMATS,
     HEADER,
@@ -20,6 +18,8 @@ from gss.catalogue_tools.onboard import (
     quantisation_error,
     read_header,
 )
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.stars import DistanceTable

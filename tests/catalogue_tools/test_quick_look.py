@@ -8,16 +8,16 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.build import build, preview
-from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.manifest import SINCE_2, read_manifest
-from gss.catalogue_tools.occultation import Occultation
 from gss.catalogue_tools.plan import plan
 from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, parameters_of, request_from
-from gss.catalogue_tools.selection import Rules
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import CorruptData
 
 
@@ -73,7 +73,7 @@ def test_witnesses_do_not_change_who_is_seen(law, monkeypatch):
     envelope = plan(replace(REQUEST, attitude=AttitudeLimits(law, wide, wide, wide))).envelope
     stars = load_stars(5.0).icrs
     seen = envelope.contains(stars)
-    monkeypatch.setattr("gss.catalogue_tools.envelope.WITNESSES", 0)
+    monkeypatch.setattr("gss.catalogue_tools.envelope.envelope.WITNESSES", 0)
     assert np.array_equal(envelope.contains(stars), seen)
     assert 0 < np.count_nonzero(seen) < len(stars)
 

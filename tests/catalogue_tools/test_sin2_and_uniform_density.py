@@ -7,11 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.field import Disc
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.sin2_directory import figures, pair_directory
-from gss.catalogue_tools.uniform_density import merge_doubles, reduce_catalogue, square_field, survey_attitudes
+from gss.catalogue_tools.envelope.field import Disc
+from gss.catalogue_tools.selection.uniform_density import (
+    merge_doubles,
+    reduce_catalogue,
+    square_field,
+    survey_attitudes,
+)
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.catalogue_tools.tables.sin2_directory import figures, pair_directory
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
 from gss.domain.stars import StarTable

@@ -25,13 +25,18 @@ from astropy.utils import iers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.correction_switches import Corrections, MeanOrbitVelocity, OrbitVelocity, corrections_of
-from gss.catalogue_tools.corrections import crossing_velocity_km_s
-from gss.catalogue_tools.doubles import Doubles
-from gss.catalogue_tools.ephemeris import earth_motion, mean_earth_velocity_c
-from gss.catalogue_tools.fk4 import add_e_terms, from_b1950, remove_e_terms, to_b1950
-from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.catalogue_tools.sky_source import corrected
+from gss.catalogue_tools.corrections.correction_switches import (
+    Corrections,
+    MeanOrbitVelocity,
+    OrbitVelocity,
+    corrections_of,
+)
+from gss.catalogue_tools.corrections.corrections import crossing_velocity_km_s
+from gss.catalogue_tools.corrections.doubles import Doubles
+from gss.catalogue_tools.corrections.ephemeris import earth_motion, mean_earth_velocity_c
+from gss.catalogue_tools.corrections.fk4 import add_e_terms, from_b1950, remove_e_terms, to_b1950
+from gss.catalogue_tools.corrections.sky_source import corrected
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.angles import ARCSEC_RAD, Array, ra_dec_from_unit, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES

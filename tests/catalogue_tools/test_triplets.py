@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.triplets import (
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.triplets import (
     bank_crc32_of,
     decode_triplets,
     encode_triplets,

@@ -6,20 +6,20 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.ambiguity import ambiguity_map, wrong_matches
-from gss.catalogue_tools.attitude import AttitudeLimits
-from gss.catalogue_tools.blocks import RULES, BlockEnvelope, BlockSteps, stepped
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.envelope import BandEnvelope, PatchEnvelope, WholeSky
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.healpix import centres
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.lifetime import lifetime
-from gss.catalogue_tools.moniteq import moniteq_screening
-from gss.catalogue_tools.orbits import from_elements
-from gss.catalogue_tools.poorest import search_poorest
-from gss.catalogue_tools.quality import assess, candidates_per_star, stars_per_field
-from gss.catalogue_tools.screening import companions, false_matches, screen
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.blocks import RULES, BlockEnvelope, BlockSteps, stepped
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, PatchEnvelope, WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.envelope.lifetime import lifetime
+from gss.catalogue_tools.envelope.orbits import from_elements
+from gss.catalogue_tools.selection.ambiguity import ambiguity_map, wrong_matches
+from gss.catalogue_tools.selection.moniteq import moniteq_screening
+from gss.catalogue_tools.selection.poorest import search_poorest
+from gss.catalogue_tools.selection.quality import assess, candidates_per_star, stars_per_field
+from gss.catalogue_tools.selection.screening import companions, false_matches, screen
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.variables import PERIODIC, TABLE_A1, at_date, flagged, magnitude_at
+from gss.catalogue_tools.corrections.variables import PERIODIC, TABLE_A1, at_date, flagged, magnitude_at
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.stars import FLAG_VARIABLE
 
 BY_NAME = {star.name: star for star in PERIODIC}

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.manifest import read_manifest
-from gss.catalogue_tools.star_list_export import write_star_list
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.sources.star_list_export import write_star_list
 from gss.cli.catalogue import register, run_build
 from gss.domain.errors import BadInput, GssError
 

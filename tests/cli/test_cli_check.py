@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gss.cli.check import _print
-from gss.operations.check_findings import Findings
+from gss.operations.checks.check_findings import Findings
 
 DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "cubestar", "firmware": "f"}
 

@@ -15,7 +15,7 @@ from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import encode
 from gss.device.protocol.line import LineSender
 from gss.device.protocol.packet import PacketType
-from gss.operations.raw_capture import RECEIVED, SENT, RawCapture
+from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture
 from gss.settings import Settings
 from gss.store import devices, telemetry
 from gss.store.engine import Database, migrate, open_engine

@@ -16,13 +16,13 @@ import pytest
 from astropy.io import fits
 from PIL import Image
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.cli import main
 from gss.cli.solve import julian_year, register
 from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
 from gss.domain.profiles import PROFILES, profile
 from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
-from gss.operations.solve import CHAINS, SolverCache
+from gss.operations.frames.solve import CHAINS, SolverCache
 from gss.pipeline.render import render
 
 

@@ -25,9 +25,9 @@ from gss.device.simulator.orbit import Inertial
 from gss.device.simulator.sky import Sky
 from gss.device.transport import open_stream
 from gss.domain.profiles import profile
-from gss.operations.check_device import check_device
-from gss.operations.check_findings import FAIL, PASS
-from gss.operations.probe import Probe
+from gss.operations.checks.check_device import check_device
+from gss.operations.checks.check_findings import FAIL, PASS
+from gss.operations.checks.probe import Probe
 
 if TYPE_CHECKING:
     from conftest import Simulator

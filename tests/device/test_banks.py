@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import encode
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import DeviceEvent, Stage, Telemetry
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.corrections import aberrate, earth_velocity_c
-from gss.catalogue_tools.ephemeris import PLANETS
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.corrections.corrections import aberrate, earth_velocity_c
+from gss.catalogue_tools.corrections.ephemeris import PLANETS
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.orbit import Inertial, Zenith
 from gss.device.simulator.sky import Sky

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from gss.catalogue_tools.onboard import decode, read_header
-from gss.catalogue_tools.triplets import HEADER_VERSION, encode_triplets
+from gss.catalogue_tools.tables.triplets import HEADER_VERSION, encode_triplets
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage, TransferUpdate
 from gss.device.table_use import calibration_values, parameter_values

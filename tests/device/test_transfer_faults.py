@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import encode
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.codec import encode as encode_payload
 from gss.device.protocol.packet import PacketType
 from gss.device.protocol.transfer import Compatibility

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from gss.device.dictionary_file import load_dictionary
-from gss.operations.authority import AuthorityService
-from gss.operations.command_history import CommandHistory
-from gss.operations.commanding import CommandService
+from gss.operations.commanding.authority import AuthorityService
+from gss.operations.commanding.command_history import CommandHistory
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.commanding.schedule import ScheduleService
+from gss.operations.commanding.stack_runs import StackRunner
+from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
-from gss.operations.link import LinkService
-from gss.operations.schedule import ScheduleService
-from gss.operations.stack_runs import StackRunner
-from gss.operations.stacks import StackService
+from gss.operations.line.link import LinkService
 from gss.store.engine import Database, migrate, open_engine
 
 

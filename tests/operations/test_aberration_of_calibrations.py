@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.corrections import aberrate
-from gss.catalogue_tools.orbits import jyear_of
+from gss.catalogue_tools.corrections.corrections import aberrate
+from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.camera import Pinhole
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.night_frames import Shot, epoch_of, solve_shots
-from gss.operations.observer import observer_at
-from gss.operations.solve import Solver
+from gss.operations.frames.observer import observer_at
+from gss.operations.frames.solve import Solver
+from gss.operations.studies.night_frames import Shot, epoch_of, solve_shots
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.render import render
 

@@ -11,9 +11,9 @@ from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
-from gss.operations.alarms import SIGNAL_LOST_AFTER_S, AlarmService
-from gss.operations.link import LinkService
-from gss.operations.telemetry import TelemetryService
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
 
 FIELD = "sensor_temperature_c"  # watch −15 … 45, warning −20 … 55, critical −30 … 65, persistence 3
 DICTIONARY = load_dictionary()

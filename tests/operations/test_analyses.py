@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import propagate
+from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.analyses import FrameAnalysis, TelemetryAnalysis
+from gss.operations.studies.analyses import FrameAnalysis, TelemetryAnalysis
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.settings import Settings

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from gss.domain.errors import BadInput, Conflict
-from gss.operations.authority import AuthorityService
+from gss.operations.commanding.authority import AuthorityService
 
 
 @pytest.fixture

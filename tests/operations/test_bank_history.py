@@ -18,12 +18,12 @@ from gss.device.session_events import (
 )
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import State
-from gss.operations.alarms import AlarmService
-from gss.operations.bank_history import BankHistoryService, Planned
-from gss.operations.bank_plans import cover
-from gss.operations.expiry import ExpiryWatch
-from gss.operations.link import LinkService
-from gss.operations.telemetry import TelemetryService
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers.bank_history import BankHistoryService, Planned
+from gss.operations.transfers.bank_plans import cover
+from gss.operations.transfers.expiry import ExpiryWatch
 from gss.store import catalogues, commands, devices
 from gss.store.models import Catalogue
 

@@ -12,9 +12,9 @@ import pytest
 from gss.domain.camera import Brown
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.calibrate import from_stars
-from gss.operations.night_frames import Shot
-from gss.operations.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.studies.calibrate import from_stars
+from gss.operations.studies.night_frames import Shot
 from gss.pipeline.render import render
 
 KNOWN = profile("cubestar")

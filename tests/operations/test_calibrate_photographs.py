@@ -10,8 +10,8 @@ import pytest
 
 from gss.domain.camera import Camera
 from gss.domain.rotation import matrix_from_quaternion
-from gss.operations.frame_files import read_frame
-from gss.operations.solve import Solver, SolveRequest
+from gss.operations.frames.frame_files import read_frame
+from gss.operations.frames.solve import Solver, SolveRequest
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.calibration.sightings import frame_stars
 

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-from gss.catalogue_tools.hipparcos import propagate
+from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.calibration_export import export_calibration
-from gss.operations.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration
-from gss.operations.calibration_sheet import calibration_sheet
-from gss.operations.camera_book import CameraBook
+from gss.operations.frames.solve import SolveRequest
 from gss.operations.report.parts import report_from
-from gss.operations.solve import SolveRequest
+from gss.operations.studies.calibration_export import export_calibration
+from gss.operations.studies.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration
+from gss.operations.studies.calibration_sheet import calibration_sheet
+from gss.operations.studies.camera_book import CameraBook
 from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.store.models import Job

@@ -23,9 +23,9 @@ from gss.device.simulator.orbit import Inertial
 from gss.device.simulator.sky import Sky
 from gss.domain.errors import Conflict, NotFound
 from gss.domain.profiles import profile
-from gss.operations import check_commands, check_contents, check_device, check_schedule, check_transfers
-from gss.operations.check_findings import FAIL, NOT_CHECKED, PASS, Findings
-from gss.operations.probe import Probe
+from gss.operations.checks import check_commands, check_contents, check_device, check_schedule, check_transfers
+from gss.operations.checks.check_findings import FAIL, NOT_CHECKED, PASS, Findings
+from gss.operations.checks.probe import Probe
 
 pytestmark = pytest.mark.timeout(240)
 STEP_S = 0.01
@@ -126,9 +126,9 @@ def test_a_full_bank_gets_its_catalogue_back(line: MemoryLine, same_as_active: b
 
 @lru_cache(maxsize=1)
 def _other_catalogue() -> bytes:
-    from gss.catalogue_tools.distances import distance_table
-    from gss.catalogue_tools.hipparcos import load_stars
     from gss.catalogue_tools.onboard import encode
+    from gss.catalogue_tools.sources.hipparcos import load_stars
+    from gss.catalogue_tools.tables.distances import distance_table
 
     stars = load_stars(3.4)
     return encode(stars, distance_table(stars, 0.01, np.radians(40)), CAMERA, CAMERA)

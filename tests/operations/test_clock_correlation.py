@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.operations.clock_correlation import JUMPED_AFTER, LEAST_SAMPLES, ClockTracker
+from gss.operations.line.clock_correlation import JUMPED_AFTER, LEAST_SAMPLES, ClockTracker
 
 START_S = 1_796_000_000.0
 """Some moment of 2026 in Unix time."""

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from gss.domain.errors import BadInput, Conflict
-from gss.operations.command_history import Filter
-from gss.operations.commanding import REMEMBERED_IDS
+from gss.operations.commanding.command_history import Filter
+from gss.operations.commanding.commanding import REMEMBERED_IDS
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -14,13 +14,13 @@ import pytest
 from gss.domain.errors import CorruptData
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.calibration_export import export_calibration
-from gss.operations.calibration_requests import DetectorCalibration, StarCalibration
-from gss.operations.calibration_sheet import calibration_sheet
-from gss.operations.dark_frames import from_bytes
+from gss.operations.frames.solve import SolveRequest
 from gss.operations.report.parts import Picture
-from gss.operations.reprocess_worker import Order, Task, run_batch
-from gss.operations.solve import SolveRequest
+from gss.operations.studies.calibration_export import export_calibration
+from gss.operations.studies.calibration_requests import DetectorCalibration, StarCalibration
+from gss.operations.studies.calibration_sheet import calibration_sheet
+from gss.operations.studies.dark_frames import from_bytes
+from gss.operations.studies.reprocess_worker import Order, Task, run_batch
 from gss.pipeline.chip import make_chip
 from gss.pipeline.render import render
 from gss.settings import Settings

@@ -12,10 +12,10 @@ import pytest
 
 from gss.catalogue_tools.design import report as r
 from gss.catalogue_tools.design.camera import design_camera
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
-from gss.operations.design import Along, Question, answer, document_rows, request_of
-from gss.operations.design_page import page_of
+from gss.operations.catalogues.design import Along, Question, answer, document_rows, request_of
+from gss.operations.catalogues.design_page import page_of
 
 STARS = load_stars()
 ROWS = document_rows(STARS)

@@ -7,7 +7,7 @@ import pytest
 
 from gss.device.session import Part
 from gss.domain.errors import BadInput, CorruptData
-from gss.operations.device_frames import Shape, picture_of, shape_of, wire_bytes
+from gss.operations.transfers.device_frames import Shape, picture_of, shape_of, wire_bytes
 
 EIGHT, TWELVE = Shape(40, 30, 8), Shape(40, 30, 12)
 

@@ -10,7 +10,7 @@ import pytest
 from gss.cli import main
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.experiment import share_interval
-from gss.operations.experiments import ENTRIES, as_page, as_text, from_record, run_experiment
+from gss.operations.studies.experiments import ENTRIES, as_page, as_text, from_record, run_experiment
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.operations.figure_files import FigureFiles
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.operations.frames.figure_files import FigureFiles
 from gss.pipeline.identify.patterns import Level, build_level
 from gss.pipeline.identify.verify import Sky
 

@@ -13,7 +13,7 @@ from astropy.io import fits
 from PIL import Image
 
 from gss.domain.errors import BadInput
-from gss.operations.frame_files import read_frame
+from gss.operations.frames.frame_files import read_frame
 
 RNG = np.random.default_rng(1)
 GREY8 = RNG.integers(0, 256, (40, 60), dtype=np.uint8)

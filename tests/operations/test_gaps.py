@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gss.operations.gaps import Count, Happening, Sample, check_record
+from gss.operations.line.gaps import Count, Happening, Sample, check_record
 
 
 def steady(n: int, *, without=(), start: float = 1000.0) -> list[Sample]:

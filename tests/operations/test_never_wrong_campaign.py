@@ -8,8 +8,8 @@ import pytest
 
 from gss.cli import main
 from gss.domain.errors import BadInput
-from gss.operations.never_wrong import Hunt, hunt, keys, read
-from gss.operations.never_wrong_page import page
+from gss.operations.studies.never_wrong import Hunt, hunt, keys, read
+from gss.operations.studies.never_wrong_page import page
 
 SMALL = Hunt(0, 13, 3, ("cubestar",), ("own",))
 

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.corrections import earth_velocity_c
-from gss.catalogue_tools.orbits import jyear_of
+from gss.catalogue_tools.corrections.corrections import earth_velocity_c
+from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
-from gss.operations.observer import observer_at, observer_of_frame
+from gss.operations.frames.observer import observer_at, observer_of_frame
 
 MOMENT = datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC)
 TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927

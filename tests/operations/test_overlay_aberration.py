@@ -6,10 +6,10 @@ import numpy as np
 from astropy.coordinates import GCRS, ICRS, SkyCoord
 from astropy.time import Time
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.profiles import profile
 from gss.domain.results import Centroids
-from gss.operations.overlay import predicted
+from gss.operations.frames.overlay import predicted
 
 TIME = Time("2026-03-21T00:00:00", scale="utc")
 

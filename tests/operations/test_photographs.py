@@ -11,8 +11,8 @@ import pytest
 
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.results import Outcome, SolveResult
-from gss.operations.frame_files import read_frame
-from gss.operations.solve import Solver, SolveRequest
+from gss.operations.frames.frame_files import read_frame
+from gss.operations.frames.solve import Solver, SolveRequest
 
 pytestmark = pytest.mark.photographs
 

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.simulator.reports import attitude_report, centroid_report, match_report
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.domain.results import SolveResult
-from gss.operations.onboard_results import OnboardRecord
-from gss.operations.onboard_told import record_from, told_of
-from gss.operations.replay_stages import Rerun, Stage, Verdict, first_difference, stages
+from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.frames.onboard_told import record_from, told_of
+from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
 from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
 from gss.pipeline.chains.modes import Hint, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve

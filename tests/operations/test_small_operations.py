@@ -13,7 +13,7 @@ from astropy.coordinates import get_body, get_sun
 from astropy.time import Time
 from PIL import Image
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.angles import ra_dec_from_unit, separation_rad, unit_from_ra_dec
@@ -22,13 +22,13 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
-from gss.operations import overlay, pictures
-from gss.operations.archive import Thinner
-from gss.operations.onboard_results import OnboardRecord, onboard_result
-from gss.operations.raw_capture import RECEIVED, SENT, RawCapture, Retention, read_capture
-from gss.operations.replay import compare
-from gss.operations.sky import bodies
-from gss.operations.telemetry import TelemetryService, plain
+from gss.operations.frames import overlay, pictures
+from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
+from gss.operations.frames.replay import compare
+from gss.operations.frames.sky import bodies
+from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture, Retention, read_capture
+from gss.operations.telemetry.archive import Thinner
+from gss.operations.telemetry.telemetry import TelemetryService, plain
 
 
 def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path):

@@ -14,7 +14,7 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.domain.results import Outcome, Verdict
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
-from gss.operations.solve import Solver, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest
 from gss.pipeline.identify.near import Hint
 from gss.pipeline.render import FalseStar, HotPixel, Rendered, render
 from gss.pipeline.score import assess

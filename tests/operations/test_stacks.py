@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotFound
-from gss.operations.stacks import read_file
+from gss.operations.commanding.stacks import read_file
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -231,7 +231,7 @@ def test_abort_stops_the_run_and_goes_out_past_it(desk):
 
 
 def _of(run: Any) -> Any:
-    from gss.operations.command_history import Filter
+    from gss.operations.commanding.command_history import Filter
 
     return Filter(run_id=run.id)
 

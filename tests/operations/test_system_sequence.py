@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, pointing_difference_rad
 from gss.domain.profiles import profile
 from gss.domain.results import Outcome
 from gss.domain.rotation import rotation_from_vector
-from gss.operations.solve import Solver, SolverCache, SolveRequest
-from gss.operations.system_sequence import SystemSequencer
+from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.system_sequence import SystemSequencer
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 from gss.pipeline.chains.options import names, parse, with_options

@@ -15,10 +15,10 @@ from sqlalchemy import event
 from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, NotFound
-from gss.operations.archive import Thinner
-from gss.operations.telemetry import TelemetryService
-from gss.operations.telemetry_export import export
-from gss.operations.value_words import formatted, raw_of, raw_text
+from gss.operations.telemetry.archive import Thinner
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.telemetry_export import export
+from gss.operations.telemetry.value_words import formatted, raw_of, raw_text
 from gss.store import telemetry as store
 
 DICTIONARY = load_dictionary()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gss.device.session import HeldPart
-from gss.operations.transfer_parts import KEPT_PARTS, PartStore
+from gss.operations.transfers.transfer_parts import KEPT_PARTS, PartStore
 
 DATA = bytes(range(256)) * 40
 PART = HeldPart(hashlib.sha256(DATA).hexdigest(), 1024, DATA, ((0, 2), (5, 5)))

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.reprocess_worker import Order, Task, run_batch
-from gss.operations.solution_rows import solution_values, with_overlays
-from gss.operations.solve import Solver, SolverCache, SolveRequest
-from gss.operations.warm_pool import WarmPool
+from gss.operations.frames.solution_rows import solution_values, with_overlays
+from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.studies.reprocess_worker import Order, Task, run_batch
+from gss.operations.studies.warm_pool import WarmPool
 from gss.pipeline.render import render
 from gss.store.blobs import BlobStore
 from gss.store.models import Solution

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.neighbours import neighbour_links
 from gss.domain.rotation import (

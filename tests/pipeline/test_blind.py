@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_angle_rad

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.profiles import profile
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.pipeline import kernels

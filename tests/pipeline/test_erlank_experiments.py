@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.experiment import Experiment
-from gss.domain.results import Verdict
 from gss.pipeline.experiments.erlank_attitude import erlank_4_4b
 from gss.pipeline.experiments.erlank_centroids import erlank_4_1_6
 from gss.pipeline.experiments.erlank_matching import erlank_4_4, erlank_4_5
 from gss.pipeline.experiments.erlank_night import erlank_6_1
 from gss.pipeline.experiments.erlank_sky import Drawing, bank_of, simulated_camera, star_image
 from gss.pipeline.experiments.erlank_slew import erlank_6_2
-from gss.pipeline.experiments.never_wrong import MODES, judge, never_wrong
-from gss.pipeline.experiments.never_wrong_sky import FAULTS, SETTINGS, shown, subject
 
 STARS = load_stars(8.0)
 
@@ -118,63 +115,3 @@ def test_slews_are_tracked_up_to_the_documents_limit() -> None:
         assert float(str(cells["mean rate measured, °/s"]).split()[0]) == pytest.approx(float(rate), abs=0.005)
     assert _percent(rows["0.35, across"]["frames tracked of those that could (95 %)"]) == 0.0
     assert _percent(rows["2, across"]["frames with an attitude (95 %)"]) == 0.0
-
-
-def test_faults_do_what_they_say() -> None:
-    """False stars are added, missing ones left out, mirroring and scale move the places, brightness stays in order."""
-    asked = subject(SETTINGS[0], STARS)
-    made = {f.title: shown(asked, f, np.eye(3), np.random.default_rng(5)) for f in FAULTS}
-    plain = made["no fault"].centroids
-    assert len(made["10 false stars"].centroids) == len(plain) + 10
-    assert len(made["20 false stars alone"].centroids) == 20
-    flipped = made["mirrored"].centroids
-    assert np.allclose(flipped.col_px, asked.camera.columns - 1 - plain.col_px)
-    assert np.allclose(flipped.row_px, plain.row_px)
-    middle = np.array([asked.camera.centre_col_px, asked.camera.centre_row_px])
-    wide, narrow = (made[f"focal length {sign}1 %"].truth for sign in "+−")
-    both = np.intersect1d(wide.hip, narrow.hip)
-    place = [np.array([t.pixels[t.hip.tolist().index(h)] for h in both]) - middle for t in (wide, narrow)]
-    assert np.allclose(place[0], place[1] * 1.01 / 0.99)
-    for item in made.values():
-        assert (np.diff(item.centroids.flux_dn) <= 0).all()
-
-
-@pytest.mark.parametrize("chain", [s.chain for s in SETTINGS if s.chain != "reference"])
-def test_campaign_finds_no_false_attitude(chain: str) -> None:
-    """Two attitudes per fault and mode: no wrong answer, and most lists without fault solved."""
-    made = never_wrong(STARS, 2, 11, _quiet, (chain,))
-    assert len(made.rows) == len(FAULTS)
-    for row in made.rows:
-        assert row[-1] == 0
-        assert row[-2] == 0
-    clean = [int(n) for cell in made.rows[0][1:4] for n in str(cell).split("/")[:2]]
-    assert sum(clean) >= 4
-
-
-ONCE_WRONG = (
-    (1, 0, 8, 2, 71),
-    (1, 0, 9, 2, 0),
-    (2, 2, 9, 2, 3),
-    (2, 2, 9, 2, 5),
-    (2, 3, 9, 2, 7),
-    (1, 5, 8, 0, 4),
-    (1, 5, 8, 1, 13),
-    (1, 5, 9, 1, 45),
-    (1, 5, 9, 2, 14),
-)
-
-
-@pytest.mark.parametrize("numbers", ONCE_WRONG)
-def test_lists_that_misled_a_chain_get_no_answer(numbers: tuple[int, int, int, int, int]) -> None:
-    """Stars matched in one corner, or a cluster, at another focal length: none, whichever chain."""
-    seed, chain, fault, mode, trial = numbers
-    asked = subject(SETTINGS[chain], STARS)
-    assert judge(asked, FAULTS[fault], (seed, chain, fault, mode), trial).verdict is Verdict.NONE
-
-
-def test_trial_is_made_again_by_its_numbers() -> None:
-    """The same seed, chain, fault, mode and number give the same score; fault-free tracking is correct."""
-    asked = subject(SETTINGS[1], STARS)
-    first, again = (judge(asked, FAULTS[0], (3, 1, 0, len(MODES) - 1), 2) for _ in range(2))
-    assert first == again
-    assert first.verdict in (Verdict.CORRECT, Verdict.IMPRECISE)

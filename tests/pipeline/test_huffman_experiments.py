@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.huffman import huffman_5_1, huffman_5_5, nth_brightest_mag
-from gss.catalogue_tools.uniform_density import square_field
+from gss.catalogue_tools.selection.huffman import huffman_5_1, huffman_5_5, nth_brightest_mag
+from gss.catalogue_tools.selection.uniform_density import square_field
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.experiment import Experiment
 from gss.domain.frames import cam_from_icrs
 from gss.pipeline.experiments.huffman_centroids import huffman_4_2, huffman_4_4

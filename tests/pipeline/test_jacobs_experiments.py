@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.pipeline.experiments.jacobs_3_7 import TABLE_3_7, jacobs_3_7
 from gss.pipeline.experiments.jacobs_sky import TABLE_3_5, random_attitude, sub_catalogue, sunsat_camera
 from gss.pipeline.experiments.jacobs_tracking import jacobs_fig_2_7, jacobs_tracking, with_discs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.experiment import Experiment
 from gss.pipeline.experiments.liebe_sky import SITUATIONS, USED_STARS, catalogue, image, instrument
 from gss.pipeline.experiments.liebe_tables import liebe_2, liebe_3, liebe_18

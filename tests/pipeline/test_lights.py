@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.profiles import profile
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.experiments.never_wrong import judge, judge_with

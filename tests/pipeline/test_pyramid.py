@@ -9,7 +9,7 @@ import pytest
 import tetra3rs
 from scipy.spatial.transform import Rotation
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
 from gss.domain.results import Centroids

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from gss.catalogue_tools.corrections import aberrate, earth_velocity_c
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.corrections.corrections import aberrate, earth_velocity_c
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import Centroids, SolveResult

@@ -10,7 +10,7 @@ import pytest
 from astropy.wcs import WCS, Sip
 from scipy.integrate import dblquad
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import Array, ra_dec_from_unit, unit_from_ra_dec
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import Array
 from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import Turning

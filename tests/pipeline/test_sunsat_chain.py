@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import decode, encode
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput

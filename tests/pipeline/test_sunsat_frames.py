@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gss.catalogue_tools.attitude import BODY_FROM_CAM as CATALOGUE_BODY_FROM_CAM
-from gss.catalogue_tools.attitude import euler_123 as catalogue_euler_123
+from gss.catalogue_tools.envelope.attitude import BODY_FROM_CAM as CATALOGUE_BODY_FROM_CAM
+from gss.catalogue_tools.envelope.attitude import euler_123 as catalogue_euler_123
 from gss.domain.camera import Camera, RadialTilt
 from gss.domain.errors import BadInput
 from gss.domain.frames import orbit_from_icrs, ra_dec_roll_rad

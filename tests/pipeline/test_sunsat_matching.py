@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.distances import distance_table_of_units
+from gss.catalogue_tools.tables.distances import distance_table_of_units
 from gss.domain.angles import Array
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.pipeline.identify.match_groups import (

@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from gss.catalogue_tools.distances import distance_table
-from gss.catalogue_tools.hipparcos import load_stars
 from gss.catalogue_tools.onboard import decode, encode
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.profiles import profile
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gss.api.schemas.authority import AuthorityOut, TenureOut
-from gss.operations.authority import AuthorityState
+from gss.operations.commanding.authority import AuthorityState
 
 
 def authority(state: AuthorityState, user: str | None = None) -> AuthorityOut:

@@ -8,9 +8,9 @@ from typing import Any
 from gss.api.schemas.calibrations import CalibrationDetailOut, CalibrationDiffOut, CalibrationOut, ChangeOut
 from gss.api.schemas.reports import ReportViewOut
 from gss.domain.angles import ARCSEC_RAD
-from gss.operations.calibration_sheet import calibration_sheet
-from gss.operations.calibrations import Comparison
-from gss.operations.device_tables import TableReport
+from gss.operations.studies.calibration_sheet import calibration_sheet
+from gss.operations.studies.calibrations import Comparison
+from gss.operations.transfers.device_tables import TableReport
 from gss.store.models import Calibration
 
 NAMES = "id profile kind name created author tool note table_id"

@@ -17,7 +17,8 @@ ARCSEC_RAD = math.pi / 648_000
 
 
 def catalogue_page(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> str:
-    """The whole page. ``report``: plain values as ``gss.operations.catalogue_report`` makes them; what is missing is said."""
+    """The whole page. ``report``: plain values as ``operations.catalogues.catalogue_report`` makes them; what is missing is
+    said."""
     title = f"Catalogue {manifest.get('name') or manifest.get('image_sha256', '')[:8] or 'without a name'}"
     parts = [
         f"<h1>{escape(title)}</h1>",

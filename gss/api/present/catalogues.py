@@ -23,10 +23,10 @@ from gss.api.schemas.catalogue_history import (
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueOut
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.stars import Ids, OnboardCatalogue, StarTable
-from gss.operations.bank_history import Stay, Timeline
-from gss.operations.bank_plans import cover
-from gss.operations.banks import BankView, days_left
-from gss.operations.build_catalogue import StoredDiff
+from gss.operations.catalogues.build_catalogue import StoredDiff
+from gss.operations.transfers.bank_history import Stay, Timeline
+from gss.operations.transfers.bank_plans import cover
+from gss.operations.transfers.banks import BankView, days_left
 from gss.store.models import Catalogue
 
 MOST_LISTED = 500

@@ -19,9 +19,9 @@ from gss.api.schemas.commands import (
 )
 from gss.device.dictionary import Command as Definition
 from gss.device.dictionary import Dictionary
-from gss.operations.command_checks import Check, PreconditionState
-from gss.operations.command_record import CommandView
-from gss.operations.schedule_plan import schedulable
+from gss.operations.commanding.command_checks import Check, PreconditionState
+from gss.operations.commanding.command_record import CommandView
+from gss.operations.commanding.schedule_plan import schedulable
 from gss.store.models import Command
 
 STAGES = ("queued", "released", "sent", "accepted", "started", "progress", "completed")

@@ -24,12 +24,12 @@ from gss.api.schemas.contacts import (
     VolumesOut,
 )
 from gss.device.session_events import DeviceEvent
-from gss.operations.capture_decoder import CommandSaid, Replayed
-from gss.operations.contact_report import ContactReport
-from gss.operations.contacts import ContactDetail
-from gss.operations.gaps import Gap, RecordCheck
-from gss.operations.replay_capture import ReplayState
-from gss.operations.value_words import plain
+from gss.operations.line.capture_decoder import CommandSaid, Replayed
+from gss.operations.line.contact_report import ContactReport
+from gss.operations.line.contacts import ContactDetail
+from gss.operations.line.gaps import Gap, RecordCheck
+from gss.operations.line.replay_capture import ReplayState
+from gss.operations.telemetry.value_words import plain
 from gss.store.models import Contact, Device
 
 NOBODY = "nobody answered"

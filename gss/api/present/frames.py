@@ -25,8 +25,8 @@ from gss.api.schemas.replays import FrameReplayOut, ReplayStageOut
 from gss.domain.angles import wrap_pi_rad
 from gss.domain.frames import pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
-from gss.operations.frames import FrameDetail
-from gss.operations.replay_stages import Stage, first_difference
+from gss.operations.frames.frames import FrameDetail
+from gss.operations.frames.replay_stages import Stage, first_difference
 from gss.store.models import Frame, Solution
 
 AGREE_CROSS_ARCSEC = 120.0

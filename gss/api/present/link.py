@@ -8,8 +8,8 @@ from typing import Any
 
 from gss.api.schemas.link import AlarmOut, BankOut, CountersOut, DirectionCountersOut, DirectionOut, LinkOut
 from gss.device.session_events import LinkCounters
-from gss.operations.banks import BankView, days_left
-from gss.operations.status import Header
+from gss.operations.line.status import Header
+from gss.operations.transfers.banks import BankView, days_left
 
 
 def link(header: Header) -> LinkOut:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
-from gss.operations.transfer_rows import TransferView
-from gss.operations.transfers import RESUMABLE
+from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.transfers import RESUMABLE
 from gss.store.models import Event, Job, Transfer
 
 PAUSABLE = ("queued", "opening", "transferring", "link_lost")

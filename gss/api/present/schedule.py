@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 
 from gss.api.present.commands import arguments_text, byte_groups
 from gss.api.schemas.schedule import ClockOut, EntryOut, ScheduleCheckOut, ScheduleOut
-from gss.operations.clock_correlation import Correlation
-from gss.operations.schedule import Entry, ScheduleState
-from gss.operations.schedule_plan import Plan
+from gss.operations.commanding.schedule import Entry, ScheduleState
+from gss.operations.commanding.schedule_plan import Plan
+from gss.operations.line.clock_correlation import Correlation
 
 
 def schedule(state: ScheduleState) -> ScheduleOut:

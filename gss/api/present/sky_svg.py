@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gss.catalogue_tools.healpix import centres
+from gss.catalogue_tools.envelope.healpix import centres
 from gss.domain.angles import unit_from_ra_dec
 
 WIDTH, HEIGHT = 720.0, 372.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from gss.api.present.commands import arguments_text, byte_groups, precondition
 from gss.api.schemas.stacks import StackCheckOut, StackOut, StackRunOut, StepCheckOut
-from gss.operations.stacks import StackCheck, StepCheck
+from gss.operations.commanding.stacks import StackCheck, StepCheck
 from gss.store.models import Stack, StackRun
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gss.api.schemas.tables import OnBoardTableOut, TableDetailOut, TableOut, TablePlaceOut
-from gss.operations.device_tables import TableReport
+from gss.operations.transfers.device_tables import TableReport
 from gss.store.models import DeviceTable
 
 NAMES = "id kind name profile format_version size sha256 created author"

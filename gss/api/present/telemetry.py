@@ -20,10 +20,10 @@ from gss.api.schemas.telemetry import (
     ValueOut,
 )
 from gss.device.dictionary import TelemetryField
-from gss.operations.archive import Series
-from gss.operations.limit_book import LimitBook
-from gss.operations.telemetry import FieldValue
-from gss.operations.value_words import formatted, kind, raw_text
+from gss.operations.telemetry.archive import Series
+from gss.operations.telemetry.limit_book import LimitBook
+from gss.operations.telemetry.telemetry import FieldValue
+from gss.operations.telemetry.value_words import formatted, kind, raw_text
 from gss.store.models import TelemetryPacket
 
 Told = tuple[Sequence[FieldValue], Mapping[tuple[str, str], int]]

@@ -12,7 +12,7 @@ from gss.api.deps import App, RowId, User
 from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisIn, AnalysisOut, FrameAnalysisIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.reports import ReportViewOut
-from gss.operations.analyses import EXPORTS, FrameAnalysis, TelemetryAnalysis
+from gss.operations.studies.analyses import EXPORTS, FrameAnalysis, TelemetryAnalysis
 from gss.store.models import Analysis
 
 router = APIRouter(prefix="/analyses", tags=["analyses"])

@@ -20,8 +20,8 @@ from gss.api.schemas.calibrations import (
 )
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.tables import TableDetailOut
-from gss.operations.calibration_export import KINDS, export_calibration
-from gss.operations.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration, Wanted
+from gss.operations.studies.calibration_export import KINDS, export_calibration
+from gss.operations.studies.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration, Wanted
 from gss.store.models import Calibration
 from gss.wiring import Services
 

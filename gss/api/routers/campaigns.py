@@ -11,9 +11,9 @@ from gss.api.deps import App, User
 from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
 from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
-from gss.operations.experiments import ENTRIES
-from gss.operations.reprocess import Reprocessing
-from gss.operations.solution_export import FORMATS, export_solutions
+from gss.operations.frames.solution_export import FORMATS, export_solutions
+from gss.operations.studies.experiments import ENTRIES
+from gss.operations.studies.reprocess import Reprocessing
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"])
 

@@ -17,7 +17,7 @@ from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, Tim
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueIn, CatalogueOut, PreviewOut, UploadIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
-from gss.catalogue_tools.star_list_mapping import ListMapping
+from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 

@@ -12,7 +12,7 @@ from fastapi.responses import StreamingResponse
 from gss.api import present
 from gss.api.deps import App, ContactId, Moment, RowId, User
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
-from gss.operations.command_history import Filter
+from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
 from gss.wiring import Services
 

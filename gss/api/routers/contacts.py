@@ -21,7 +21,7 @@ from gss.api.schemas.contacts import (
     ReplayOut,
     ReportOut,
 )
-from gss.operations.contact_report import ContactReport, contact_report
+from gss.operations.line.contact_report import ContactReport, contact_report
 
 router = APIRouter(tags=["contacts"])
 

@@ -12,8 +12,8 @@ from gss.api.schemas.design import DesignCameraOut, DesignCamerasOut, DesignIn, 
 from gss.api.schemas.jobs import JobOut
 from gss.catalogue_tools.design.camera import DesignCamera
 from gss.domain.profiles import PROFILES
-from gss.operations.design import Along, Question, radians
-from gss.operations.design_record import camera_of, field_limits, row_of
+from gss.operations.catalogues.design import Along, Question, radians
+from gss.operations.catalogues.design_record import camera_of, field_limits, row_of
 
 router = APIRouter(prefix="/design", tags=["design"])
 NOT_OF_THE_CAMERA = {

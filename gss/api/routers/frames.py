@@ -22,11 +22,11 @@ from gss.api.schemas.frames import (
 from gss.api.schemas.replays import FrameReplayOut
 from gss.api.schemas.transfers import FrameUploadIn, TransferOut
 from gss.domain.errors import BadInput
-from gss.operations import pictures
-from gss.operations.fits_export import fits_file as fits_bytes
-from gss.operations.observer import observer_of_frame
-from gss.operations.rerun_export import recording
-from gss.operations.solve import SolveRequest
+from gss.operations.frames import pictures
+from gss.operations.frames.fits_export import fits_file as fits_bytes
+from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.rerun_export import recording
+from gss.operations.frames.solve import SolveRequest
 from gss.store.models import Frame
 
 router = APIRouter(prefix="/frames", tags=["frames"])

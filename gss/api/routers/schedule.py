@@ -11,7 +11,7 @@ from gss.api import present
 from gss.api.deps import App, User
 from gss.api.schemas.commands import CommandOut
 from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
-from gss.operations.command_checks import SCHEDULE
+from gss.operations.commanding.command_checks import SCHEDULE
 
 router = APIRouter(tags=["schedule"])
 ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]

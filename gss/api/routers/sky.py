@@ -14,7 +14,7 @@ from gss.catalogue_tools.onboard import FORMATS
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.profiles import PROFILES
 from gss.operations.clock import utc_now
-from gss.operations.sky import bodies
+from gss.operations.frames.sky import bodies
 
 router = APIRouter(tags=["sky"])
 

@@ -18,7 +18,7 @@ from gss.api.schemas.stacks import (
     StackRunOut,
     StepsIn,
 )
-from gss.operations.stacks import StackCheck
+from gss.operations.commanding.stacks import StackCheck
 from gss.wiring import Services
 
 router = APIRouter(tags=["stacks"])

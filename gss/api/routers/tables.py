@@ -17,7 +17,7 @@ from gss.api.schemas.tables import (
     TableUploadIn,
 )
 from gss.api.schemas.transfers import TransferOut
-from gss.operations import table_content
+from gss.operations.transfers import table_content
 
 router = APIRouter(prefix="/tables", tags=["tables"])
 Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distance_table"]

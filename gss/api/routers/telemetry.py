@@ -10,7 +10,7 @@ from fastapi.responses import StreamingResponse
 from gss.api import present
 from gss.api.deps import LARGEST_ID, App, ContactId, Moment
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
-from gss.operations.telemetry_export import FORMATS, export
+from gss.operations.telemetry.telemetry_export import FORMATS, export
 
 router = APIRouter(prefix="/telemetry", tags=["telemetry"])
 

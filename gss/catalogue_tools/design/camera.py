@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, CameraProfile, profile

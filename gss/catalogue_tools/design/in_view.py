@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.catalogue_tools.design.camera import DesignCamera
-from gss.catalogue_tools.envelope import Envelope, WholeSky
-from gss.catalogue_tools.field import FieldShape
-from gss.catalogue_tools.quality import Counts, stars_per_field
+from gss.catalogue_tools.envelope.envelope import Envelope, WholeSky
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.selection.quality import Counts, stars_per_field
 from gss.domain.angles import Array, ra_dec_from_unit
 from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress

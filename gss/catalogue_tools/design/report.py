@@ -43,7 +43,7 @@ from gss.catalogue_tools.design.radiometry import (
     snr_window,
 )
 from gss.catalogue_tools.design.trade import TradeRow, lens_trade, trade_row
-from gss.catalogue_tools.envelope import Envelope
+from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gss.catalogue_tools.field import FieldShape
+from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.formats.blocks import Columns
 from gss.catalogue_tools.formats.layout import BankFormat
 from gss.catalogue_tools.formats.section_contents import line_index
-from gss.catalogue_tools.uniform_density import reduce_catalogue, survey_attitudes
+from gss.catalogue_tools.selection.uniform_density import reduce_catalogue, survey_attitudes
 from gss.domain.bank_tables import BankTables, ReducedCatalogue, ReducedFrame
 from gss.domain.camera import Camera
 from gss.domain.neighbours import neighbour_links

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.blocks import Block, to_bytes, to_columns
-from gss.catalogue_tools.kvector import k_vector
+from gss.catalogue_tools.tables.kvector import k_vector
 from gss.domain.bank_tables import BankTables, LineIndex, ReducedCatalogue, ReducedFrame
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.neighbours import NeighbourLinks

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gss.catalogue_tools import triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.catalogue_tools.tables import triplets
 from gss.device.dictionary import Dictionary, Value
 from gss.device.golden import bank_formats
 from gss.device.protocol.chunk_size import regrid

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
+from gss.catalogue_tools.corrections.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
 from gss.device.simulator.faults import LineControl
 from gss.device.simulator.motion import EarthFixed, EarthPointing, SlewTo, Tumble
 from gss.device.simulator.orbit import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
-from gss.catalogue_tools.triplets import HEADER_VERSION, encode_triplets
+from gss.catalogue_tools.tables.triplets import HEADER_VERSION, encode_triplets
 from gss.device.golden import Golden
 from gss.device.simulator.memory import FACTORY, GOLDEN, BankRecord, Memory
 from gss.device.simulator.record import area_name

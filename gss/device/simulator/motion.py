@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import euler_123
+from gss.catalogue_tools.envelope.attitude import euler_123
 from gss.device.simulator.orbit import CAM_FROM_ORBIT, EARTH_TURN_RAD_S, Orbit, Pose
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gss.catalogue_tools.attitude import BODY_FROM_CAM, ORBIT_LAWS
+from gss.catalogue_tools.envelope.attitude import BODY_FROM_CAM, ORBIT_LAWS
 from gss.device.protocol.frame import FRAMINGS
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.faults import FaultRates, LineControl

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from sgp4.api import Satrec
 
-from gss.catalogue_tools.ephemeris import DAY_S, J2000_JD, TT_MINUS_UTC_S, teme_from_icrs
-from gss.catalogue_tools.orbits import SGP4_WORDS, TLE_VALID_DAYS, read_tle
+from gss.catalogue_tools.corrections.ephemeris import DAY_S, J2000_JD, TT_MINUS_UTC_S, teme_from_icrs
+from gss.catalogue_tools.envelope.orbits import SGP4_WORDS, TLE_VALID_DAYS, read_tle
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, orbit_from_icrs

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.corrections import aberrate
-from gss.catalogue_tools.ephemeris import Bodies, Disc
-from gss.catalogue_tools.hipparcos import load_stars, propagate
+from gss.catalogue_tools.corrections.corrections import aberrate
+from gss.catalogue_tools.corrections.ephemeris import Bodies, Disc
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.orbit import Motion, Pose
 from gss.domain.angles import Array

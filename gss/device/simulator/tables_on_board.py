@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gss.catalogue_tools.triplets import bank_crc32_of, decode_triplets
+from gss.catalogue_tools.tables.triplets import bank_crc32_of, decode_triplets
 from gss.device.simulator.memory import FACTORY, TABLES, Memory
 from gss.device.simulator.record import area_name
 from gss.device.table_use import calibrated, chain_of, check_parameters

@@ -1,7 +1,7 @@
 """Which stars of a bank the pair directory needs: the few brightest of every field (Huffman 2006 §5.5.4, eight).
 
 The processor's own, coarse version: circles instead of frames, on an even lattice of pointings. The ground's, with real
-frames in 1° steps and a report of the coverage, is ``gss.catalogue_tools.uniform_density``.
+frames in 1° steps and a report of the coverage, is ``gss.catalogue_tools.selection.uniform_density``.
 """
 
 from __future__ import annotations

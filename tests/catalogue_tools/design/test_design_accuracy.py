@@ -9,7 +9,7 @@ from gss.catalogue_tools.design import accuracy as a
 from gss.catalogue_tools.design.camera import DesignCamera, design_camera
 from gss.catalogue_tools.design.in_view import bright_rows, look, pairs_in_view
 from gss.catalogue_tools.design.radiometry import limit_mag, saturation_mag
-from gss.catalogue_tools.hipparcos import load_stars
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.attitude import quest
 

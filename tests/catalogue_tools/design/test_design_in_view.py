@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.attitude import AttitudeLimits
 from gss.catalogue_tools.design import in_view as v
 from gss.catalogue_tools.design.camera import DesignCamera, design_camera
-from gss.catalogue_tools.envelope import BandEnvelope
-from gss.catalogue_tools.hipparcos import load_stars
-from gss.catalogue_tools.orbits import from_elements
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.envelope import BandEnvelope
+from gss.catalogue_tools.envelope.orbits import from_elements
+from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
 
 STARS = load_stars(7.0)

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from gss.device.dictionary_file import load_dictionary
-from gss.operations.alarms import AlarmService
-from gss.operations.authority import AuthorityService
-from gss.operations.commanding import CommandService
-from gss.operations.contacts import ContactService
+from gss.operations.commanding.authority import AuthorityService
+from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
-from gss.operations.link import LinkService
-from gss.operations.raw_capture import Retention
-from gss.operations.telemetry import TelemetryService
+from gss.operations.line.contacts import ContactService
+from gss.operations.line.link import LinkService
+from gss.operations.line.raw_capture import Retention
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
 from gss.store.engine import Database
 
 DAWN = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)

@@ -10,11 +10,11 @@ import pytest
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import BadInput, Conflict, NotFound
-from gss.operations.capture_decoder import CaptureDecoder, CommandSaid, decoded
 from gss.operations.clock import monotonic_s
-from gss.operations.raw_capture import RECEIVED, RECORD, Retention, capture_files, capture_span, read_captures
-from gss.operations.replay_capture import CaptureReplay, paced
-from gss.operations.telemetry import stored_values
+from gss.operations.line.capture_decoder import CaptureDecoder, CommandSaid, decoded
+from gss.operations.line.raw_capture import RECEIVED, RECORD, Retention, capture_files, capture_span, read_captures
+from gss.operations.line.replay_capture import CaptureReplay, paced
+from gss.operations.telemetry.telemetry import stored_values
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import NotFound
-from gss.operations.contact_report import contact_report
-from gss.operations.raw_capture import Retention, capture_files, read_captures
+from gss.operations.line.contact_report import contact_report
+from gss.operations.line.raw_capture import Retention, capture_files, read_captures
 
 
 def test_a_contact_is_told_whole(station):

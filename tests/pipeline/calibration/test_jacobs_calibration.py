@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gss.catalogue_tools.hipparcos import load_stars, propagate
-from gss.operations.experiments import ENTRIES
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.operations.studies.experiments import ENTRIES
 from gss.pipeline.experiments.jacobs_calibration import jacobs_6
 
 

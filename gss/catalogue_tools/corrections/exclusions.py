@@ -1,0 +1,211 @@
+"""Where Sun, Moon and planets stand over the life of a catalogue: images that are in no star list (Moniteq 1983 §2.3).
+
+For the builder to warn of, and for a sensor to be told. Places are apparent ones for an observer at the Earth's centre, with
+annual aberration: from a low orbit the Moon is up to a degree away from there, which ``Track.margin_rad`` states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, aberrate
+from gss.catalogue_tools.corrections.ephemeris import AU_KM, DAY_S, PLANETS, TT_MINUS_UTC_S, Bodies, bodies_at
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.domain.angles import Array, ra_dec_from_unit, separation_rad
+from gss.domain.errors import BadInput
+
+PLANET_RADIUS_KM = (2440.5, 6051.8, 3396.2, 71492.0, 60268.0, 25559.0, 24764.0)
+LOW_ORBIT_KM = 7000.0
+MOST_SAMPLES = 20_000
+LONGEST_DAYS = 3660.0
+# Moniteq 1983 §2.3: a "star" brighter than this within so much of the ecliptic may be a planet.
+PLANET_GATE_MAG = 3.0
+PLANET_GATE_RAD = float(np.radians(10.0))
+
+
+@dataclass(frozen=True)
+class Track:
+    """One body over the samples: ``icrs`` (k, 3) apparent directions, ``v_mag`` and ``radius_rad`` (k,). ``margin_rad``: by how
+    much it may stand elsewhere for an observer in a low orbit."""
+
+    name: str
+    icrs: Array
+    v_mag: Array
+    radius_rad: Array
+    margin_rad: float
+
+    @property
+    def brightest_mag(self) -> float:
+        """Smallest magnitude on the way."""
+        return float(self.v_mag.min())
+
+    @property
+    def faintest_mag(self) -> float:
+        """Largest magnitude on the way."""
+        return float(self.v_mag.max())
+
+
+@dataclass(frozen=True)
+class Exclusions:
+    """``jyear``: (k,) samples from start to end, UTC; ``tracks``: Sun, Moon, and planets at times brighter than ``limit_mag``."""
+
+    jyear: Array
+    tracks: tuple[Track, ...]
+    limit_mag: float
+
+    def track(self, name: str) -> Track | None:
+        """The track of a body, None where it stays too faint."""
+        return next((track for track in self.tracks if track.name == name), None)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, angles in radians."""
+        return {
+            "jyear": self.jyear.tolist(),
+            "limit_mag": self.limit_mag,
+            "tracks": [_plain(track) for track in self.tracks],
+        }
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A body closest to one of the directions asked about. ``separation_rad``: from its limb; below zero it covers the place.
+    ``row``: of the direction. ``from_jyear``, ``to_jyear``: first and last sample within reach."""
+
+    name: str
+    row: int
+    jyear: float
+    separation_rad: float
+    v_mag: float
+    from_jyear: float
+    to_jyear: float
+
+
+def exclusions(
+    start: datetime, days: float, *, limit_mag: float = 6.0, step_days: float = 1.0, observer_km: Array | None = None
+) -> Exclusions:
+    """Tracks from ``start`` (with a time zone) over ``days``, both ends included, in steps of at most ``step_days``.
+
+    ``observer_km``: (3,) from the Earth's centre, ICRS axes; None: the centre. The Moon goes 0.5° an hour: steps of 0.1 days or
+    less follow it.
+    """
+    if start.tzinfo is None:
+        raise BadInput("the start has no time zone", expected="a time with its offset from UTC", got=str(start))
+    if not 0 < days <= LONGEST_DAYS:
+        raise BadInput(
+            "the date range is out of range", expected=f"more than 0, at most {LONGEST_DAYS:g} days", got=f"{days}"
+        )
+    if not (step_days > 0 and days / step_days <= MOST_SAMPLES):
+        raise BadInput(
+            "the step does not fit the date range",
+            expected=f"above 0, at most {MOST_SAMPLES} samples",
+            got=f"{step_days} days in {days}",
+        )
+    if not np.isfinite(limit_mag):
+        raise BadInput("the magnitude limit is not a number", expected="a magnitude", got=str(limit_mag))
+    count = int(np.ceil(days / step_days)) + 1
+    jyear = jyear_of(start) + np.linspace(0.0, days, count) / DAYS_PER_YEAR
+    terrestrial = jyear + TT_MINUS_UTC_S / DAY_S / DAYS_PER_YEAR
+    seen = [bodies_at(float(year), observer_km) for year in terrestrial]
+    parallax_km = 0.0 if observer_km is not None else LOW_ORBIT_KM
+    tracks = [_disc_track(seen, "Sun", parallax_km), _disc_track(seen, "Moon", parallax_km)]
+    tracks += [_planet_track(seen, i, parallax_km) for i in range(len(PLANETS))]
+    kept = tuple(t for t in tracks if t.name in ("Sun", "Moon") or t.brightest_mag <= limit_mag)
+    return Exclusions(jyear, kept, float(limit_mag))
+
+
+def near(tracks: Exclusions, unit: Array, reach_rad: float) -> tuple[Meeting, ...]:
+    """For each body that comes within ``reach_rad`` of any of the (n, 3) directions, limb and margin included: its closest meeting.
+
+    Between two samples a body moves along the great circle, so that coarse steps lose none; the time is that of the nearer sample.
+    """
+    places = np.atleast_2d(np.asarray(unit, float))
+    return tuple(m for track in tracks.tracks if (m := _meeting(track, tracks.jyear, places, reach_rad)) is not None)
+
+
+def within(tracks: Exclusions, contains: Any, names: tuple[str, ...] = ()) -> dict[str, NDArray[np.bool_]]:
+    """Which samples of each track lie in a region, ``contains`` being a function of (n, 3) directions, as an envelope's."""
+    return {t.name: np.asarray(contains(t.icrs), bool) for t in tracks.tracks if not names or t.name in names}
+
+
+def may_be_a_planet(v_mag: Array, ecliptic_latitude_rad: Array) -> NDArray[np.bool_]:
+    """Moniteq's gate: only bright images near the ecliptic need a look at the planets (Uranus at 5.6 escapes it)."""
+    return np.asarray((np.asarray(v_mag) < PLANET_GATE_MAG) & (np.abs(ecliptic_latitude_rad) < PLANET_GATE_RAD))
+
+
+def _meeting(track: Track, jyear: Array, places: Array, reach_rad: float) -> Meeting | None:
+    away = np.stack([_way_past(track.icrs, place) for place in places]) - track.radius_rad - track.margin_rad
+    row, sample = (int(k) for k in np.unravel_index(int(np.argmin(away)), away.shape))
+    inside = np.flatnonzero((away <= reach_rad).any(axis=0))
+    if not len(inside):
+        return None
+    closest = float(away[row, sample])
+    first, last = float(jyear[inside[0]]), float(jyear[inside[-1]])
+    return Meeting(track.name, row, float(jyear[sample]), closest, float(track.v_mag[sample]), first, last)
+
+
+def _way_past(path: Array, place: Array) -> Array:
+    """(k,) smallest angle between a direction and the half steps of a path of (k, 3) directions before and after each sample."""
+    away: Array = np.array(separation_rad(path, place), np.float64)
+    if len(path) < 2:
+        return away
+    start, end = path[:-1], path[1:]
+    pole = np.cross(start, end)
+    length = np.linalg.norm(pole, axis=1)
+    pole = pole / np.where(length > 0, length, 1.0)[:, None]
+    # The foot of the place on the great circle is on the step when it is past its start and before its end.
+    past, before = np.cross(pole, start) @ place > 0, np.cross(end, pole) @ place > 0
+    on_step = past & before & (length > 0)
+    height = np.where(on_step, np.abs(np.arcsin(np.clip(pole @ place, -1, 1))), np.inf)
+    nearer_start = away[:-1] <= away[1:]
+    away[:-1] = np.minimum(away[:-1], np.where(nearer_start, height, np.inf))
+    away[1:] = np.minimum(away[1:], np.where(nearer_start, np.inf, height))
+    return away
+
+
+def _disc_track(seen: list[Bodies], name: str, parallax_km: float) -> Track:
+    discs = [bodies.sun if name == "Sun" else bodies.moon for bodies in seen]
+    nearest = min(disc.distance_km for disc in discs)
+    # The Moon shares the Earth's way round the Sun: no annual aberration.
+    places = np.stack([d.icrs if name == "Moon" else _apparent(d.icrs, b) for d, b in zip(discs, seen, strict=True)])
+    return Track(
+        name,
+        places,
+        np.array([disc.v_mag for disc in discs]),
+        np.array([disc.radius_rad for disc in discs]),
+        float(np.arcsin(parallax_km / nearest)),
+    )
+
+
+def _planet_track(seen: list[Bodies], index: int, parallax_km: float) -> Track:
+    places = np.stack([_apparent(bodies.planets_icrs[index], bodies) for bodies in seen])
+    distance_km = np.array([bodies.planets_au[index] for bodies in seen]) * AU_KM
+    return Track(
+        PLANETS[index],
+        places,
+        np.array([bodies.planets_v_mag[index] for bodies in seen]),
+        np.arcsin(PLANET_RADIUS_KM[index] / distance_km),
+        float(np.arcsin(parallax_km / distance_km.min())),
+    )
+
+
+def _apparent(icrs: Array, bodies: Bodies) -> Array:
+    return np.asarray(aberrate(icrs, bodies.earth_velocity_c))
+
+
+def _plain(track: Track) -> dict[str, Any]:
+    ra, dec = ra_dec_from_unit(track.icrs)
+    return {
+        "name": track.name,
+        "ra_rad": ra.tolist(),
+        "dec_rad": dec.tolist(),
+        "v_mag": track.v_mag.tolist(),
+        "radius_rad": track.radius_rad.tolist(),
+        "margin_rad": track.margin_rad,
+        "brightest_mag": track.brightest_mag,
+        "faintest_mag": track.faintest_mag,
+    }

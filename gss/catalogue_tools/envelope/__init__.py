@@ -1,0 +1,1 @@
+"""Which sky will be seen: orbits, pointing laws, what stands in the way."""

@@ -1,0 +1,147 @@
+"""Which way the camera looks: a pointing law, how the camera sits in the body, and the limits of roll, pitch and yaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.corrections.corrections import ICRS_FROM_ECLIPTIC
+from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, Range, ordered
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import rotation_x, rotation_z
+
+ORBIT_LAWS = ("sunsat", "zenith", "nadir", "target")
+SUN_LAWS = ("anti_sun", "sun_pointing")
+FREE_LAWS = ("inertial", *SUN_LAWS)
+# Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) seen from the camera axes (boresight +z).
+SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+# Jacobs 1995 §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
+SUNSAT_BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
+BODY_FROM_CAM: dict[str, Array] = {
+    "sunsat": SUNSAT_BODY_FROM_SS @ SS_FROM_CAM,
+    "zenith": rotation_x(np.pi),
+    "nadir": np.eye(3),
+    "target": rotation_x(np.pi),
+    "inertial": np.eye(3),
+    "anti_sun": np.eye(3),
+    # At a right angle to the Sun line: boresight along body +x.
+    "sun_pointing": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+}
+
+
+@dataclass(frozen=True)
+class AttitudeLimits:
+    """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
+
+    ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the
+    camera looks along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z follows a place on the
+    ground up to ``off_nadir_rad`` from nadir in any direction, body +x stays near the velocity; roll and pitch, which turn
+    the body to the target, are wider by that angle; the camera looks along body −z. inertial: base axes are a camera at
+    ``ra_rad``, ``dec_rad``, ``field_roll_rad``, which is also how a place in the sky is followed. anti_sun: base +z away
+    from the Sun, +x to ecliptic north. sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along body +x.
+    ``body_from_cam``: nine numbers by rows, in place of the law's own mounting.
+    """
+
+    pointing: str
+    roll_rad: Range = (0.0, 0.0)
+    pitch_rad: Range = (0.0, 0.0)
+    yaw_rad: Range = (0.0, 0.0)
+    ra_rad: float = 0.0
+    dec_rad: float = 0.0
+    field_roll_rad: float = 0.0
+    body_from_cam: tuple[float, ...] | None = None
+    off_nadir_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.pointing not in ORBIT_LAWS + FREE_LAWS:
+            raise BadInput("unknown pointing law", expected=" | ".join(ORBIT_LAWS + FREE_LAWS), got=self.pointing)
+        for name in ("roll", "pitch", "yaw"):
+            low, high = ordered(name, getattr(self, f"{name}_rad"))
+            if high - low > 2 * np.pi + 1e-9:
+                raise BadInput(
+                    f"{name} limits are more than a turn apart",
+                    expected="at most 360°",
+                    got=f"{np.degrees(high - low):g}°",
+                )
+        if not 0 <= self.off_nadir_rad < np.pi / 2 or (self.off_nadir_rad and self.pointing != "target"):
+            raise BadInput(
+                "off-nadir angle is out of range or of another law",
+                expected="0° to 90°, with pointing target",
+                got=f"{np.degrees(self.off_nadir_rad):g}° with {self.pointing}",
+            )
+        if self.body_from_cam is not None:
+            m = np.asarray(self.body_from_cam, float)
+            if m.shape != (9,) or not np.allclose(m.reshape(3, 3) @ m.reshape(3, 3).T, np.eye(3), atol=1e-6):
+                raise BadInput(
+                    "the mounting is no rotation", expected="nine numbers, rows of unit length at right angles"
+                )
+
+    @property
+    def low(self) -> Array:
+        """(3,) smallest roll, pitch, yaw."""
+        off = self.off_nadir_rad
+        return np.array([self.roll_rad[0] - off, self.pitch_rad[0] - off, self.yaw_rad[0]])
+
+    @property
+    def high(self) -> Array:
+        """(3,) largest roll, pitch, yaw."""
+        off = self.off_nadir_rad
+        return np.array([self.roll_rad[1] + off, self.pitch_rad[1] + off, self.yaw_rad[1]])
+
+    @property
+    def cam_from_body(self) -> Array:
+        """(3, 3) mounting."""
+        if self.body_from_cam is not None:
+            return np.asarray(self.body_from_cam, float).reshape(3, 3).T
+        return BODY_FROM_CAM[self.pointing].T
+
+
+def euler_123(angles_rad: Array) -> Array:
+    """(…, 3, 3) coordinate changes of (…, 3) roll, pitch, yaw: Aψ·Aθ·Aφ of Jacobs 1995 eqs. 1.10–1.12 (the product
+    printed as eq. 1.13 has misprints)."""
+    a = np.asarray(angles_rad, float)
+    (cf, ct, cp), (sf, st, sp) = np.moveaxis(np.cos(a), -1, 0), np.moveaxis(np.sin(a), -1, 0)
+    rows = [
+        [cp * ct, cp * st * sf + sp * cf, -cp * st * cf + sp * sf],
+        [-sp * ct, -sp * st * sf + cp * cf, sp * st * cf + cp * sf],
+        [st, -ct * sf, ct * cf],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
+    """(n, 3, 3) rotations orbit_from_icrs of ``gss.domain.frames``, for arrays of n."""
+    co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)
+    cu, su = np.cos(latitude_rad), np.sin(latitude_rad)
+    zenith = np.stack([co * cu - so * su * ci, so * cu + co * su * ci, su * si], axis=-1)
+    velocity = np.stack([-co * su - so * cu * ci, -so * su + co * cu * ci, cu * si], axis=-1)
+    return np.stack([velocity, np.cross(-zenith, velocity), -zenith], axis=-2)
+
+
+def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
+    """(n, 3, 3) rotations into the base axes of a law that does not turn with the orbit, at (n,) longitudes of the Sun."""
+    longitude = np.atleast_1d(np.asarray(sun_longitude_rad, float))
+    if limits.pointing == "inertial":
+        fixed = cam_from_icrs(limits.ra_rad, limits.dec_rad, limits.field_roll_rad)
+        return np.broadcast_to(fixed, (len(longitude), 3, 3))
+    c, s, zero = np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)
+    rows = [[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]]
+    spin = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.asarray(BASE_FROM_SUN[limits.pointing] @ spin @ ICRS_FROM_ECLIPTIC.T)
+
+
+def off_nadir_rad(altitude_m: float, elevation_rad: float) -> float:
+    """Angle from nadir, at the satellite, of a place on the ground that sees it at ``elevation_rad``: sin η = R cos ε / (R + h)."""
+    return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) * np.cos(elevation_rad)))
+
+
+# Base axes of a law from axes with +x to the Sun and +z to the ecliptic pole.
+BASE_FROM_SUN = {
+    "anti_sun": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "sun_pointing": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+}
+# Orbit axes from axes with +x to the satellite, +y along its velocity and +z along the orbit normal.
+BASE_FROM_ORBIT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])

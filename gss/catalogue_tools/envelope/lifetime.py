@@ -1,0 +1,90 @@
+"""How long a catalogue serves after its validity: until drift has moved too much of the fields out of its envelope.
+
+Moniteq 1983 §2.5: node drift against the margin gives the days between two uploads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from gss.catalogue_tools.envelope.attitude import SUN_LAWS, base_from_icrs
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.envelope.views import cams_within
+from gss.catalogue_tools.selection.counting import fields_per_star
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+NSIDE = 32
+CURVE_POINTS = 25
+SUN_ATTITUDES = 1000
+
+
+@dataclass(frozen=True)
+class Lifetime:
+    """``days`` after the end of validity until the share of what the fields show that lies in the envelope falls under
+    ``threshold``; infinite if it does not. ``until``: that date. The curve: (k,) days and (k,) shares."""
+
+    threshold: float
+    days: float
+    until: datetime | None
+    days_curve: Array
+    share_curve: Array
+
+
+def lifetime(
+    envelope: Envelope,
+    rate_rad_day: float,
+    valid_to: datetime | None = None,
+    threshold: float = 0.95,
+    longest_days: float = 366.0,
+) -> Lifetime:
+    """When an envelope has drifted out. ``rate_rad_day``: of the node for laws that turn with the orbit, of the Sun for laws
+    that follow it. Laws that do neither last. What Earth, Sun and Moon hide is not looked at."""
+    if not 0 < threshold <= 1:
+        raise BadInput("threshold is out of range", expected="above 0, at most 1", got=f"{threshold:g}")
+    if not (np.isfinite(rate_rad_day) and 0 < longest_days < 1e5):
+        raise BadInput(
+            "drift and days must be numbers", expected="finite, days above 0", got=f"{rate_rad_day}, {longest_days}"
+        )
+    base = getattr(envelope, "base", getattr(envelope, "band", envelope))
+    drifting = isinstance(base, BandEnvelope) or (isinstance(base, PatchEnvelope) and base.limits.pointing in SUN_LAWS)
+    if not drifting or rate_rad_day == 0:
+        return Lifetime(threshold, float("inf"), None, np.array([0.0, longest_days]), np.ones(2))
+    grid = centres(NSIDE)
+    # What the map shows is enough for laws that follow the Sun, and many times faster.
+    held = base.contains(grid) if isinstance(base, BandEnvelope) else base.time_fraction(grid) > 0
+
+    def share(days: float) -> float:
+        seen = _seen_after(base, rate_rad_day * days, grid)
+        return float(seen[held].sum() / max(float(seen.sum()), 1e-300))
+
+    # A turn of the node brings everything back: the first fall counts.
+    longest = min(longest_days, 2 * np.pi / abs(rate_rad_day))
+    days_curve = np.linspace(0, longest, CURVE_POINTS)
+    share_curve = np.array([share(float(d)) for d in days_curve])
+    below = np.flatnonzero(share_curve < threshold)
+    if not len(below):
+        return Lifetime(threshold, float("inf"), None, days_curve, share_curve)
+    last = float(days_curve[below[0]])
+    first = float(days_curve[max(below[0] - 1, 0)])
+    while last - first > 0.01:
+        middle = (first + last) / 2
+        first, last = (middle, last) if share(middle) >= threshold else (first, middle)
+    until = None if valid_to is None else valid_to + timedelta(days=first)
+    return Lifetime(threshold, first, until, days_curve, share_curve)
+
+
+def _seen_after(base: Envelope, angle_rad: float, grid: Array) -> Array:
+    """Share of the time in the field at one moment after the end: node or Sun further on by the angle."""
+    if isinstance(base, BandEnvelope):
+        raan = np.array([base.orbit.raan_end_rad + angle_rad])
+        return base.share_in_planes(grid, raan, np.array([np.mean(base.orbit.inclination_rad)]))
+    if isinstance(base, PatchEnvelope):
+        sun = base.sun_longitude_rad[1] + angle_rad
+        cams = cams_within(base.limits, SUN_ATTITUDES, 0) @ base_from_icrs(base.limits, np.array([sun]))
+        return np.asarray(fields_per_star(grid, cams, base.shape) / SUN_ATTITUDES)
+    return np.zeros(len(grid))

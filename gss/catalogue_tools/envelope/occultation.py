@@ -1,0 +1,301 @@
+"""What Earth, Sun and Moon take away from an envelope (Jacobs 1995 §7.6, Moniteq 1983 §2.3).
+
+A star counts while its line of sight passes the Earth's limb by the margin; a field counts while its boresight does too
+and keeps the baffle's angles to Sun and Moon. Eclipse is not looked at: the Sun's keep-out holds in the Earth's shadow as
+well, which only makes the catalogue's promise safer. The orbit is a circle, Sun and Moon are seen from the Earth's centre
+(in a low orbit the Moon stands up to 1.1° elsewhere: put that into its angle).
+
+Exact: what the Earth hides from a camera that turns with the orbit, to ``hidden_bands.END_RAD``; from other laws it hides
+nothing for ever, unless limb and margin exceed 90°, when boresight and star are judged apart. Sampled, in favour of seeing
+by ``baffle_search.NEAR_RAD``: Sun and Moon, at dates a degree of the Sun's or the node's way apart. Shares of time are
+those of random moments, the node moving evenly over the validity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.design.baffle_search import EPOCH_RAD, MOON_STEP_DAYS, VIEWS_PER_STAR, Baffle, free_of_baffle
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits, orbit_axes
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, Moments, polar_range
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.hidden_bands import ROUNDS, seen_bands
+from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, LOWEST_ORBIT_M, OrbitRanges, altitude_of_tle
+from gss.catalogue_tools.envelope.reach import TOLERANCE_RAD
+from gss.catalogue_tools.envelope.views import Views, views_of
+from gss.catalogue_tools.selection.counting import Shadow, fields_per_star
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+
+__all__ = ["Blinded", "Occultation", "OccultedEnvelope", "altitude_of_tle"]
+
+# Found stars need no proof: these random fields settle nearly all before the search.
+WITNESSES = 4096
+SAMPLE = 20_000
+HITS_PER_DIRECTION = 100
+HOPELESS_DRAWS, DRAWS_PER_FIELD = 100_000, 5000
+
+
+@dataclass(frozen=True)
+class Occultation:
+    """``altitude_m`` None: no Earth. ``earth_margin_rad``: beyond the limb. ``sun_rad``, ``moon_rad``: least angle from the
+    boresight, which is the baffle's (28.1° for Sunsat, Jacobs 1995 eq. 7.26); 0 switches it off."""
+
+    altitude_m: float | None = None
+    earth_margin_rad: float = 0.0
+    sun_rad: float = 0.0
+    moon_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.altitude_m is not None and not LOWEST_ORBIT_M <= self.altitude_m < np.inf:
+            raise BadInput(
+                "no satellite stays up at this altitude",
+                expected=f"{LOWEST_ORBIT_M / 1e3:g} km or more",
+                got=f"{self.altitude_m / 1e3:g} km",
+            )
+        for name in ("earth_margin", "sun", "moon"):
+            value = getattr(self, f"{name}_rad")
+            if not 0 <= value < np.pi:
+                raise BadInput(
+                    f"{name.replace('_', ' ')} angle is out of range",
+                    expected="0° to 180°",
+                    got=f"{np.degrees(value):g}°",
+                )
+        if self.earth_rad >= np.pi:
+            raise BadInput("limb and margin cover the sky", expected="less than 180° together", hint="a smaller margin")
+
+    @property
+    def earth_rad(self) -> float:
+        """Angle from nadir to limb and margin; 0 without an Earth."""
+        if self.altitude_m is None:
+            return 0.0
+        return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + self.altitude_m))) + self.earth_margin_rad
+
+    @property
+    def baffled(self) -> bool:
+        """Sun or Moon matter."""
+        return self.sun_rad > 0 or self.moon_rad > 0
+
+    @property
+    def active(self) -> bool:
+        """Anything matters."""
+        return self.baffled or self.altitude_m is not None
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How closely is looked: random fields as witnesses, moments for the shares of time, rounds of the search for the ends of a
+    band, views and dates for what Sun and Moon hide."""
+
+    witnesses: int
+    moments: int
+    rounds: int
+    views: int
+    epoch_rad: float
+    moon_step_days: float
+
+
+THOROUGH = Effort(WITNESSES, SAMPLE, ROUNDS, VIEWS_PER_STAR, EPOCH_RAD, MOON_STEP_DAYS)
+# For a page that follows the hand.
+QUICK = Effort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
+
+
+@dataclass(frozen=True)
+class Blinded:
+    """Shares of all moments at which the boresight is too near to each body, and to any of them; from ``SAMPLE`` moments."""
+
+    earth: float
+    sun: float
+    moon: float
+    total: float
+
+
+@dataclass(frozen=True)
+class OccultedEnvelope:
+    """An envelope less what is hidden. ``orbit``: for laws that do not say where the Earth is; None: it may be anywhere.
+    ``start_jyear``, ``end_jyear``: the validity, which Sun and Moon need. ``effort``: how long to look."""
+
+    base: Envelope
+    occultation: Occultation
+    orbit: OrbitRanges | None = None
+    start_jyear: float | None = None
+    end_jyear: float | None = None
+    effort: Effort = THOROUGH
+
+    def __post_init__(self) -> None:
+        if self.occultation.baffled:
+            _ = self.baffle
+
+    @cached_property
+    def baffle(self) -> Baffle:
+        """Sun and Moon over the validity."""
+        if self.start_jyear is None or self.end_jyear is None:
+            raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
+        angles, steps = (
+            (self.occultation.sun_rad, self.occultation.moon_rad),
+            (self.effort.epoch_rad, self.effort.moon_step_days),
+        )
+        return Baffle(*angles, self.start_jyear, self.end_jyear, *steps)
+
+    @property
+    def shape(self) -> FieldShape:
+        """The field of the envelope."""
+        return self.base.shape
+
+    @property
+    def dimensions(self) -> int:
+        """Those of the envelope, and two for the place of the Earth where its law does not say it."""
+        return self.base.dimensions + (0 if isinstance(self.base, BandEnvelope) else 2)
+
+    def edges(self, at_end: bool) -> list[Array]:
+        """The border without anything hidden."""
+        return self.base.edges(at_end)
+
+    def at(self, cube: Array) -> Moments:
+        """Moments of the envelope with the Earth's place."""
+        moments = self.base.at(cube[:, : self.base.dimensions])
+        return moments if moments.nadir is not None else replace(moments, nadir=self._nadir(moments.part, cube[:, -2:]))
+
+    def usable(self, moments: Moments) -> NDArray[np.bool_]:
+        """(n,) whether the field counts."""
+        return np.asarray(~np.logical_or.reduce(self._blinding(moments)))
+
+    def shadow(self, moments: Moments) -> Shadow | None:
+        """What the Earth hides at these moments."""
+        if self.occultation.altitude_m is None or moments.nadir is None:
+            return None
+        return Shadow(moments.nadir, self.occultation.earth_rad)
+
+    def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
+        """Random usable ones."""
+        got: list[Moments] = []
+        drawn = found = 0
+        draw = min(max(2 * count, 1000), HOPELESS_DRAWS)
+        while found < count:
+            if drawn >= HOPELESS_DRAWS and drawn > DRAWS_PER_FIELD * found:
+                raise BadInput(
+                    "Earth, Sun or Moon blind every field",
+                    expected="some usable fields",
+                    got=f"{found} of {drawn} tried",
+                    hint="smaller baffle angles or margin, other dates or another pointing",
+                )
+            moments = self.at(rng.random((draw, self.dimensions)))
+            good = np.flatnonzero(self.usable(moments))
+            got.append(_take(moments, good))
+            drawn, found = drawn + draw, found + len(good)
+        return _take(_joined(got), np.arange(count))
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, 3, 3) random usable cam_from_icrs."""
+        return self.usable_moments(rng, count).cam_from_icrs
+
+    @cached_property
+    def blinded(self) -> Blinded:
+        """How much of the time is lost."""
+        earth, sun, moon = self._blinding(self.at(np.random.default_rng(0).random((SAMPLE, self.dimensions))))
+        return Blinded(*(float(np.mean(b)) for b in (earth, sun, moon, earth | sun | moon)))
+
+    def time_fraction(self, unit: Array) -> Array:
+        """(n,) share of all time in a field that counts, and clear of the Earth. Sampled: see HITS_PER_DIRECTION."""
+        u = np.asarray(unit, float)
+        # Only a band can be asked cheaply beforehand; a field looks only at what is near it anyway.
+        band = isinstance(self.base, BandEnvelope)
+        possible = np.flatnonzero(self.base.contains(u)) if band else np.arange(len(u))
+        per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
+        count = int(np.clip(HITS_PER_DIRECTION * len(possible) / per_field, 1000, self.effort.moments))
+        moments = self.at(np.random.default_rng(0).random((count, self.dimensions)))
+        good = _take(moments, np.flatnonzero(self.usable(moments)))
+        share = np.zeros(len(u))
+        found = fields_per_star(u[possible], good.cam_from_icrs, self.base.shape, self.shadow(good))
+        share[possible] = found / count
+        return share
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        """Which (n, 3) directions are ever seen in a field that counts."""
+        u = np.asarray(unit, float)
+        seen = self.base.contains(u)
+        seen[seen] = self._clear_of_earth(u[seen])
+        if not self.occultation.baffled or not seen.any():
+            return seen
+        doubtful = np.flatnonzero(seen)
+        doubtful = doubtful[~self._witnessed(u[doubtful])]
+        seen[doubtful] = free_of_baffle(
+            self.base, u[doubtful], self.baffle, self._views, self.occultation.earth_rad, self.effort.views
+        )
+        return seen
+
+    def _clear_of_earth(self, u: Array) -> NDArray[np.bool_]:
+        earth_rad = self.occultation.earth_rad
+        if isinstance(self.base, BandEnvelope):
+            smallest, largest = polar_range(self.base.orbit, u)
+            return np.asarray(
+                np.logical_or.reduce(
+                    [np.zeros(len(u), bool)] + [(largest >= a) & (smallest <= b) for a, b in self._bands]
+                )
+            )
+        if earth_rad <= np.pi / 2 or self.orbit is None:
+            # At some place of every orbit the Earth is behind.
+            return np.ones(len(u), bool)
+        smallest, largest = polar_range(self.orbit, u)
+        height = np.where((smallest <= 0) & (largest >= 0), 0.0, np.minimum(np.abs(smallest), np.abs(largest)))
+        return np.asarray(height <= np.sin(earth_rad) + TOLERANCE_RAD)
+
+    @cached_property
+    def _views(self) -> Views:
+        limits = getattr(self.base, "limits", None) or AttitudeLimits("inertial")
+        return views_of(self.base.shape, limits)
+
+    @cached_property
+    def _bands(self) -> list[tuple[float, float]]:
+        return (
+            seen_bands(self.base, self._views, self.occultation.earth_rad, self.effort.rounds)
+            if isinstance(self.base, BandEnvelope)
+            else []
+        )
+
+    def _witnessed(self, u: Array) -> NDArray[np.bool_]:
+        moments = self.at(np.random.default_rng(1).random((self.effort.witnesses, self.dimensions)))
+        good = _take(moments, np.flatnonzero(self.usable(moments)))
+        return fields_per_star(u, good.cam_from_icrs, self.base.shape, self.shadow(good)) > 0
+
+    def _blinding(self, moments: Moments) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        boresight, o = moments.cam_from_icrs[:, 2], self.occultation
+        none = np.zeros(len(boresight), bool)
+        earth = sun_near = moon_near = none
+        if o.altitude_m is not None and moments.nadir is not None:
+            earth = (boresight * moments.nadir).sum(axis=1) > np.cos(o.earth_rad)
+        if o.baffled:
+            sun, moon = self.baffle.bodies(moments.part)
+            if o.sun_rad:
+                sun_near = (boresight * sun).sum(axis=1) > np.cos(o.sun_rad)
+            if o.moon_rad:
+                moon_near = (boresight * moon).sum(axis=1) > np.cos(o.moon_rad)
+        return earth, sun_near, moon_near
+
+    def _nadir(self, part: Array, place: Array) -> Array:
+        """(n, 3) directions to the Earth at (n, 2) places of the unit square: along the orbit, or anywhere."""
+        turn = 2 * np.pi * place[:, 0]
+        if self.orbit is None:
+            z = 2 * place[:, 1] - 1
+            flat = np.sqrt(1 - z * z)
+            return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+        low, high = self.orbit.inclination_rad
+        return orbit_axes(self.orbit.raan_at(part), low + (high - low) * place[:, 1], turn)[:, 2]
+
+
+def _take(moments: Moments, rows: NDArray[np.intp]) -> Moments:
+    nadir = None if moments.nadir is None else moments.nadir[rows]
+    return Moments(moments.cam_from_icrs[rows], moments.part[rows], nadir)
+
+
+def _joined(parts: list[Moments]) -> Moments:
+    nadirs = [p.nadir for p in parts if p.nadir is not None]
+    return Moments(
+        np.concatenate([p.cam_from_icrs for p in parts]),
+        np.concatenate([p.part for p in parts]),
+        np.concatenate(nadirs) if nadirs else None,
+    )

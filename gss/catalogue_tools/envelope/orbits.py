@@ -1,0 +1,190 @@
+"""Which orbital planes there will be: from limits of the elements, or from a TLE over a span of days."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+from sgp4.api import Satrec, jday
+from sgp4.conveniences import sat_epoch_datetime
+
+from gss.catalogue_tools.corrections.corrections import date_from_icrs
+from gss.domain.angles import Array, wrap_pi_rad
+from gss.domain.errors import BadInput
+
+Range = tuple[float, float]
+EARTH_RADIUS_M = 6_378_137.0
+EARTH_MU_M3_S2 = 3.986004418e14
+J2 = 1.08262668e-3
+# Below this an orbit does not last a turn.
+LOWEST_ORBIT_M = 100e3
+# Node prediction from mean elements is good to 0.1° for about this long in a low orbit.
+TLE_VALID_DAYS = 60.0
+TLE_VALID_BEFORE_DAYS = 7.0
+SGP4_WORDS = {
+    1: "mean eccentricity out of range",
+    2: "mean motion below zero",
+    3: "perturbed eccentricity out of range",
+    4: "semi-latus rectum below zero",
+    6: "the orbit has decayed",
+}
+
+
+@dataclass(frozen=True)
+class OrbitRanges:
+    """Orbital planes in ICRS axes: every inclination with every node, every argument of latitude.
+
+    ``raan_start_rad``, ``raan_end_rad``: the node at the two ends of validity.
+    """
+
+    inclination_rad: Range
+    raan_rad: Range
+    raan_start_rad: float
+    raan_end_rad: float
+
+    def raan_at(self, part: Array) -> Array:
+        """Node after (n,) shares of the validity."""
+        return np.asarray(self.raan_start_rad + (self.raan_end_rad - self.raan_start_rad) * np.asarray(part))
+
+
+def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
+    """Planes from given limits (Jacobs 1995 Table 5-2); a node range across 0° is written 350° to 370°."""
+    low, high = ordered("inclination", inclination_rad)
+    if low < 0 or high > np.pi:
+        raise BadInput(
+            "inclination is out of range", expected="0° to 180°", got=f"{np.degrees(low):g}° to {np.degrees(high):g}°"
+        )
+    start, end = ordered("right ascension of the node", raan_rad, hint="write a range across 0° as 350:370")
+    return OrbitRanges((low, high), (start, end), start, end)
+
+
+def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
+    """Planes of a satellite over ``days`` from ``start`` (UTC, with a time zone): secular J2 drift of SGP4's mean node,
+    turned from the equator of date to ICRS."""
+    satellite = read_tle(text)
+    end = start + timedelta(days=days)
+    _check_span(satellite, start, end)
+    normals = [_mean_normal(satellite, start + (end - start) * part) for part in (0.0, 0.5, 1.0)]
+    inclination = [float(np.arctan2(np.hypot(n[0], n[1]), n[2])) for n in normals]
+    raan = [float(np.arctan2(n[0], -n[1]) % (2 * np.pi)) for n in normals]
+    for k in (1, 2):  # follow the drift across 0°
+        raan[k] = raan[k - 1] + float(wrap_pi_rad(raan[k] - raan[k - 1]))
+    return OrbitRanges((min(inclination), max(inclination)), (min(raan), max(raan)), raan[0], raan[2])
+
+
+def read_tle(text: str) -> Satrec:
+    """The satellite of a two-line element set, with or without a name line; every line is checked."""
+    lines = [line.rstrip() for line in text.strip().splitlines() if line.strip()]
+    lines = lines[1:] if len(lines) == 3 else lines
+    if len(lines) != 2 or not (lines[0].startswith("1 ") and lines[1].startswith("2 ")):
+        raise BadInput(
+            "not a two-line element set",
+            expected="a line 1 and a line 2, a name line before",
+            got=f"{len(lines)} lines",
+        )
+    for line in lines:
+        _check_line(line)
+    if lines[0][2:7] != lines[1][2:7]:
+        raise BadInput("the two TLE lines are of different satellites", expected=lines[0][2:7], got=lines[1][2:7])
+    try:
+        satellite = Satrec.twoline2rv(*lines)
+    except (ValueError, IndexError) as error:
+        raise BadInput("TLE cannot be read", expected="numbers in their columns", got=str(error)) from None
+    if satellite.error:
+        raise BadInput(
+            "TLE describes no orbit",
+            expected="the elements of a satellite in orbit",
+            got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"),
+            hint="copy the TLE again",
+        )
+    perigee_m = satellite.altp * EARTH_RADIUS_M
+    if perigee_m < LOWEST_ORBIT_M:
+        raise BadInput(
+            "the orbit has decayed",
+            expected=f"a perigee above {LOWEST_ORBIT_M / 1e3:g} km",
+            got=f"{perigee_m / 1e3:.0f} km",
+            hint="a newer TLE, if the satellite is still up",
+        )
+    return satellite
+
+
+def altitude_of_tle(text: str) -> float:
+    """Metres above the equator of the mean orbit, its long axis less the Earth's radius."""
+    satellite = read_tle(text)
+    return float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M)
+
+
+def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
+    """Drift of the node of a circular orbit by the Earth's flattening (Moniteq 1983 §2.5)."""
+    radius_m = EARTH_RADIUS_M + altitude_m
+    mean_motion = np.sqrt(EARTH_MU_M3_S2 / radius_m**3)
+    return float(-1.5 * J2 * mean_motion * (EARTH_RADIUS_M / radius_m) ** 2 * np.cos(inclination_rad))
+
+
+def ordered(what: str, limits: Range, hint: str = "") -> Range:
+    """The limits, if they are numbers in order."""
+    low, high = float(limits[0]), float(limits[1])
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise BadInput(f"{what} is not a number", expected="two finite limits", got=f"{low} to {high}")
+    if low > high:
+        got = f"{np.degrees(low):g}° to {np.degrees(high):g}°"
+        raise BadInput(f"{what}: the minimum is above the maximum", expected="minimum:maximum", got=got, hint=hint)
+    return low, high
+
+
+def _check_line(line: str) -> None:
+    if len(line) != 69 or not line[68].isdigit():
+        raise BadInput("TLE line has the wrong length", expected="69 columns", got=f"{len(line)} columns: {line!r}")
+    total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+    if total != int(line[68]):
+        raise BadInput(
+            f"TLE line {line[0]} has a wrong checksum", expected=str(total), got=line[68], hint="copy the TLE again"
+        )
+
+
+def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
+    if start.tzinfo is None:
+        raise BadInput("the start has no time zone", expected="a time with its offset from UTC", got=str(start))
+    epoch = sat_epoch_datetime(satellite)
+    before, after = (epoch - start) / timedelta(days=1), (end - epoch) / timedelta(days=1)
+    if not end > start:
+        raise BadInput("the span is empty", expected="a positive number of days", got=f"{start} to {end}")
+    if before > TLE_VALID_BEFORE_DAYS or after > TLE_VALID_DAYS:
+        raise BadInput(
+            "the dates are outside the TLE's validity",
+            expected=f"{TLE_VALID_BEFORE_DAYS:g} days before to {TLE_VALID_DAYS:g} days after {epoch:%Y-%m-%d}",
+            got=f"{start:%Y-%m-%d} to {end:%Y-%m-%d}",
+            hint="a newer TLE, or the node's limits directly",
+        )
+    for moment in (start, end):
+        error, _, _ = satellite.sgp4(*_julian(moment))
+        if error:
+            words = SGP4_WORDS.get(error, f"SGP4 error {error}")
+            raise BadInput(
+                f"no orbit at {moment:%Y-%m-%d}",
+                expected="a satellite in orbit",
+                got=words,
+                hint="a newer TLE, fewer days",
+            )
+
+
+def _mean_normal(satellite: Satrec, moment: datetime) -> Array:
+    """(3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
+    jd, part = _julian(moment)
+    minutes = (jd - satellite.jdsatepoch + part - satellite.jdsatepochF) * 1440.0
+    raan, i = satellite.nodeo + satellite.nodedot * minutes, satellite.inclo
+    normal = np.array([np.sin(raan) * np.sin(i), -np.cos(raan) * np.sin(i), np.cos(i)])
+    return np.asarray(date_from_icrs(jyear_of(moment)).T @ normal)
+
+
+def _julian(moment: datetime) -> tuple[float, float]:
+    utc = moment - (moment.utcoffset() or timedelta())
+    jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
+    return float(jd), float(part)
+
+
+def jyear_of(moment: datetime) -> float:
+    """Julian year of a moment with a time zone."""
+    jd, part = _julian(moment)
+    return 2000.0 + (jd - 2451545.0 + part) / 365.25

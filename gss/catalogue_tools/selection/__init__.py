@@ -1,0 +1,1 @@
+"""Which stars go on board, and how well they serve."""

@@ -1,0 +1,187 @@
+"""How unique the sky is: what else in the catalogue looks like the stars of a field, field by field.
+
+Two kinds of matchers, two figures. One that takes a triangle is misled by other triangles with the same three sides: for
+every triangle of a field's brightest stars those of the catalogue are counted, mirrored ones too, which distances cannot
+tell apart. One that votes is misled where wrong names get as many votes as the right one: ``rivals`` is how many names do
+by chance, from the number of stars and the wrong pairs that each distance brings. Fewer than three stars leave everything
+open: infinite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import gammainc
+
+from gss.catalogue_tools.envelope.envelope import Envelope
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.domain.angles import Array, separation_rad
+from gss.domain.errors import BadInput
+
+BRIGHTEST = 6
+BLOCK = 4096
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class AmbiguityMap:
+    """By HEALPix ring pixel, NaN (``stars``: −1) outside the envelope: stars in a circle there, mean number of other pairs that
+    look like a pair of its brightest, mean number of other triangles that look like one of theirs, and expected number of
+    wrong names per star with as many votes as the right one."""
+
+    nside: int
+    tolerance_rad: float
+    stars: NDArray[np.int64]
+    wrong_pairs: Array
+    wrong_triangles: Array
+    rivals: Array
+
+    @property
+    def worst(self) -> tuple[float, float, float]:
+        """Right ascension, declination and ``rivals`` of the least unique place; among infinite ones that with the fewest stars."""
+        inside = np.flatnonzero(self.stars >= 0)
+        if not len(inside):
+            return float("nan"), float("nan"), float("nan")
+        order = np.lexsort((self.stars[inside], -self.rivals[inside]))
+        x, y, z = centres(self.nside)[inside[order[0]]]
+        figure = float(self.rivals[inside[order[0]]])
+        return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
+
+    def facts(self) -> dict[str, Any]:
+        """For the manifest: medians and the share of the envelope with fewer than three stars."""
+        inside = self.stars >= 0
+        finite = np.isfinite(self.wrong_triangles) & inside
+        ra, dec, figure = self.worst
+        return {
+            "nside": self.nside,
+            "tolerance_rad": self.tolerance_rad,
+            "median_wrong_pairs": float(np.median(self.wrong_pairs[finite])) if finite.any() else None,
+            "median_wrong_triangles": float(np.median(self.wrong_triangles[finite])) if finite.any() else None,
+            "median_rivals": float(np.median(self.rivals[finite])) if finite.any() else None,
+            "share_without_triangle": float(np.mean(~finite[inside])) if inside.any() else None,
+            "worst_ra_rad": ra,
+            "worst_dec_rad": dec,
+            "worst_rivals": figure if np.isfinite(figure) else None,
+        }
+
+
+def ambiguity_map(
+    unit: Array,
+    envelope: Envelope,
+    radius_rad: float,
+    tolerance_rad: float,
+    max_rad: float,
+    nside: int = 16,
+    brightest: int = BRIGHTEST,
+) -> AmbiguityMap:
+    """The map of (n, 3) ICRS stars, brightest first. ``radius_rad``: of the circle that stands for a field. ``tolerance_rad``:
+    half width of the matcher's distance query. ``max_rad``: longest distance of the table."""
+    if not tolerance_rad > 0 or brightest < 3 or not 0 < radius_rad < np.pi:
+        raise BadInput(
+            "ambiguity needs a tolerance, a field and three stars",
+            expected="tolerance and radius above 0, brightest at least 3",
+            got=f"{tolerance_rad:g} rad, {radius_rad:g} rad, {brightest}",
+        )
+    places = centres(nside)
+    inside = np.flatnonzero(envelope.contains(places))
+    stars = np.full(len(places), -1, np.int64)
+    pairs, triangles = np.full(len(places), np.nan), np.full(len(places), np.nan)
+    if not len(inside) or not len(unit):
+        stars[inside], triangles[inside] = 0, np.inf
+        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
+    found = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
+    stars[inside] = [len(f) for f in found]
+    trios = [list(combinations(f[:brightest], 3)) for f in found]
+    owner = np.repeat(inside, [len(t) for t in trios])
+    triangles[inside] = np.inf
+    if not len(owner):
+        return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
+    every = np.array([t for group in trios for t in group], np.intp)
+    unique, back = np.unique(every, axis=0, return_inverse=True)
+    other_pairs, other_triangles = wrong_matches(unit, unique, tolerance_rad, max_rad)
+    count = np.bincount(owner, minlength=len(places))
+    some = count > 0
+    for target, figure in ((pairs, other_pairs), (triangles, other_triangles)):
+        target[some] = np.bincount(owner, figure[back.ravel()], len(places))[some] / count[some]
+    rivals = triangles.copy()
+    rivals[some] = expected_rivals(np.minimum(stars[some], brightest), pairs[some], len(unit))
+    return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, rivals)
+
+
+def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
+    """(m,) expected wrong names with at least the votes that the right one is sure of: one per other star of the field. Wrong
+    pairs name two stars each, anywhere in the catalogue: Poisson's law."""
+    votes = field_stars - 1
+    mean = votes * 2 * wrong_pairs / max(catalogue_stars, 1)
+    return np.asarray(catalogue_stars * gammainc(np.maximum(votes, 1), mean))
+
+
+def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float) -> tuple[Array, Array]:
+    """For (m, 3) rows of triangles: (m,) mean number of other pairs like each of its sides, and (m,) number of other triangles
+    with the same three sides, each within the tolerance; named stars in any order but the same count once."""
+    table = _Neighbours(unit, max_rad + tolerance_rad)
+    a, b, c = trios.T
+    sides = [separation_rad(unit[i], unit[j]) for i, j in ((a, b), (a, c), (b, c))]
+    pairs = sum(table.pairs_like(side, tolerance_rad) for side in sides) / 3 - 1
+    wrong = np.zeros(len(trios))
+    for start in range(0, len(trios), BLOCK):
+        part = slice(start, start + BLOCK)
+        wrong[part] = _triangles_like(unit, table, trios[part], [s[part] for s in sides], tolerance_rad)
+    return np.asarray(np.maximum(pairs, 0.0)), wrong
+
+
+class _Neighbours:
+    """Every star's neighbours by distance, in one sorted list of star number and distance."""
+
+    def __init__(self, unit: Array, max_rad: float) -> None:
+        near = cKDTree(unit).query_pairs(2 * np.sin(min(max_rad, np.pi) / 2), output_type="ndarray")
+        one, two = near.T if len(near) else np.empty((2, 0), np.intp)
+        distance = separation_rad(unit[one], unit[two]) if len(near) else np.empty(0)
+        self.by_distance = np.sort(distance)
+        order = np.argsort(distance)
+        self.first, self.second = one[order], two[order]
+        whole = np.concatenate([one, two]) * 4.0 + np.concatenate([distance, distance])
+        sort = np.argsort(whole)
+        self.key, self.neighbour = whole[sort], np.concatenate([two, one])[sort]
+
+    def range_like(self, side: Array, tolerance_rad: float) -> tuple[Rows, Rows]:
+        """(m,) first and past-the-last place in the table of pairs that long, within the tolerance."""
+        low = np.searchsorted(self.by_distance, side - tolerance_rad, "left")
+        return low, np.searchsorted(self.by_distance, side + tolerance_rad, "right")
+
+    def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
+        """(m,) how many pairs are that long, within the tolerance."""
+        low, high = self.range_like(side, tolerance_rad)
+        return np.asarray(high - low, float)
+
+
+def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
+    """(m,) other triangles like each: pairs like the first side, both ways round, then third stars by the second side, then
+    the third side."""
+    low, high = table.range_like(sides[0], tolerance_rad)
+    who, row = _expanded(low, high)
+    who = np.concatenate([who, who])
+    i = np.concatenate([table.first[row], table.second[row]])
+    j = np.concatenate([table.second[row], table.first[row]])
+    wanted = i * 4.0 + sides[1][who]
+    step, at = _expanded(
+        np.searchsorted(table.key, wanted - tolerance_rad), np.searchsorted(table.key, wanted + tolerance_rad)
+    )
+    who, i, j, k = who[step], i[step], j[step], table.neighbour[at]
+    like = (np.abs(separation_rad(unit[j], unit[k]) - sides[2][who]) <= tolerance_rad) & (j != k)
+    who, found = who[like], np.stack([i[like], j[like], k[like]], axis=-1)
+    other = (np.sort(found, axis=1) != np.sort(trios[who], axis=1)).any(axis=1)
+    named = np.unique(np.column_stack([who[other], np.sort(found[other], axis=1)]), axis=0)
+    return np.bincount(named[:, 0], minlength=len(trios)).astype(float)
+
+
+def _expanded(low: Rows, high: Rows) -> tuple[Rows, Rows]:
+    """All places of (m,) ranges, and which range each is of."""
+    count = np.maximum(high - low, 0)
+    who = np.repeat(np.arange(len(low)), count)
+    return who, np.arange(len(who)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)

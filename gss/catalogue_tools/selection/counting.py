@@ -1,0 +1,98 @@
+"""How many stars a million fields hold: fields sorted by place, so that each place looks at its own few stars only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.healpix import centres, pixel_of, pixel_radius_rad
+from gss.domain.angles import Array
+
+Counts = NDArray[np.int64]
+Group = tuple[NDArray[np.intp], NDArray[np.intp]]
+# Fields and stars looked at in one step: fits the processor's cache.
+STEP = 131_072
+# Fewer fields than this in a place, or places much smaller than a field, cost more than they save.
+FIELDS_PER_PIXEL = 100
+PIXEL_OF_FIELD = 0.3
+MANY_STARS = 5000
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """What the Earth hides: ``nadir``: (m, 3) ICRS unit vectors, one per field; ``radius_rad``: limb and margin."""
+
+    nadir: Array
+    radius_rad: float
+
+
+def stars_per_field(
+    unit: Array,
+    attitudes: Array,
+    shape: FieldShape | Disc,
+    each: Callable[..., Iterable[Counts]] = map,
+    shadow: Shadow | None = None,
+) -> Counts:
+    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how groups are worked off:
+    ``map``, or that of a pool of threads, which the work inside lets run side by side. ``shadow``: stars behind it do not count.
+    """
+    counts = np.zeros(len(attitudes), np.int64)
+    if not len(unit) or not len(attitudes):
+        return counts
+    groups = _groups(unit, attitudes[:, 2], shape)
+
+    def work(group: Group) -> Counts:
+        return np.asarray(np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=1), np.int64)
+
+    for (rows, _), found in zip(groups, each(work, groups), strict=True):
+        counts[rows] = found
+    return counts
+
+
+def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None = None) -> Counts:
+    """(n,) numbers of the fields of (m, 3, 3) cam_from_icrs that show each of (n, 3) ICRS directions."""
+    counts = np.zeros(len(unit), np.int64)
+    if len(unit) and len(attitudes):
+        for group in _groups(unit, attitudes[:, 2], shape):
+            counts[group[1]] += np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=0)
+    return counts
+
+
+def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Group]:
+    """(rows of fields, rows of stars that these may show): by pixel of the sky, as fine as the number of fields pays for."""
+    nside = 1
+    worth = len(boresight) * max(1.0, len(unit) / MANY_STARS)
+    while (
+        12 * (2 * nside) ** 2 * FIELDS_PER_PIXEL <= worth
+        and pixel_radius_rad(nside) > PIXEL_OF_FIELD * shape.half_diagonal_rad
+    ):
+        nside *= 2
+    pixel = pixel_of(nside, boresight)
+    order = np.argsort(pixel, kind="stable")
+    used, starts = np.unique(pixel[order], return_index=True)
+    reach = min(shape.half_diagonal_rad + pixel_radius_rad(nside), np.pi)
+    near = unit @ centres(nside)[used].T >= np.cos(reach) - 1e-12
+    groups = []
+    for k, rows in enumerate(np.split(order, starts[1:])):
+        stars = np.flatnonzero(near[:, k])
+        if len(stars):
+            size = max(1, STEP // len(stars))
+            groups += [(rows[s : s + size], stars) for s in range(0, len(rows), size)]
+    return groups
+
+
+def _seen(
+    unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, group: Group
+) -> NDArray[np.bool_]:
+    """(fields of the group, stars of the group) which field shows which star."""
+    rows, stars = group
+    near = unit[stars].T
+    v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))
+    seen = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
+    if shadow is not None:
+        seen &= shadow.nadir[rows] @ near <= np.cos(shadow.radius_rad)
+    return seen

@@ -1,0 +1,65 @@
+"""The field with the fewest stars: from random fields, ever nearer round the poorest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.envelope.envelope import Envelope
+from gss.catalogue_tools.envelope.field import FieldShape, widened
+from gss.catalogue_tools.envelope.occultation import OccultedEnvelope
+from gss.catalogue_tools.selection.counting import stars_per_field
+from gss.domain.angles import Array
+
+FIRST, KEPT, CHILDREN, ROUNDS = 4096, 24, 24, 8
+START_SCALE, SHRINK = 0.06, 0.6
+# A field this much larger on each side tells which of two equally poor ones is nearer to being poorer.
+COLLAR = 0.15
+BLIND = 1e6
+
+
+@dataclass(frozen=True)
+class Poorest:
+    """(3, 3) attitude of the poorest field found, its stars, and how many fields were looked at."""
+
+    cam_from_icrs: Array
+    stars: int
+    searched: int
+
+
+def search_poorest(unit: Array, envelope: Envelope, shape: FieldShape, seed: int = 0) -> Poorest:
+    """Search the fields of an envelope for the one with the fewest of (n, 3) ICRS stars. A field that Earth, Sun or Moon blind
+    does not count. The answer is the poorest found; nothing proves that there is no poorer one."""
+    rng = np.random.default_rng(seed)
+    collar = FieldShape(widened(shape.camera, COLLAR * shape.half_diagonal_rad))
+    cube = rng.random((FIRST, envelope.dimensions))
+    scale, searched = START_SCALE, 0
+    best, best_stars = np.eye(3), len(unit) + 1
+    for _ in range(ROUNDS):
+        stars, score, attitudes = _scores(unit, envelope, shape, collar, cube)
+        searched += len(cube)
+        order = np.argsort(score, kind="stable")[:KEPT]
+        if stars[order[0]] < best_stars:
+            best, best_stars = attitudes[order[0]], int(stars[order[0]])
+        if best_stars == 0:
+            break
+        near = np.repeat(cube[order], CHILDREN, axis=0)
+        step = rng.normal(size=near.shape) * scale
+        step[::CHILDREN] = 0
+        cube, scale = np.clip(near + step, 0, 1 - 1e-12), scale * SHRINK
+    return Poorest(best, best_stars, searched)
+
+
+def _scores(
+    unit: Array, envelope: Envelope, shape: FieldShape, collar: FieldShape, cube: Array
+) -> tuple[Array, Array, Array]:
+    """(n,) stars, (n,) what to make small, (n, 3, 3) attitudes."""
+    moments = envelope.at(cube)
+    occulted = isinstance(envelope, OccultedEnvelope)
+    shadow = envelope.shadow(moments) if isinstance(envelope, OccultedEnvelope) else None
+    stars = stars_per_field(unit, moments.cam_from_icrs, shape, shadow=shadow).astype(float)
+    around = stars_per_field(unit, moments.cam_from_icrs, collar, shadow=shadow)
+    if occulted:
+        stars[~envelope.usable(moments)] = BLIND  # type: ignore[attr-defined]
+    return stars, stars + 0.01 * around, moments.cam_from_icrs

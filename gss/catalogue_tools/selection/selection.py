@@ -1,0 +1,274 @@
+"""Which of the stars in the envelope go on board, and why the others do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.envelope.envelope import Envelope
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.healpix import centres
+from gss.catalogue_tools.selection.screening import Screened, ScreeningRules, screened
+from gss.catalogue_tools.selection.uniform_density import reduce_catalogue, survey_attitudes
+from gss.catalogue_tools.sources.hipparcos import HIP2_STARS
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.stars import FLAG_VARIABLE, StarTable
+
+# A neighbour this much fainter pulls the common centroid by less than a tenth of the separation.
+HARMLESS_DIFFERENCE_MAG = 2.5
+MOST_LISTED = 500
+# Ways of thinning, and what their fields are called in the funnel.
+THINNINGS = {"circles": "field", "frames": "upright frame"}
+# Between frames: an eighth of the field's shorter side, within reason.
+FRAME_STEP, FRAME_STEPS_RAD = 1 / 8, (float(np.radians(0.5)), float(np.radians(4.0)))
+
+
+class Fate(IntEnum):
+    """What became of a star within the magnitude limit. The first reason in this order counts."""
+
+    KEPT = 0
+    OUTSIDE = 1
+    DOUBLE = 2
+    VARIABLE = 3
+    TOO_BRIGHT = 4
+    THINNED = 5
+    # Looked at before the thinning; its number came later than the others'.
+    SCREENED = 6
+
+    @property
+    def map_state(self) -> str:
+        """The map's word: kept, thinned, rejected or outside."""
+        return {Fate.KEPT: "kept", Fate.OUTSIDE: "outside", Fate.THINNED: "thinned"}.get(self, "rejected")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Limits in V; smallest separation of two usable stars; how many of the brightest per field (0 = all).
+
+    ``thinning``: which fields: circles as large as the camera's, densely over the envelope, or upright frames of the camera's
+    own shape, evenly over the sky (Huffman 2006 §5.5.4). ``screening`` None: no screening list.
+    """
+
+    faint_mag: float
+    bright_mag: float = -2.0
+    min_separation_rad: float = 0.0
+    brightest_per_field: int = 0
+    drop_variables: bool = False
+    thinning: str = "circles"
+    screening: ScreeningRules | None = None
+
+    def __post_init__(self) -> None:
+        numbers = (self.faint_mag, self.bright_mag, self.min_separation_rad)
+        if not all(np.isfinite(n) for n in numbers):
+            raise BadInput("a selection limit is not a number", expected="finite limits", got=str(numbers))
+        if self.bright_mag >= self.faint_mag:
+            raise BadInput(
+                "the bright limit is not brighter than the faint limit",
+                expected=f"below {self.faint_mag:g}",
+                got=f"{self.bright_mag:g}",
+            )
+        if not 0 <= self.min_separation_rad < np.pi or self.brightest_per_field < 0:
+            raise BadInput("separation and stars per field cannot be negative", expected="0 or more")
+        if self.thinning not in THINNINGS:
+            raise BadInput("unknown way of thinning", expected=" | ".join(THINNINGS), got=self.thinning)
+
+
+@dataclass(frozen=True)
+class FunnelStep:
+    """One line of the funnel of counts; ``dropped`` lines count what went, the others what is left."""
+
+    label: str
+    stars: int
+    dropped: bool
+
+
+@dataclass(frozen=True)
+class Selection:
+    """``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each. ``source`` and
+    ``source_stars``: the catalogue they are of; ``blends``: stars that were no longer there to choose from, because their
+    light mixes. ``screened``: the screening list over the candidates, None without one."""
+
+    candidates: StarTable
+    fate: NDArray[np.int8]
+    rules: Rules
+    source: str = "Hipparcos"
+    source_stars: int = HIP2_STARS
+    blends: int = 0
+    screened: Screened | None = None
+
+    def from_source(self, source: str, stars: int, blends: int) -> Selection:
+        """The same choice with the name and size of the catalogue it was made from."""
+        return replace(self, source=source, source_stars=stars, blends=blends)
+
+    @property
+    def kept(self) -> StarTable:
+        """The stars that go on board, brightest first."""
+        return self.candidates.take(self.fate == Fate.KEPT)
+
+    def count(self, fate: Fate) -> int:
+        """How many stars had this fate."""
+        return int(np.count_nonzero(self.fate == fate))
+
+    @property
+    def funnel(self) -> tuple[FunnelStep, ...]:
+        """From the source to the bank."""
+        n, rules = len(self.candidates), self.rules
+        screening = self.rules.screening
+        dropped: tuple[FunnelStep, ...] = ()
+        listed: tuple[FunnelStep, ...] = ()
+        if screening is not None and screening.action == "drop":
+            dropped = (FunnelStep("on the screening list", self.count(Fate.SCREENED), True),)
+        elif self.screened is not None:
+            kept = int(np.count_nonzero(self.screened.marked & (self.fate == Fate.KEPT)))
+            listed = (FunnelStep("of these on the screening list", kept, False),)
+        thinned = f"beyond {rules.brightest_per_field} per {THINNINGS[rules.thinning]}"
+        blends = (FunnelStep("blends rejected", self.blends, True),) if self.blends else ()
+        return (
+            FunnelStep(self.source, self.source_stars, False),
+            *blends,
+            FunnelStep(f"V ≤ {rules.faint_mag:.2f}", n, False),
+            FunnelStep("inside the envelope", n - self.count(Fate.OUTSIDE), False),
+            FunnelStep("close doubles", self.count(Fate.DOUBLE), True),
+            FunnelStep("variable", self.count(Fate.VARIABLE), True),
+            FunnelStep("too bright", self.count(Fate.TOO_BRIGHT), True),
+            *dropped,
+            FunnelStep(thinned if rules.brightest_per_field else "thinned", self.count(Fate.THINNED), True),
+            FunnelStep("kept", self.count(Fate.KEPT), False),
+            *listed,
+        )
+
+
+def screening_facts(selection: Selection) -> dict[str, Any] | None:
+    """Counts by reason over the stars in the envelope, and the worst of them by name, as plain values; None without a list."""
+    rules, found = selection.rules.screening, selection.screened
+    if rules is None or found is None:
+        return None
+    seen = selection.fate != Fate.OUTSIDE
+    listed = np.flatnonzero(found.marked & seen)
+    inside = {name: int(np.count_nonzero(mask & seen)) for name, mask in found.reasons.items()}
+    return {
+        "action": rules.action,
+        "counts": inside | {"any": len(listed)},
+        "mean_companions": float(found.companions[seen].mean()) if seen.any() else 0.0,
+        "most_companions": float(found.companions[seen].max(initial=0.0)),
+        "third": found.third,
+        "stars": [
+            {
+                "hip": int(selection.candidates.hip[k]),
+                "reasons": [name for name, mask in found.reasons.items() if mask[k]],
+                "companions": int(found.companions[k]),
+                "kept": bool(selection.fate[k] == Fate.KEPT),
+            }
+            for k in listed[:MOST_LISTED]
+        ],
+    }
+
+
+def select(stars: StarTable, envelope: Envelope, rules: Rules, shape: FieldShape) -> Selection:
+    """Apply the rules to ``stars``. ``shape``: the field, for the thinning."""
+    _check_stars(stars)
+    candidates = stars.brighter_than(rules.faint_mag)
+    if not len(candidates):
+        raise BadInput(
+            "the magnitude limit leaves no stars",
+            expected=f"V ≥ {stars.v_mag.min():g}" if len(stars) else "a star table",
+            got=f"{rules.faint_mag:g}",
+        )
+    fate = np.zeros(len(candidates), np.int8)
+    fate[~envelope.contains(candidates.icrs)] = Fate.OUTSIDE
+    _mark(fate, _spoiled(candidates, rules.min_separation_rad), Fate.DOUBLE)
+    if rules.drop_variables:
+        _mark(fate, (candidates.flags & FLAG_VARIABLE) > 0, Fate.VARIABLE)
+    _mark(fate, candidates.v_mag < rules.bright_mag, Fate.TOO_BRIGHT)
+    found = None
+    if rules.screening is not None:
+        found = screened(candidates, fate != Fate.OUTSIDE, rules.screening)
+        if rules.screening.action == "drop":
+            _mark(fate, found.marked, Fate.SCREENED)
+    if rules.brightest_per_field:
+        usable = np.flatnonzero(fate == Fate.KEPT)
+        if rules.thinning == "frames":
+            kept = _in_frames(candidates.take(usable), envelope, rules.brightest_per_field, shape)
+        else:
+            kept = _brightest(candidates.icrs[usable], envelope, rules.brightest_per_field, shape.equal_circle_rad)
+        fate[usable[~kept]] = Fate.THINNED
+    return Selection(candidates, fate, rules, screened=found)
+
+
+def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None:
+    fate[which & (fate == Fate.KEPT)] = value
+
+
+def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
+    """Stars whose image merges with a neighbour's: the fainter of a close pair always, the brighter unless the fainter
+    is harmless. Neighbours beyond the faint limit are not looked at."""
+    spoiled = np.zeros(len(stars), bool)
+    if separation_rad <= 0 or len(stars) < 2:
+        return spoiled
+    pairs = cKDTree(stars.icrs).query_pairs(2 * np.sin(separation_rad / 2), output_type="ndarray")
+    bright, faint = pairs.min(axis=1), pairs.max(axis=1)
+    spoiled[faint] = True
+    spoiled[bright[stars.v_mag[faint] - stars.v_mag[bright] < HARMLESS_DIFFERENCE_MAG]] = True
+    return spoiled
+
+
+def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -> NDArray[np.bool_]:
+    """Stars (brightest first) that are among the ``count`` brightest of some field: fields are circles on a grid of
+    equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field).
+
+    Only the brightest few stars are looked at first, and more of them for the fields that these do not fill.
+    """
+    chosen = np.zeros(len(unit), bool)
+    grid = centres(_grid_nside(radius_rad))
+    pointings = grid[envelope.contains(grid)]
+    circle_share = (1 - np.cos(radius_rad)) / 2
+    depth = int(4 * count / circle_share)
+    while len(pointings) and len(unit):
+        tree = cKDTree(unit[:depth])
+        found = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
+        filled = np.array([len(inside) >= count for inside in found])
+        for inside in found:
+            chosen[inside[:count]] = True
+        if depth >= len(unit):
+            break
+        pointings, depth = pointings[~filled], 4 * depth
+    return chosen
+
+
+def _in_frames(stars: StarTable, envelope: Envelope, count: int, shape: FieldShape) -> NDArray[np.bool_]:
+    """Stars that are among the ``count`` brightest of some upright frame of the field's own shape, of those whose boresight
+    the envelope shows (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
+    step_rad = float(np.clip(FRAME_STEP * min(shape.camera.fov_rad), *FRAME_STEPS_RAD))
+    attitudes = survey_attitudes(step_rad)
+    inside = attitudes[envelope.contains(attitudes[:, 2])]
+    if not len(inside) or not len(stars):
+        return np.zeros(len(stars), bool)
+    return reduce_catalogue(stars, shape, inside, count).kept
+
+
+def _grid_nside(radius_rad: float) -> int:
+    """Pixels no larger than half the radius of a field, within reason."""
+    wanted = np.sqrt(np.pi / 3) / (radius_rad / 2)
+    return int(np.clip(2 ** np.ceil(np.log2(wanted)), 4, 64))
+
+
+def _check_stars(stars: StarTable) -> None:
+    """A star table from elsewhere is not to be trusted."""
+    bad = ~(np.isfinite(stars.icrs).all(axis=1) & np.isfinite(stars.v_mag))
+    if bad.any():
+        raise BadInput(
+            "the star table has rows that are not numbers",
+            expected="finite positions and V",
+            got=f"HIP {stars.hip[bad][0]}",
+        )
+    values, counts = np.unique(stars.hip, return_counts=True)
+    if (counts > 1).any():
+        raise BadInput(
+            "the star table names a star twice", expected="each number once", got=f"HIP {values[counts > 1][0]}"
+        )

@@ -1,0 +1,113 @@
+"""The reduced catalogue of FAR-MST: doubles merged, then the brightest few of every field (Huffman 2006 §5.5.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.catalogue_tools.corrections.doubles import Doubles, merge
+from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.stars import StarTable
+
+BLOCK = 2048
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """``kept``: (n,) mask over the stars. ``per_field``: (m,) kept stars in each of the ``pointings``, for the report: the
+    document's own set leaves holes, which its size does not show."""
+
+    kept: NDArray[np.bool_]
+    per_field: NDArray[np.int64]
+    pointings: int
+
+    def share_below(self, stars: int) -> float:
+        """Share of the fields with fewer kept stars."""
+        return float(np.mean(self.per_field < stars))
+
+
+def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
+    """(m, 3, 3) cam_from_icrs of pointings ``step_rad`` apart in declination and, along each parallel, at least as close in right
+    ascension: the document's 1° steps, thinned towards the poles so that no part of the sky counts twice."""
+    if not 0 < step_rad <= np.pi / 4:
+        raise BadInput("sky step is impossible", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
+    rings = int(np.ceil(np.pi / step_rad))
+    ring_dec = -np.pi / 2 + (np.arange(rings) + 0.5) * np.pi / rings
+    count = np.maximum(1, np.ceil(2 * np.pi * np.cos(ring_dec) / step_rad).astype(int))
+    dec, per_ring = np.repeat(ring_dec, count), np.repeat(count, count)
+    place = np.arange(len(dec)) - np.repeat(np.cumsum(count) - count, count)
+    return _attitudes(2 * np.pi * place / per_ring, dec, roll_rad)
+
+
+def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
+    """(m, 3, 3): :func:`gss.domain.frames.cam_from_icrs` of many at once."""
+    boresight = unit_from_ra_dec(ra_rad, dec_rad)
+    east = np.column_stack([-np.sin(ra_rad), np.cos(ra_rad), np.zeros(len(ra_rad))])
+    north = np.cross(boresight, east)
+    c, s = np.cos(roll_rad), np.sin(roll_rad)
+    return np.stack([-c * east - s * north, s * east - c * north, boresight], axis=1)
+
+
+def square_field(side_rad: float) -> FieldShape:
+    """A square frame of that full angle; the document does not say which shape its field of view has."""
+    return FieldShape(Camera.from_fov(1000, 1000, side_rad))
+
+
+def reduce_catalogue(stars: StarTable, shape: FieldShape | Disc, attitudes: Array, brightest: int = 8) -> Reduced:
+    """The stars that are among the ``brightest`` of some field, and how the fields fare with them."""
+    order = np.argsort(stars.v_mag, kind="stable")
+    unit = stars.icrs[order]
+    kept = np.zeros(len(stars), bool)
+    # The brightest stars of the sky first, and more of them for the fields that these do not fill.
+    pending, depth = attitudes, _depth(shape, brightest)
+    while len(pending):
+        short = []
+        for field, star, n in _blocks(unit[:depth], shape, pending):
+            rank = np.arange(len(field)) - np.searchsorted(field, field)
+            kept[order[star[rank < brightest]]] = True
+            short.append(np.bincount(field, minlength=n) < brightest)
+        if depth >= len(unit):
+            break
+        pending, depth = pending[np.concatenate(short)], 3 * depth
+    counts = np.concatenate(
+        [np.bincount(field, minlength=n) for field, _, n in _blocks(stars.icrs[kept], shape, attitudes)]
+    )
+    return Reduced(kept, counts, len(attitudes))
+
+
+def _depth(shape: FieldShape | Disc, brightest: int) -> int:
+    """So many stars of the whole sky hold twice ``brightest`` in an average field."""
+    share = (1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi)
+    return int(2 * brightest / share) + 1
+
+
+def _blocks(
+    unit: Array, shape: FieldShape | Disc, attitudes: Array
+) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
+    """Per block of attitudes: field numbers, ascending, the rows of ``unit`` inside, ascending in each, and how many fields."""
+    tree, found = cKDTree(unit), []
+    reach = 2 * np.sin(min(shape.half_diagonal_rad if isinstance(shape, FieldShape) else shape.radius_rad, np.pi) / 2)
+    for start in range(0, len(attitudes), BLOCK):
+        block = attitudes[start : start + BLOCK]
+        near = cKDTree(block[:, 2]).sparse_distance_matrix(tree, reach * (1 + 1e-9), output_type="ndarray")
+        field, star = near["i"].astype(np.intp), near["j"].astype(np.intp)
+        seen = shape.inside(np.einsum("nij,nj->ni", block[field], unit[star]))
+        field, star = field[seen], star[seen]
+        sort = np.lexsort((star, field))
+        found.append((field[sort], star[sort], len(block)))
+    return found
+
+
+def merge_doubles(stars: StarTable, separation_rad: float) -> StarTable:
+    """Stars closer than the lens resolves as one: magnitudes add as light, directions weigh by light (eqs. 6.1 and 6.2 with
+    base 10 throughout, which the printed mix of logarithms means).
+
+    Groups grow over chains of close stars. The brightest member lends its name, motion and colour, and the flag of a multiple.
+    """
+    return merge(stars, Doubles("huffman", separation_rad)).stars if separation_rad > 0 else stars

@@ -1,0 +1,221 @@
+"""The values of a star list: numbers from columns, and the rows that hold none or none that a star can have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.sources.star_list_files import RawList
+from gss.catalogue_tools.sources.star_list_mapping import (
+    SEXAGESIMAL,
+    USUAL_UNITS,
+    ListMapping,
+    factor_of,
+    plain_unit,
+    unit_in_name,
+)
+from gss.domain.angles import ARCSEC_RAD, TWO_PI_RAD, Array
+from gss.domain.errors import BadInput
+
+# Sirius is the brightest star; nothing that a star camera sees is fainter.
+V_RANGE_MAG = (-2.0, 25.0)
+B_V_RANGE_MAG = (-1.0, 8.0)
+# Barnard's star moves 10.4″ a year, Proxima's parallax is 0.77″.
+FASTEST_RAD_YR = 20.0 * ARCSEC_RAD
+LARGEST_PARALLAX_RAD = 1.0 * ARCSEC_RAD
+# A place at an end of its range, rounded.
+ROUNDING_RAD = 1e-9
+LARGEST_NUMBER = 2**31 - 1
+# So few rows say nothing of a unit.
+TELLING_ROWS = 20
+NUMBERS = re.compile(
+    r"^\s*([+-]?)\s*(\d+(?:\.\d*)?)(?:[\s:hd°]+(\d+(?:\.\d*)?))?(?:[\s:m'′]+(\d+(?:\.\d*)?))?[\s\"″s]*$"
+)
+
+
+@dataclass(frozen=True)
+class DroppedRow:
+    """A row that is not in the table. ``row``: from 1 after the header; ``column``: of the file; ``value``: what it held."""
+
+    row: int
+    column: str
+    reason: str
+    value: str
+
+
+class BadRows:
+    """Which rows cannot be used and why; the first reason counts."""
+
+    def __init__(self, raw: RawList, columns: dict[str, str]) -> None:
+        self._raw, self._columns = raw, columns
+        self._reason = np.zeros(len(raw.rows), np.int32)
+        self._reasons: list[tuple[str, str]] = []
+
+    def mark(self, which: NDArray[np.bool_], name: str, reason: str) -> None:
+        """Rows of a mask are bad for what is in a field."""
+        self._reasons.append((name, reason))
+        self._reason[which & (self._reason == 0)] = len(self._reasons)
+
+    def good(self) -> NDArray[np.bool_]:
+        return np.asarray(self._reason == 0)
+
+    def count(self) -> int:
+        return int(np.count_nonzero(self._reason)) + len(self._raw.broken)
+
+    def report(self, most: int) -> tuple[DroppedRow, ...]:
+        """The first of them in the order of the file."""
+        found = [DroppedRow(row, "", reason, text) for row, reason, text in self._raw.broken]
+        for i in np.flatnonzero(self._reason)[:most]:
+            name, reason = self._reasons[self._reason[i] - 1]
+            column = self._columns[name]
+            found.append(DroppedRow(int(self._raw.rows[i]), column, reason, str(self._raw.columns[column][i])[:60]))
+        return tuple(sorted(found, key=lambda row: row.row)[:most])
+
+
+def unit_of(name: str, column: str, raw: RawList, mapping: ListMapping) -> str:
+    """As told, else as the file states, else as the name of the column says, else the usual one."""
+    told = mapping.units.get(name) or raw.units.get(column)
+    if told is not None:
+        return plain_unit(name, told)
+    if name in ("ra", "dec") and _is_text(raw.columns[column]) and _looks_sexagesimal(raw.columns[column]):
+        return SEXAGESIMAL
+    return unit_in_name(name, column) or USUAL_UNITS[name]
+
+
+def _is_text(values: NDArray[Any]) -> bool:
+    return values.dtype.kind not in "iufb"
+
+
+def _looks_sexagesimal(values: NDArray[Any]) -> bool:
+    first = next((str(v).strip() for v in values if str(v).strip()), "")
+    return bool(re.match(r"^[+-]?\d+[\s:hd°]+\d+", first))
+
+
+def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) -> Array:
+    """A field in radians, radians a year or magnitudes, NaN where empty; what is no number is marked."""
+    values = raw.columns[column]
+    if unit == SEXAGESIMAL:
+        degrees = np.array([_degrees(str(v), 15.0 if name == "ra" else 1.0) for v in values])
+        bad.mark(np.isnan(degrees), name, "not hours or degrees, minutes and seconds")
+        return np.asarray(np.radians(degrees))
+    if not _is_text(values):
+        return values.astype(np.float64) * factor_of(name, unit)
+    try:
+        return values.astype(np.float64) * factor_of(name, unit)
+    except ValueError:
+        numbers = np.array([number_of(v) for v in values])
+        empty = np.array(
+            [not str(v).strip() or str(v).strip().lower() in ("nan", "null", "none", "--") for v in values]
+        )
+        bad.mark(np.isnan(numbers) & ~empty, name, "not a number")
+        return np.asarray(numbers * factor_of(name, unit))
+
+
+def number_of(value: object) -> float:
+    try:
+        return float(str(value))
+    except ValueError:
+        return np.nan
+
+
+def _degrees(text: str, scale: float) -> float:
+    match = NUMBERS.match(text)
+    if not match:
+        return np.nan
+    whole, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
+    if minutes >= 60 or seconds >= 60:
+        return np.nan
+    return (-1 if match[1] == "-" else 1) * scale * (whole + minutes / 60 + seconds / 3600)
+
+
+def ask_for_unit(
+    values: dict[str, Array], units: dict[str, str], columns: dict[str, str], raw: RawList, mapping: ListMapping
+) -> None:
+    """Hours or radians taken for degrees put all stars in a corner of the sky: where nobody stated the unit, ask."""
+    if units["ra"] != "deg" or "ra" in mapping.units or columns["ra"] in raw.units or unit_in_name("ra", columns["ra"]):
+        return
+    ra, dec = np.degrees(values["ra"]), np.degrees(values["dec"])
+    if np.count_nonzero(np.isfinite(ra)) < TELLING_ROWS:
+        return
+    low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
+    # A whole circle in hours or in radians, not a small field in degrees.
+    if 20 < high <= 24 and 0 <= low < 4:
+        guess = "hourangle"
+    elif 5 < high <= TWO_PI_RAD + 1e-6 and 0 <= low < 1.3 and dec_end <= np.pi / 2 + 1e-6:
+        guess = "rad"
+    else:
+        return
+    raise BadInput(
+        f"the unit of column {columns['ra']} is not clear",
+        expected=f"right ascensions up to 360 when they are degrees; {guess}?",
+        got=f"values from {low:g} to {high:g}, declinations up to {dec_end:g}",
+        hint=f'state it: units = {{"ra": "{guess}", …}}, or "deg" if they are',
+    )
+
+
+def check_ranges(values: dict[str, Array], bad: BadRows) -> None:
+    """Marks rows without place or magnitude, and with values that no star has. A colour that none has is no colour."""
+    for name in ("ra", "dec", "v"):
+        bad.mark(~np.isfinite(values[name]), name, "empty")
+    ra, dec, v_mag = values["ra"], values["dec"], values["v"]
+    with np.errstate(invalid="ignore"):
+        bad.mark((ra < -np.pi - ROUNDING_RAD) | (ra > 2 * np.pi + ROUNDING_RAD), "ra", "right ascension out of range")
+        bad.mark(np.abs(dec) > np.pi / 2 + ROUNDING_RAD, "dec", "declination beyond a pole")
+        bad.mark((v_mag < V_RANGE_MAG[0]) | (v_mag > V_RANGE_MAG[1]), "v", "no star has this magnitude")
+        for name, limit, reason in (
+            ("pm_ra", FASTEST_RAD_YR, "no star moves so fast"),
+            ("pm_dec", FASTEST_RAD_YR, "no star moves so fast"),
+            ("parallax", LARGEST_PARALLAX_RAD, "no star is so near"),
+        ):
+            if name in values:
+                bad.mark(np.abs(values[name]) > limit, name, reason)
+        if "b_v" in values:
+            colour = values["b_v"]
+            values["b_v"] = np.where((colour > B_V_RANGE_MAG[0]) & (colour < B_V_RANGE_MAG[1]), colour, np.nan)
+
+
+def numbering_of(
+    raw: RawList, columns: dict[str, str], bad: BadRows, notes: list[str]
+) -> tuple[NDArray[np.int32], list[str]]:
+    """Numbers of the stars and names, "" for none. Numbers that fit are kept; text and longer numbers become names."""
+    count = len(raw.rows)
+    names = [_text(v) for v in raw.columns[columns["name"]]] if "name" in columns else [""] * count
+    serial = np.arange(1, count + 1, dtype=np.int32)
+    if "id" not in columns:
+        notes.append("no column of numbers: stars are numbered by row")
+        return serial, [name or f"row {n}" for n, name in enumerate(names, 1)]
+    column = raw.columns[columns["id"]]
+    numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
+    whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
+    if not whole.any() or np.nanmax(numbers) > LARGEST_NUMBER:
+        notes.append(
+            f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by it"
+        )
+        texts = [_text(v) for v in column]
+        names = [name or text for name, text in zip(names, texts, strict=True)]
+        bad.mark(_repeated(np.array(texts, np.str_), bad.good()), "id", "named twice")
+        return serial, names
+    bad.mark(~whole, "id", "not a number of a star")
+    bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
+    kept = np.where(whole, numbers, 0).astype(np.int32)
+    if not columns["id"].lower().startswith("hip"):
+        # A number of another list must not be shown as one of Hipparcos or Gaia.
+        names = [name or f"{columns['id']} {number}" for name, number in zip(names, kept.tolist(), strict=True)]
+    return kept, names
+
+
+def _text(value: object) -> str:
+    return "" if value != value else str(value).strip()
+
+
+def _repeated(values: NDArray[Any], among: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """All but the first of equal values among the good rows."""
+    rows = np.flatnonzero(among)
+    _, first = np.unique(values[rows], return_index=True)
+    again = np.zeros(len(values), bool)
+    again[np.delete(rows, first)] = True
+    return again

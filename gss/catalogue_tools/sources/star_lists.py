@@ -1,0 +1,195 @@
+"""A user's star list as a StarTable, with a report of every row that could not be used, and back."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.corrections.fk4 import FK5_FROM_ICRS, from_b1950
+from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR, tangent_basis
+from gss.catalogue_tools.sources.star_list_files import RawList, frame_word, read_columns
+from gss.catalogue_tools.sources.star_list_mapping import USUAL_UNITS, ListMapping, columns_of
+from gss.catalogue_tools.sources.star_list_values import (
+    BadRows,
+    DroppedRow,
+    ask_for_unit,
+    check_ranges,
+    number_of,
+    numbering_of,
+    numbers_of,
+    unit_of,
+)
+from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.errors import BadInput
+from gss.domain.profiles import PROFILES
+from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
+
+REPORTED_ROWS = 100
+
+
+@dataclass(frozen=True)
+class ImportedList:
+    """``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred; ``dropped_count``: all.
+    ``columns`` and ``units``: how each field was read. ``frame``: of the file. ``notes``: what a user should know. ``camera``: the
+    profile that the file says it is for, "" where it says none; what is no profile of ours is only noted."""
+
+    stars: StarTable
+    dropped: tuple[DroppedRow, ...]
+    dropped_count: int
+    columns: dict[str, str]
+    units: dict[str, str]
+    epoch_jyear: float
+    frame: str
+    notes: tuple[str, ...]
+    camera: str = ""
+
+
+def require_camera(camera: str, profile_name: str) -> None:
+    """A list that is meant for one camera must not be used with another; "" is meant for any."""
+    if camera and camera != profile_name:
+        raise BadInput(
+            "this star list is for another camera",
+            expected=camera,
+            got=profile_name,
+            hint="take the list's camera, or a list that names none",
+        )
+
+
+def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -> ImportedList:
+    """The stars of a file. Fails with row and column where a list as a whole cannot be read; rows that cannot be are reported."""
+    mapping = mapping or ListMapping()
+    raw = read_columns(data, kind)
+    columns = columns_of(list(raw.columns), mapping)
+    if not len(raw.rows):
+        raise BadInput("the star list is empty", expected="a row for each star", got="a header without rows")
+    notes: list[str] = []
+    units = {name: unit_of(name, column, raw, mapping) for name, column in columns.items() if name in USUAL_UNITS}
+    epoch, frame = _epoch(raw, mapping), _frame(raw, columns, mapping)
+    bad = BadRows(raw, columns)
+    values = {name: numbers_of(name, columns[name], units[name], raw, bad) for name in units}
+    ask_for_unit(values, units, columns, raw, mapping)
+    check_ranges(values, bad)
+    numbers, names = numbering_of(raw, columns, bad, notes)
+    good = bad.good()
+    if mapping.bad_rows == "refuse" and bad.count():
+        first = bad.report(1)[0]
+        raise BadInput(
+            f"row {first.row}, column {first.column}: {first.reason}", got=first.value, hint="mend it, or drop bad rows"
+        )
+    if not good.any():
+        first = bad.report(1)[0]
+        raise BadInput(
+            "no row of the star list can be used",
+            expected="stars",
+            got=f"row {first.row}, {first.column}: {first.reason}: {first.value}",
+        )
+    stars = _table({name: value[good] for name, value in values.items()}, numbers[good], epoch, frame, mapping)
+    if "flags" in columns:
+        stars = _flagged(stars, raw.columns[columns["flags"]][good])
+    if any(names):
+        stars.names.update(
+            {int(n): names[i] for n, i in zip(numbers[good], np.flatnonzero(good), strict=True) if names[i]}
+        )
+    if "pm_ra" not in values or "pm_dec" not in values:
+        notes.append(f"no proper motions: places stay those of J{epoch:g}")
+    camera = (raw.camera or "").strip()
+    if camera and camera not in PROFILES:
+        notes.append(f"made for {camera[:40]}, which is no camera profile here")
+        camera = ""
+    return ImportedList(
+        stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
+    )
+
+
+def _epoch(raw: RawList, mapping: ListMapping) -> float:
+    """Julian year of the places. A contradiction between file and caller is not settled here."""
+    stated = None
+    if raw.epoch is not None:
+        match = re.search(r"(B?)\s*(\d{4}(?:\.\d*)?)", raw.epoch)
+        if not match:
+            raise BadInput("the star list's epoch is not a year", expected="a Julian year, as 2016.0", got=raw.epoch)
+        stated = float(match[2])
+        if match[1]:  # a Besselian year (Lieske 1979)
+            stated = 2000.0 + (2415020.31352 + (stated - 1900.0) * 365.242198781 - 2451545.0) / 365.25
+    told = mapping.epoch_jyear
+    if stated is None and told is None:
+        raise BadInput(
+            "the star list does not state its epoch",
+            expected="the year of the places",
+            hint="give epoch_jyear, as 2000.0",
+        )
+    if stated is not None and told is not None and not abs(stated - told) < 0.01:
+        raise BadInput(
+            "the star list is of another epoch", expected=f"J{stated:g} (stated in the file)", got=f"J{told:g}"
+        )
+    epoch = stated if stated is not None else told
+    assert epoch is not None  # noqa: S101  # one of the two is there
+    low, high = EPOCH_RANGE_JYEAR
+    if not low <= epoch <= high:
+        raise BadInput(
+            "the star list's epoch is out of range", expected=f"Julian year {low:g} to {high:g}", got=f"{epoch:g}"
+        )
+    return epoch
+
+
+def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
+    stated = None
+    if raw.frame is not None:
+        stated = frame_word(raw.frame)
+        if stated is None and mapping.frame is None:
+            raise BadInput(
+                "the star list's frame is unknown", expected="ICRS | FK5 | FK4", got=raw.frame, hint="give frame"
+            )
+    if stated is None:
+        name = columns["ra"].lower()
+        stated = next(
+            (word for sign, word in (("icrs", "icrs"), ("1950", "b1950"), ("2000", "fk5")) if sign in name), None
+        )
+    if stated is not None and mapping.frame is not None and stated != mapping.frame:
+        raise BadInput(
+            "the star list is in another frame", expected=f"{stated} (stated in the file)", got=mapping.frame
+        )
+    frame = stated or mapping.frame
+    if frame is None:
+        raise BadInput("the star list does not state its frame", expected="icrs | fk5 | b1950", hint="give frame")
+    return frame
+
+
+def _table(
+    values: dict[str, Array], numbers: NDArray[np.int32], epoch: float, frame: str, mapping: ListMapping
+) -> StarTable:
+    n = len(numbers)
+    unknown, nothing = np.full(n, np.nan), np.zeros(n)
+    ra, dec = values["ra"], np.clip(values["dec"], -np.pi / 2, np.pi / 2)
+    pm_ra, pm_dec = values.get("pm_ra", unknown), values.get("pm_dec", unknown)
+    still = ~(np.isfinite(pm_ra) & np.isfinite(pm_dec))
+    pm_ra = np.where(still, 0.0, pm_ra) * (1.0 if mapping.pm_ra_has_cos_dec else np.cos(dec))
+    east, north = tangent_basis(ra, dec)
+    unit, motion = unit_from_ra_dec(ra, dec), pm_ra[:, None] * east + np.where(still, 0.0, pm_dec)[:, None] * north
+    if frame == "b1950":
+        moved = from_b1950(unit, motion, epoch, True)
+        # Without a motion of its own a star stands still against the galaxies, not against the turning FK4.
+        unit, motion = moved[0], np.where(still[:, None], 0.0, moved[1])
+    elif frame == "fk5":
+        unit, motion = unit @ FK5_FROM_ICRS, motion @ FK5_FROM_ICRS
+    parallax = values.get("parallax", nothing)
+    return StarTable(
+        hip=numbers,
+        icrs=unit,
+        v_mag=values["v"],
+        b_v=values.get("b_v", unknown),
+        proper_motion_rad_yr=motion,
+        parallax_rad=np.where(np.isfinite(parallax), parallax, 0.0),
+        flags=np.where(still, FLAG_NO_PROPER_MOTION, 0).astype(np.uint16),
+        epoch_jyear=epoch,
+        names={},
+    )
+
+
+def _flagged(stars: StarTable, flags: NDArray[Any]) -> StarTable:
+    stated = np.nan_to_num(np.array([number_of(v) for v in flags])).astype(np.int64) & 0xFFFF
+    return replace(stars, flags=(stars.flags | stated).astype(np.uint16))

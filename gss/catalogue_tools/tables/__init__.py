@@ -1,0 +1,1 @@
+"""What a matcher looks up: distances, indices, triplets, links."""

@@ -1,0 +1,212 @@
+"""The catalogue manager's work: preview, build as a job, keep, compare, export, upload to a bank."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.build import BuiltCatalogue, finish, prepare, preview
+from gss.catalogue_tools.diff import CatalogueDiff, CoverageChange, compare, coverage_change
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.catalogue_tools.request import BuildRequest
+from gss.catalogue_tools.sources.sources import Source
+from gss.device.dictionary import Dictionary
+from gss.device.session import Compatibility
+from gss.device.session_events import HelloReceived
+from gss.domain.errors import BadInput, Conflict
+from gss.domain.profiles import profile
+from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.operations.catalogues.catalogue_files import ExportFile, export_file
+from gss.operations.catalogues.catalogue_report import preview_report, report_of
+from gss.operations.catalogues.star_lists import StarListService
+from gss.operations.clock import Now
+from gss.operations.jobs import JobService, Progress
+from gss.operations.line.link import LinkService
+from gss.operations.transfers.banks import BankService
+from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.transfers import TransferService
+from gss.store import catalogues as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Catalogue, Job
+
+STEPS = 100
+
+
+@dataclass(frozen=True)
+class TimedPreview:
+    """A preview's report and how long it took."""
+
+    stars: int
+    pairs: int
+    size: int
+    bank_bytes: int
+    report: dict[str, Any]
+    elapsed_s: float
+
+
+@dataclass(frozen=True)
+class StoredDiff:
+    """What changes from one stored catalogue to another. ``same_camera`` False: they are not for the same instrument."""
+
+    old: Catalogue
+    new: Catalogue
+    before: OnboardCatalogue
+    after: OnboardCatalogue
+    diff: CatalogueDiff
+    coverage: CoverageChange
+    same_camera: bool
+
+
+class CatalogueService:
+    """Builds sub-catalogues and gives them to the device."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        jobs: JobService,
+        transfers: TransferService,
+        banks: BankService,
+        link: LinkService,
+        lists: StarListService,
+        stars: StarTable,
+        now: Now,
+    ) -> None:
+        self._database, self._blobs, self._jobs = database, blobs, jobs
+        self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
+        self._stars, self._now = stars, now
+
+    def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
+        """The quick look while parameters change."""
+        start_s = time.perf_counter()
+        quick = preview(request, self._source(request), mistakes=mistakes)
+        report = preview_report(quick)
+        elapsed_s = time.perf_counter() - start_s
+        return TimedPreview(
+            len(quick.selection.kept), quick.pairs, quick.bytes, quick.plan.bank_bytes, report, elapsed_s
+        )
+
+    def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
+        """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
+        is refused at once."""
+        ready = prepare(request, self._source(request))
+
+        def work(progress: Progress) -> dict[str, Any]:
+            built = finish(ready, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
+            row = self._keep(built, asked, user)
+            return {"catalogue_id": row.id}
+
+        return self._jobs.submit("catalogue", f"build {request.name or 'catalogue'}", dict(asked), work)
+
+    def _source(self, request: BuildRequest) -> Source | StarTable:
+        if request.source == "hipparcos":
+            return self._stars
+        return self._lists.source(request.source, request.star_list, request.depth_mag, request.profile_name)
+
+    def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str) -> Catalogue:
+        self._blobs.put(built.image)
+        p = built.plan
+        row = Catalogue(
+            name=p.request.name or f"{p.profile.name}-{built.sha256[:6]}",
+            profile=p.profile.name,
+            format=p.request.format_name,
+            created=self._now(),
+            author=user,
+            stars=len(built.stars),
+            pairs=len(built.distances),
+            size=len(built.image),
+            sha256=built.sha256,
+            valid_from=p.valid_from,
+            valid_to=p.valid_to,
+            request=dict(asked),
+            manifest=json.loads(built.manifest.as_json()),
+            report=report_of(built),
+        )
+        with self._database.unit_of_work() as session:
+            return store.add(session, row)
+
+    def newest(self, limit: int) -> list[Catalogue]:
+        """Newest first."""
+        with self._database.unit_of_work() as session:
+            return store.newest(session, limit)
+
+    def get(self, catalogue_id: int) -> Catalogue:
+        """The catalogue of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, catalogue_id)
+
+    def image(self, catalogue_id: int) -> bytes:
+        """The bytes for the bank."""
+        return self._blobs.get(self.get(catalogue_id).sha256)
+
+    def diff(self, old_id: int, new_id: int) -> StoredDiff:
+        """What would change on board; circles of coverage are as large as the new catalogue's field."""
+        old, new = self.get(old_id), self.get(new_id)
+        before, after = self._decoded(old), self._decoded(new)
+        radius_rad = FieldShape(profile(new.profile).camera).equal_circle_rad
+        coverage = coverage_change(before, after, radius_rad)
+        return StoredDiff(old, new, before, after, compare(before, after), coverage, old.profile == new.profile)
+
+    def export(self, catalogue_id: int, kind: str) -> ExportFile:
+        """A stored catalogue as a file of another kind."""
+        row = self.get(catalogue_id)
+        return export_file(self._blobs.get(row.sha256), row.manifest, kind, row.name)
+
+    def _decoded(self, row: Catalogue) -> OnboardCatalogue:
+        return decode(self._blobs.get(row.sha256), np.array(row.manifest["hip"], np.int32))
+
+    def upload(self, catalogue_id: int, bank: str) -> TransferView:
+        """Send a catalogue to an inactive bank; read-back verify and commit follow by themselves."""
+        row, hello = self.get(catalogue_id), self._link.hello
+        if hello is None:
+            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
+        target = bank_number(self._link.dictionary, bank)
+        if any(view.bank == bank and view.active for view in self._banks.views()):
+            raise Conflict(
+                f"bank {bank} is active", expected="an inactive bank", got=bank, hint="the sensor matches from it now"
+            )
+        image = self._blobs.get(row.sha256)
+        compatibility = compatibility_of(image, hello)
+        return self._transfers.upload(
+            "catalogue",
+            target,
+            image,
+            compatibility,
+            name=bank,
+            subject=f"{row.name} to bank {bank}",
+            catalogue_id=row.id,
+        )
+
+
+def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
+    """What the device checks before it takes a bank image; BadInput when it is for another camera or does not fit."""
+    header = read_header(image)
+    if header.profile_name != hello.profile:
+        raise BadInput("this catalogue is for another camera", expected=hello.profile, got=header.profile_name)
+    if len(image) > hello.bank_bytes:
+        raise BadInput(
+            "the catalogue does not fit the bank",
+            expected=f"at most {hello.bank_bytes} bytes",
+            got=f"{len(image)} bytes",
+        )
+    return Compatibility(
+        device_model=hello.device_model,
+        profile=header.profile_name,
+        dictionary_hash=bytes.fromhex(hello.dictionary_hash),
+        format_version=FORMATS[header.format_name],
+        epoch_jyear=header.epoch_jyear,
+        stars=header.stars,
+        pairs=header.pairs,
+    )
+
+
+def bank_number(dictionary: Dictionary, bank: str) -> int:
+    """The number of a bank on the wire; BadInput lists the banks."""
+    return dictionary.command("VERIFY_BANK").argument("bank").choice(bank).value

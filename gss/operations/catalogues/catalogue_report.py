@@ -1,0 +1,150 @@
+"""What is known of a built catalogue, as plain values for pages and papers; angles in degrees, for they only travel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
+from gss.catalogue_tools.envelope.lifetime import Lifetime
+from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.request import request_from
+from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
+from gss.catalogue_tools.selection.assessment import Assessment, EnvelopeMap, way_deg
+from gss.catalogue_tools.selection.quality import Quality
+from gss.catalogue_tools.selection.selection import Fate, Selection, screening_facts
+from gss.catalogue_tools.sources.sources import Source
+from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
+from gss.domain.errors import CorruptData
+from gss.domain.stars import StarTable
+
+MOST_ON_MAP = 4000
+LARGEST_FIGURE = 1e6
+CURVE_POINTS = 60
+
+
+def preview_report(quick: Preview) -> dict[str, Any]:
+    """Funnel and maps of a preview."""
+    return _choice(quick.selection, quick.map) | {
+        "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
+    }
+
+
+def report_of(built: BuiltCatalogue) -> dict[str, Any]:
+    """Everything of a built catalogue."""
+    a: Assessment = built.assessment
+    return _choice(built.selection, built.map) | {
+        "quality": _quality(a.quality),
+        "ambiguity": None if a.ambiguity is None else _ambiguity(a.ambiguity),
+        "lifetime": _lifetime(a.lifetime),
+        "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
+        "blinded": a.blinded,
+        "wanderers": [
+            {"name": w.name, "brightest_mag": round(w.brightest_mag, 2), "share": round(w.share, 4), "way": way_deg(w)}
+            for w in a.wanderers
+        ],
+        "screening": screening_facts(built.selection),
+    }
+
+
+def report_again(manifest: Manifest, source: Source | StarTable) -> dict[str, Any]:
+    """The report of a catalogue from its manifest: the build is repeated, and must give the same bytes."""
+    built = build(request_from(manifest.parameters), source)
+    if built.sha256 != manifest.image_sha256:
+        raise CorruptData(
+            "the same request does not give this image again",
+            expected=manifest.image_sha256,
+            got=built.sha256,
+            hint=f"it was built by {manifest.tool}; take that version, or the same star list",
+        )
+    return report_of(built)
+
+
+def _choice(selection: Selection, envelope: EnvelopeMap) -> dict[str, Any]:
+    return {
+        "funnel": [
+            {"label": f.label, "stars": f.stars, "kind": "drop" if f.dropped else "keep"} for f in selection.funnel
+        ],
+        "sky": _sky(selection),
+        "envelope": {
+            "nside": envelope.nside,
+            "fraction": [round(float(x), 4) for x in envelope.fraction],
+            "outline_start": [_line(edge) for edge in envelope.edges_start],
+            "outline_end": [_line(edge) for edge in envelope.edges_end],
+        },
+    }
+
+
+def _quality(q: Quality) -> dict[str, Any]:
+    return {
+        "pointings": q.pointings,
+        "histogram": [int(n) for n in q.histogram],
+        "mean": q.mean,
+        "p_fewer_than_3": q.p_fewer_than(3),
+        "p_fewer_than_5": q.p_fewer_than(5),
+        "worst_stars": q.worst_stars,
+        "worst_ra_deg": float(np.degrees(q.worst_ra_rad)),
+        "worst_dec_deg": float(np.degrees(q.worst_dec_rad)),
+        "worst_roll_deg": float(np.degrees(q.worst_roll_rad)),
+        "candidates_per_query": _finite(q.candidates_per_query),
+        "candidates_per_star": _finite(q.candidates_per_star),
+        "blinded_share": q.blinded_share,
+        "searched": q.searched,
+    }
+
+
+def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
+    """``value``: other triangles per triangle; a pixel without one is None, one without three stars the largest figure."""
+    ra_rad, dec_rad, figure = a.worst
+    return {
+        "nside": a.nside,
+        "tolerance_arcsec": a.tolerance_rad / ARCSEC_RAD,
+        "value": [_rounded(x) for x in a.wrong_triangles],
+        "pairs": [_rounded(x) for x in a.wrong_pairs],
+        "worst": _rounded(figure),
+        "worst_ra_deg": _finite(np.degrees(ra_rad)),
+        "worst_dec_deg": _finite(np.degrees(dec_rad)),
+    }
+
+
+def _lifetime(life: Lifetime) -> dict[str, Any]:
+    step = max(1, len(life.days_curve) // CURVE_POINTS)
+    return {
+        "threshold": life.threshold,
+        "days": _finite(life.days),
+        "until": life.until.isoformat() if life.until else None,
+        "days_curve": [round(float(x), 3) for x in life.days_curve[::step]],
+        "share_curve": [round(float(x), 5) for x in life.share_curve[::step]],
+    }
+
+
+def _sky(selection: Selection) -> list[dict[str, Any]]:
+    stars = selection.candidates
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(stars.icrs))
+    return [
+        {
+            "hip": int(stars.hip[k]),
+            "ra_deg": round(float(ra[k]), 4),
+            "dec_deg": round(float(dec[k]), 4),
+            "v_mag": round(float(stars.v_mag[k]), 2),
+            "state": Fate(int(selection.fate[k])).map_state,
+        }
+        for k in range(min(len(stars), MOST_ON_MAP))
+    ]
+
+
+def _line(edge: Any) -> list[tuple[float, float]]:
+    ra, dec = (np.degrees(a) for a in ra_dec_from_unit(np.asarray(edge)))
+    return [
+        (round(float(a), 3), round(float(d), 3)) for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _rounded(value: float) -> float | None:
+    """Three digits are enough for a map; infinity is the largest figure."""
+    return None if np.isnan(value) else float(f"{min(float(value), LARGEST_FIGURE):.3g}")

@@ -1,0 +1,257 @@
+"""A design report as plain values, every number with its unit and where it comes from. Degrees and arcseconds: it only travels
+to the page and the terminal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.design.accuracy import Accuracy
+from gss.catalogue_tools.design.baffle import Baffle
+from gss.catalogue_tools.design.camera import LIMITS, DesignCamera, design_camera
+from gss.catalogue_tools.design.limits_erlank import equal_circle_rad
+from gss.catalogue_tools.design.papers import values_for
+from gss.catalogue_tools.design.radiometry import brightest_pixel_share, energy_window
+from gss.catalogue_tools.design.report import DesignReport
+from gss.catalogue_tools.design.stray_light import EARTH, MOON, SUN, imaged_e_s, pixel_etendue_cm2_sr
+from gss.catalogue_tools.design.trade import TradeRow
+from gss.domain.angles import ARCSEC_RAD
+from gss.operations.catalogues.design_curves import curves_of, short
+
+OURS = "our radiometry"
+
+
+def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...]) -> dict[str, Any]:
+    """Everything a page of figures needs."""
+    c, seen = report.request.camera, report.in_view
+    papers = values_for(profile)
+    base = design_camera(profile)
+    return {
+        "profile": profile,
+        "camera": camera_of(c),
+        "base": camera_of(base),
+        "changed": [name for name in c.changed_from(base) if name != "name"],
+        "sky": "whole sky" if report.request.envelope is None else "along the orbit",
+        "figures": [_with_paper(f, papers) for f in _figures(report)],
+        "histogram": {
+            "pointings": seen.pointings,
+            "counts": [int(n) for n in seen.histogram],
+            "mean": seen.mean,
+            "p_fewer_than_3": seen.p_fewer_than(3),
+            "p_fewer_than_5": seen.p_fewer_than(5),
+            "worst_stars": seen.worst_stars,
+            "worst_ra_deg": math.degrees(seen.worst_ra_rad),
+            "worst_dec_deg": math.degrees(seen.worst_dec_rad),
+        },
+        # The documents' counts are those of their own fields.
+        "curves": curves_of(report, papers if c.fov_rad == base.fov_rad else ()),
+        "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
+        "baffle_problem": report.baffle_problem,
+        "trade": [row_of(r) for r in report.trade],
+        "cameras": [row_of(r) for r in cameras],
+        "notes": list(report.notes),
+        "looks": report.looks,
+        "full": report.effort.pointings > 0,
+    }
+
+
+def camera_of(c: DesignCamera) -> dict[str, Any]:
+    """The fields of a camera; the units are in their names."""
+    return {f.name: getattr(c, f.name) for f in fields(c)}
+
+
+def field_limits() -> dict[str, dict[str, Any]]:
+    """Smallest, largest and unit of each field that can be edited."""
+    return {name: {"min": low, "max": high, "unit": unit} for name, (low, high, unit) in LIMITS.items()}
+
+
+def _figures(r: DesignReport) -> list[dict[str, Any]]:
+    return [*_optics(r), *_light(r), *_sky(r), *_known(r), *_moving(r), *_shade(r)]
+
+
+def _figure(group: str, key: str, label: str, value: float, unit: str, source: str) -> dict[str, Any]:
+    finite = value is not None and math.isfinite(value)
+    return {
+        "group": group,
+        "key": key,
+        "label": label,
+        "value": short(value) if finite else None,
+        "unit": unit,
+        "source": source,
+        "paper": None,
+        "paper_source": "",
+    }
+
+
+def _with_paper(figure: dict[str, Any], papers: tuple[Any, ...]) -> dict[str, Any]:
+    for p in papers:
+        if p.figure == figure["key"] and math.isnan(p.x):
+            return figure | {"paper": p.value, "paper_source": p.source}
+    return figure
+
+
+def _optics(r: DesignReport) -> list[dict[str, Any]]:
+    c, g = r.request.camera, "Field and lens"
+    across, down = c.fov_rad
+    circle = equal_circle_rad(across, down)
+    return [
+        _figure(g, "fov_col_deg", "field across columns", math.degrees(across), "°", "Erlank 2013 eq. 3.5.2, with ½"),
+        _figure(g, "fov_row_deg", "field across rows", math.degrees(down), "°", "Erlank 2013 eq. 3.5.3, with ½"),
+        _figure(
+            g, "fov_diagonal_deg", "field diagonal", 2 * math.degrees(c.half_diagonal_rad), "°", "Jacobs 1995 eq. 7.23"
+        ),
+        _figure(g, "fov_circle_deg", "circle of equal area", math.degrees(circle), "°", "Erlank 2013 eq. 3.5.4"),
+        _figure(g, "pixel_arcsec", "pixel", c.camera.pixel_rad / ARCSEC_RAD, "″", "pitch over focal length"),
+        _figure(g, "pupil_mm", "entrance pupil", c.pupil_mm, "mm", "Jacobs 1995 eq. 9.2"),
+        _figure(g, "aperture_cm2", "area of the pupil", c.aperture_cm2, "cm²", "Jacobs 1995 eq. 9.5"),
+    ]
+
+
+def _light(r: DesignReport) -> list[dict[str, Any]]:
+    c, m, g = r.request.camera, r.limits, "Light"
+    side, share = energy_window(c.psf_sigma_px)
+    peak = 100 * brightest_pixel_share(c.psf_sigma_px)
+    in_force = OURS if c.mag_limit is None else "given"
+    return [
+        _figure(
+            g, "zero_point_e_s", "electrons from V 0", c.zero_point_e_s, "e/s", "Erlank 2013 eq. 3.4.2 × efficiency"
+        ),
+        _figure(g, "noise_e", "noise of a dark pixel", c.noise_e, "e", "Huffman 2006 §3.2"),
+        _figure(g, "peak_share", "light in the brightest pixel", peak, "%", "Gaussian star, mean over the pixel"),
+        _figure(g, "window_px", f"best window, {100 * share:.0f} % of the light", side, "px", OURS),
+        _figure(g, "limit_mag", "limiting magnitude in force", m.in_force_mag, "V", in_force),
+        _figure(
+            g, "limit_peak_mag", "limit, brightest pixel", m.brightest_pixel_mag, "V", f"{OURS}; Huffman 2006 eq. 3.17"
+        ),
+        _figure(g, "limit_window_mag", "limit, energy in the window", m.window_mag, "V", OURS),
+        _figure(g, "limit_jacobs_mag", "limit, edge pixel over dark pattern", m.jacobs_mag, "V", "Jacobs 1995 §9.2"),
+        _figure(g, "limit_huffman_mag", "limit, peak over noise", m.huffman_mag, "V", "Huffman 2006 eq. 3.18"),
+        _figure(g, "limit_erlank_mag", "limit, photons for SNR 10", m.erlank_mag, "V", "Erlank 2013 §3.4.4"),
+        _figure(g, "limit_moniteq_mag", "limit, 3 × 3 window", m.moniteq_mag, "V", "Moniteq 1983 §4.4"),
+        _figure(g, "saturation_mag", "saturates, brighter than", m.saturation_mag, "V", "full well or converter"),
+        _figure(g, "longest_exposure_s", "darkness fills a pixel in", r.longest_exposure_s, "s", "Erlank 2013 §3.4.4"),
+        _figure(
+            g, "best_psf_px", "best σ of the star image", r.psf.best_px, "px", "bound and pixel bias, Moniteq 1983 §4.2"
+        ),
+    ]
+
+
+def _sky(r: DesignReport) -> list[dict[str, Any]]:
+    seen, g = r.in_view, "Stars in view"
+    source = f"Hipparcos, {seen.pointings} pointings (Jacobs 1995 §5.1)"
+    return [
+        _figure(g, "stars_mean", "mean", seen.mean, "stars", source),
+        _figure(g, "p_fewer_3", "fewer than 3", 100 * seen.p_fewer_than(3), "%", source),
+        _figure(g, "p_fewer_5", "fewer than 5", 100 * seen.p_fewer_than(5), "%", source),
+        _figure(g, "stars_least", "fewest found", seen.worst_stars, "stars", source),
+    ]
+
+
+def _known(r: DesignReport) -> list[dict[str, Any]]:
+    a: Accuracy = r.accuracy
+    g, source = "Accuracy of the attitude, 1σ", f"Cramér–Rao bound, {r.looks} pointings"
+
+    def one(key: str, label: str, value_rad: float) -> dict[str, Any]:
+        return _figure(g, f"{key}_arcsec", label, value_rad / ARCSEC_RAD, "″", source)
+
+    return [
+        one("cross_median", "across, median", a.cross_median_rad),
+        one("cross_mean", "across, mean", a.cross_mean_rad),
+        one("cross_p95", "across, 95 % better", a.cross_p95_rad),
+        one("cross_worst", "across, worst", a.cross_worst_rad),
+        one("roll_median", "roll, median", a.roll_median_rad),
+        one("roll_mean", "roll, mean", a.roll_mean_rad),
+        one("roll_p95", "roll, 95 % better", a.roll_p95_rad),
+        one("roll_worst", "roll, worst", a.roll_worst_rad),
+        _figure(g, "share_three", "fields with at least 3 stars", 100 * a.share, "%", source),
+    ]
+
+
+def _moving(r: DesignReport) -> list[dict[str, Any]]:
+    b, g = r.blur, "Motion"
+    return [
+        _figure(
+            g, "blur_rate_deg_s", "half a magnitude lost at", math.degrees(b.rate_rad_s), "°/s", "streaked Gaussian"
+        ),
+        _figure(g, "blur_streak_px", "streak then", b.streak_px, "px", "streaked Gaussian"),
+        _figure(
+            g,
+            "smear_rate_deg_s",
+            "0.88 px smear at",
+            math.degrees(b.smear_limit_rate_rad_s),
+            "°/s",
+            "Moniteq 1983 §4.2",
+        ),
+    ]
+
+
+def _shade(r: DesignReport) -> list[dict[str, Any]]:
+    c, g = r.request.camera, "Baffle and stray light"
+    etendue = pixel_etendue_cm2_sr(c.pitch_col_um, c.pitch_row_um, c.f_number)
+    result = [
+        _figure(g, "exclusion_deg", "sources kept out from", math.degrees(r.request.exclusion_rad), "°", "asked for")
+    ]
+    if r.one_stage is not None:
+        one, source = r.one_stage, "Jacobs 1995 §7.6"
+        result += [
+            _figure(g, "one_length_mm", "one stage, length", one.length_mm, "mm", source),
+            _figure(g, "one_diameter_mm", "one stage, diameter", one.outer_diameter_mm, "mm", source),
+            _figure(g, "one_vanes", "one stage, knife edges", len(one.edge_mm), "", source),
+        ]
+    if r.two_stage is not None:
+        two, source = r.two_stage, "Moniteq 1983 §5.2"
+        result += [
+            _figure(g, "two_length_mm", "two stages, length", two.length_mm, "mm", source),
+            _figure(g, "two_inner_mm", "two stages, inner stage", two.wall_mm[0][1], "mm", source),
+            _figure(g, "two_diameter_mm", "two stages, diameter", two.outer_diameter_mm, "mm", source),
+        ]
+    for body in (SUN, EARTH, MOON):
+        key = f"{body.name.lower()}_e_s"
+        # The table's light falls into the lens without loss, as the document has it.
+        result.append(
+            _figure(g, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
+        )
+    return result
+
+
+def _baffle(b: Baffle) -> dict[str, Any]:
+    return {
+        "kind": b.kind,
+        "lens_radius_mm": b.lens_radius_mm,
+        "half_fov_deg": math.degrees(b.half_fov_rad),
+        "exclusion_deg": math.degrees(b.exclusion_rad),
+        "length_mm": b.length_mm,
+        "front_radius_mm": b.front_radius_mm,
+        "edges_mm": [list(e) for e in b.edge_mm],
+        "walls_mm": [list(w) for w in b.wall_mm],
+    }
+
+
+def row_of(r: TradeRow) -> dict[str, Any]:
+    """A line of a table of cameras."""
+    c = r.camera
+    across, down = c.fov_rad
+    return {
+        "name": c.name,
+        "focal_mm": c.focal_mm,
+        "f_number": c.f_number,
+        "pupil_mm": c.pupil_mm,
+        "fov_deg": [math.degrees(across), math.degrees(down)],
+        "pixel_arcsec": c.camera.pixel_rad / ARCSEC_RAD,
+        "limit_mag": r.limit_mag,
+        "saturation_mag": number(r.saturation_mag),
+        "stars": r.stars,
+        "p_fewer_3": r.p_fewer_3,
+        "pointings": r.pointings,
+        "cross_arcsec": number(r.cross_rad / ARCSEC_RAD),
+        "roll_arcsec": number(r.roll_rad / ARCSEC_RAD),
+        "blur_rate_deg_s": float(np.degrees(r.blur_rate_rad_s)),
+    }
+
+
+def number(value: float) -> float | None:
+    """A finite number or nothing: JSON has no NaN."""
+    return short(value) if math.isfinite(value) else None

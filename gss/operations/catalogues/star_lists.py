@@ -1,0 +1,131 @@
+"""Star lists that people bring: read, checked, kept as they came, and given back as a source of stars."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import asdict
+from typing import Any
+
+from gss.catalogue_tools.sources.sources import Source, load_source, of_list
+from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping
+from gss.catalogue_tools.sources.star_lists import ImportedList, read_star_list, require_camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import profile as profile_named
+from gss.operations.clock import Now
+from gss.store import star_lists as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import StarList
+
+LARGEST_BYTES = 64 << 20
+SUFFIXES = {
+    "csv": "csv",
+    "txt": "csv",
+    "ecsv": "ecsv",
+    "fits": "fits",
+    "fit": "fits",
+    "vot": "votable",
+    "xml": "votable",
+}
+KEPT_LISTS = 4
+SHOWN_ROWS = 20
+
+
+class StarListService:
+    """Keeps lists, and knows every source by name."""
+
+    def __init__(self, database: Database, blobs: BlobStore, now: Now) -> None:
+        self._database, self._blobs, self._now = database, blobs, now
+        self._read: dict[int, Source] = {}
+        self._lock = threading.Lock()
+
+    def add(
+        self, data: bytes, filename: str, mapping: ListMapping, *, user: str, profile: str = "", name: str = ""
+    ) -> StarList:
+        """Read a file, keep it, and say what was read and what was dropped. ``profile``: the camera it is meant for,
+        where the file does not say it; BadInput where it says another."""
+        if len(data) > LARGEST_BYTES:
+            raise BadInput(
+                "the star list is too large", expected=f"at most {LARGEST_BYTES} bytes", got=f"{len(data)} bytes"
+            )
+        if profile:
+            profile_named(profile)
+        kind = kind_of(filename)
+        read = read_star_list(data, kind, mapping)
+        if profile:
+            require_camera(read.camera, profile)
+        row = StarList(
+            name=(name or filename or "star list")[:80],
+            created=self._now(),
+            author=user,
+            format=kind,
+            epoch_jyear=read.epoch_jyear,
+            frame=read.frame,
+            profile=profile or read.camera,
+            stars=len(read.stars),
+            dropped=read.dropped_count,
+            size=len(data),
+            sha256=self._blobs.put(data),
+            mapping=asdict(mapping),
+            report=report_of(read),
+        )
+        with self._database.unit_of_work() as session:
+            row = store.add(session, row)
+        with self._lock:
+            self._keep(row.id, of_list(read.stars, row.name))
+        return row
+
+    def newest(self, limit: int) -> list[StarList]:
+        """Newest first."""
+        with self._database.unit_of_work() as session:
+            return store.newest(session, limit)
+
+    def get(self, list_id: int) -> StarList:
+        """The list of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, list_id)
+
+    def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> Source:
+        """A source by name; a list by its id. BadInput when the list is meant for another camera."""
+        if name != "list":
+            return load_source(name, v_max)
+        if list_id is None:
+            raise BadInput("no star list is named", expected="the id of a list", hint="upload one first")
+        row = self.get(list_id)
+        require_camera(row.profile, profile)
+        with self._lock:
+            if list_id not in self._read:
+                read = read_star_list(self._blobs.get(row.sha256), row.format, ListMapping(**row.mapping))
+                self._keep(list_id, of_list(read.stars, row.name))
+            return self._read[list_id]
+
+    def _keep(self, list_id: int, source: Source) -> None:
+        while len(self._read) >= KEPT_LISTS:
+            del self._read[next(iter(self._read))]
+        self._read[list_id] = source
+
+
+def kind_of(filename: str) -> str:
+    """The kind of a file by its name."""
+    suffix = filename.rpartition(".")[2].lower()
+    if suffix not in SUFFIXES:
+        raise BadInput(
+            "unknown kind of star list",
+            expected=" | ".join(KINDS),
+            got=filename or "a file without a name",
+            hint="a name that ends in " + ", ".join(SUFFIXES),
+        )
+    return SUFFIXES[suffix]
+
+
+def report_of(read: ImportedList) -> dict[str, Any]:
+    """What was read and what was dropped, as plain values."""
+    return {
+        "columns": dict(read.columns),
+        "units": dict(read.units),
+        "notes": list(read.notes),
+        "dropped": [
+            {"row": d.row, "column": d.column, "reason": d.reason, "value": str(d.value)}
+            for d in read.dropped[:SHOWN_ROWS]
+        ],
+    }

@@ -1,0 +1,1 @@
+"""``gss check device``: the interface document, clause by clause."""

@@ -1,0 +1,197 @@
+"""Conformance of commands: refusals, repeated ids, ends of ranges, conditions. Commands with a hazard are never carried out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from gss.device.dictionary import FLOATS, INTEGER_RANGES, Argument, Command, Hazard, Precondition, Value
+from gss.device.protocol.codec import STRUCT, encode_item
+from gss.operations.checks.check_findings import Findings, shown
+from gss.operations.checks.probe import FINAL, Answer, Probe
+
+ORDER = {"accepted": 0, "started": 1, "progress": 2, "completed": 3, "failed": 3}
+APART = ("HELLO", "ABORT")
+"""Commands that have clauses of their own."""
+NO_HAZARD_ONLY = "has a hazard: not carried out"
+Orders = tuple[tuple[str, dict[str, Value]], ...]
+BREAK: dict[tuple[str, str], Orders] = {
+    ("mode", "ne"): (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "standby"})),
+    ("cycle_running", "eq"): (("SET_MODE", {"mode": "lost_in_space"}), ("START_CYCLE", {})),
+}
+"""What makes a condition on a field of housekeeping fail."""
+RESTORE: Orders = (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "lost_in_space"}))
+HARD = (Hazard.WARNING, Hazard.CRITICAL)
+NOT_CARRIED_OUT: dict[str, str] = {
+    "SET_TIME": "would set the clock, which cannot be read back where it was not set",
+    "CANCEL": "would take back what somebody has scheduled",
+    "SCHEDULE": "would stay in the schedule",
+}
+"""Commands whose ends of ranges are not tried; they have clauses of their own, or lose what the ground cannot restore."""
+AFTERWARDS: dict[str, Orders] = {"SET_APRIORI": (("SET_APRIORI", {"uncertainty_deg": 180.0}),)}
+"""What takes back what the ends of a command's ranges have set."""
+
+
+def check_refusals(probe: Probe, findings: Findings) -> None:
+    """Clauses 4.5, 4.6 and 4.7."""
+    d = probe.dictionary
+    used = {c.code for c in d.commands}
+    for code in (next(c for c in range(255, 0, -1) if c not in used), 0):
+        answer = probe.raw(code, b"")
+        findings.check("4.5", f"code {code}", answer.is_("rejected", "unknown_command"), answer.text)
+    for name, payload in (("GET_STATUS", b"\0"), ("SET_EXPOSURE", b"\0"), ("SET_EXPOSURE", b"\0\1\0")):
+        command = d.command(name)
+        answer = probe.raw(command.code, payload, command=command)
+        fits = answer.is_("rejected", "bad_length")
+        findings.check("4.6", f"{name} with {len(payload)} B", fits, answer.text)
+    command = d.command("GET_STATUS")
+    answer = probe.raw(command.code, b"", command=command, prefix=d.prefix ^ 0xFFFF)
+    findings.check("4.7", "GET_STATUS", answer.is_("rejected", "wrong_dictionary"), answer.text)
+    for name in ("HELLO", "ABORT"):
+        command = d.command(name)
+        answer = probe.raw(command.code, b"", command=command, prefix=d.prefix ^ 0xFFFF)
+        findings.check("4.7", f"{name} (any will do)", answer.is_("completed"), answer.text)
+
+
+def check_repeats(probe: Probe, findings: Findings) -> None:
+    """Clauses 4.9 and 4.10, with a command that must not be carried out twice."""
+    first = probe.order("TAKE_IMAGE", {"slot": 0})
+    if not findings.check("4.9", "TAKE_IMAGE, first", first.is_("completed"), first.text):
+        return
+    frames = probe.status()["last_frame"]
+    again = probe.order("TAKE_IMAGE", {"slot": 0}, request_id=first.request_id)
+    replayed = again.is_("completed") and again.last is not None and again.last.replayed
+    findings.check("4.9", "TAKE_IMAGE, again: the stored report", replayed, again.text)
+    same = first.last is not None and again.last is not None and first.last.values == again.last.values
+    findings.check("4.9", "TAKE_IMAGE, again: the same values", same)
+    now = probe.status()["last_frame"]
+    findings.check(
+        "4.9", "TAKE_IMAGE, again: no second image", now == frames, f"frame {shown(frames)}, then {shown(now)}"
+    )
+    other = probe.order("TAKE_IMAGE", {"slot": 1}, request_id=first.request_id)
+    findings.check("4.10", "TAKE_IMAGE of another slot", other.is_("rejected", "id_reused"), other.text)
+    other = probe.order("LIST_FRAMES", request_id=first.request_id)
+    findings.check("4.10", "another command", other.is_("rejected", "id_reused"), other.text)
+    hello = probe.order("HELLO")
+    again = probe.order("HELLO", request_id=hello.request_id)
+    fresh = again.is_("completed") and again.last is not None and not again.last.replayed
+    findings.check("4.9", "HELLO, again: carried out", fresh, again.text)
+
+
+def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
+    """Clauses 4.3 and 4.4, and with every answer 4.1, 4.2 and 2.4. ``write``: hazards may be tried outside their ranges,
+    where a device that keeps the document does nothing."""
+    for command in probe.dictionary.commands:
+        if command.name in APART or (command.simulator_only and not probe.device.hello.simulated):
+            continue
+        for argument, value, payload in _outside(probe, command):
+            subject = f"{command.name} {argument.name} = {shown(value)}"
+            if command.hazard in HARD and not write:
+                findings.skip("4.4", subject, f"{NO_HAZARD_ONLY} without --write")
+                continue
+            answer = probe.raw(command.code, payload, command=command)
+            findings.check("4.4", subject, answer.is_("rejected", "out_of_range"), answer.text)
+        left_out = NO_HAZARD_ONLY if command.hazard in HARD else NOT_CARRIED_OUT.get(command.name, "")
+        if command.simulator_only:
+            left_out = "makes something go wrong"
+        if left_out:
+            findings.skip("4.3", command.name, left_out)
+            continue
+        _make_ready(probe, command)
+        for subject, arguments in _ends(command):
+            if command.hazard_for(arguments)[0] in HARD:
+                findings.skip("4.3", subject, NO_HAZARD_ONLY)
+                continue
+            answer = probe.order(command.name, arguments)
+            if arguments:
+                findings.check("4.3", subject, answer.accepted, answer.text)
+            _check_life(findings, subject, command, answer)
+            _make_ready(probe, command)
+        for name, values in AFTERWARDS.get(command.name, ()):
+            probe.order(name, values)
+
+
+def _ends(command: Command) -> Iterator[tuple[str, dict[str, Value]]]:
+    """Each argument at either end, the others at their defaults."""
+    if not command.arguments:
+        yield command.name, {}
+    for a in command.arguments:
+        ends: tuple[Value | None, ...] = (a.minimum, a.maximum)
+        if a.choices:
+            numbered = sorted(a.choices, key=lambda c: c.value)
+            ends = (numbered[0].name, numbered[-1].name)
+        for value in ends:
+            if value is not None:
+                yield f"{command.name} {a.name} = {shown(value)}", {a.name: value}
+
+
+def _outside(probe: Probe, command: Command) -> Iterator[tuple[Argument, Value, bytes]]:
+    """Each argument beyond either end, as far as its bytes can say so."""
+    for a in command.arguments:
+        for value in _beyond(a):
+            parts = [_raw(other, value if other is a else None, probe, command) for other in command.arguments]
+            yield a, value, b"".join(parts)
+
+
+def _beyond(a: Argument) -> list[float]:
+    if a.choices:
+        return [max(c.value for c in a.choices) + 1]
+    if a.minimum is None or a.maximum is None:
+        return []
+    found = [a.minimum - 1, a.maximum + 1]
+    if a.type in FLOATS:
+        return [*found, math.nan, math.inf]
+    low, high = INTEGER_RANGES[a.type]
+    return [int(v) for v in found if low <= v <= high]
+
+
+def _raw(a: Argument, value: float | None, probe: Probe, command: Command) -> bytes:
+    """Bytes of a value without any check of its range; the default for None."""
+    if value is None:
+        default = a.default if a.default is not None else a.minimum
+        return encode_item(a, default if default is not None else 0)
+    return STRUCT[a.type].pack(value)
+
+
+def _check_life(findings: Findings, subject: str, command: Command, answer: Answer) -> None:
+    """Stages in order, codes and ids of the command, a final report in time."""
+    stages = [r.stage for r in answer.reports]
+    ranks = [ORDER.get(s, -1) for s in stages]
+    in_order = bool(stages) and stages[0] == "accepted" and ranks == sorted(ranks) and stages.count("accepted") == 1
+    findings.check("4.1", subject, in_order and "started" in stages, answer.text)
+    done = answer.last is not None and answer.last.stage in FINAL
+    slow = "" if done else f"not within {command.accept_s:g} s + {command.complete_s:g} s"
+    findings.check("4.2", subject, done, slow or answer.text)
+    findings.check("2.4", f"{subject}: code of the reports", all(r.code == command.code for r in answer.reports))
+
+
+def _make_ready(probe: Probe, command: Command) -> None:
+    """The conditions hold and no cycle disturbs the clocks."""
+    if command.preconditions or command.name in ("SET_MODE", "START_CYCLE"):
+        for name, arguments in RESTORE:
+            probe.order(name, arguments)
+
+
+def check_conditions(probe: Probe, findings: Findings) -> None:
+    """Clause 4.8: each condition of each command is broken once."""
+    for command in probe.dictionary.commands:
+        for condition in command.preconditions:
+            subject = f"{command.name}: not “{condition.text}”"
+            if command.hazard in HARD:
+                findings.skip("4.8", subject, NO_HAZARD_ONLY)
+            elif (condition.field, condition.op) not in BREAK:
+                findings.skip("4.8", subject, "no command is known that makes it fail")
+            else:
+                _check_condition(probe, findings, subject, command, condition)
+    for name, arguments in RESTORE:
+        probe.order(name, arguments)
+
+
+def _check_condition(probe: Probe, findings: Findings, subject: str, command: Command, condition: Precondition) -> None:
+    for name, arguments in BREAK[condition.field, condition.op]:
+        probe.order(name, arguments)
+    if condition.met(probe.status()) is not False:
+        findings.check("4.8", subject, False, "the condition could not be made to fail")
+        return
+    answer = probe.order(command.name)
+    findings.check("4.8", subject, answer.is_("rejected", "wrong_state"), answer.text)

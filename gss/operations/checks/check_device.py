@@ -1,0 +1,224 @@
+"""Does a device keep the interface document? Each clause that can be tried from the ground is tried.
+
+The device must be idle and without a bank on trial. Commands with a hazard are not carried out; image memories at the ends
+of the range are overwritten; settings, mode and cycle are given back as they were (attitude hint and orbit cannot be read
+back, the a-priori attitude is taken away).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from statistics import median
+
+from gss.device.dictionary import Value
+from gss.device.protocol.codec import decode
+from gss.device.protocol.frame import MAX_PACKET_BYTES, encode_frame
+from gss.device.protocol.packet import Packet, PacketType, encode_packet
+from gss.domain.errors import Conflict, CorruptData
+from gss.operations.checks.check_commands import check_boundaries, check_conditions, check_refusals, check_repeats
+from gss.operations.checks.check_contents import check_parts, check_results, check_sections, check_tables
+from gss.operations.checks.check_findings import Findings, shown
+from gss.operations.checks.check_schedule import check_power, check_schedule, check_training
+from gss.operations.checks.check_telemetry import problems
+from gss.operations.checks.check_transfers import (
+    check_aborts,
+    check_downloads,
+    check_table_writing,
+    check_upload_refusals,
+    check_writing,
+)
+from gss.operations.checks.probe import QUIET_S, Probe
+
+HOUSEKEEPING_PACKETS = 5
+RATE_TOLERANCE_S = 0.1
+SETTINGS = ("exposure_ms", "threshold_dn", "min_pixels", "max_pixels", "gain", "period_ms")
+DETECTION = SETTINGS[1:4]
+
+Told = Callable[[str], None]
+
+
+def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> Findings:
+    """Try every clause. ``write``: upload into an inactive bank too. ``told``: called with the name of each part."""
+    findings = Findings()
+    told("identity")
+    check_identity(probe, findings)
+    if not probe.device.hello.dictionary_match:
+        return findings
+    before = _ready(probe)
+    parts: dict[str, Callable[[], None]] = {
+        "housekeeping": lambda: check_housekeeping(probe, findings),
+        "damaged frames": lambda: check_damage(probe, findings),
+        "refusals": lambda: check_refusals(probe, findings),
+        "repeated ids": lambda: check_repeats(probe, findings),
+        "ranges": lambda: check_boundaries(probe, findings, write=write),
+        "conditions": lambda: check_conditions(probe, findings),
+        "downloads": lambda: check_downloads(probe, findings),
+        "parts of images": lambda: check_parts(probe, findings),
+        "sections": lambda: check_sections(probe, findings),
+        "tables": lambda: check_tables(probe, findings),
+        "results and memories": lambda: check_results(probe, findings),
+        "schedule": lambda: check_schedule(probe, findings),
+        "training": lambda: check_training(probe, findings),
+        "refused uploads": lambda: check_upload_refusals(probe, findings),
+        "abort": lambda: check_aborts(probe, findings),
+    }
+    if write:
+        parts["flash"] = lambda: check_writing(probe, findings)
+        parts["tables in flash"] = lambda: check_table_writing(probe, findings)
+        parts["power"] = lambda: check_power(probe, findings)
+    try:
+        for name, part in parts.items():
+            told(name)
+            with findings.trying("4.1", name):
+                part()
+    finally:
+        told("giving back")
+        _give_back(probe, before, findings)
+    check_record(probe, findings)
+    return findings
+
+
+def _ready(probe: Probe) -> Mapping[str, Value]:
+    """Housekeeping of a device that may be tried; Conflict where that would change what it is used for."""
+    status = probe.status()
+    if int(status["confirm_left_s"]):
+        raise Conflict(
+            f"bank {shown(status['active_bank'])} is on trial",
+            expected="no bank that waits for CONFIRM_BANK",
+            hint="confirm it or roll it back first",
+        )
+    if status["cycle_running"]:
+        probe.order("STOP_CYCLE")
+    return status
+
+
+def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
+    """Settings, mode and cycle as they were."""
+    try:
+        probe.order("ABORT")
+        probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
+        probe.order("SET_DETECTION", {name: before[name] for name in DETECTION})
+        probe.order("SET_GAIN", {"gain": before["gain"]})
+        probe.order("SET_FRAME_RATE", {"period_ms": before["period_ms"]})
+        probe.order("SET_MODE", {"mode": before["mode"]})
+        if before["cycle_running"]:
+            probe.order("START_CYCLE")
+        after = probe.status()
+    except (Conflict, CorruptData) as error:
+        findings.left.append(f"settings: {error}")
+        return
+    for name in (*SETTINGS, "mode", "cycle_running", "active_bank"):
+        if after[name] != before[name]:
+            findings.left.append(f"{name} is {shown(after[name])}, was {shown(before[name])}")
+
+
+def check_identity(probe: Probe, findings: Findings) -> None:
+    """Clauses 3.1 to 3.3."""
+    d, hello = probe.dictionary, probe.device.hello
+    used = probe.order("GET_STATUS").request_id
+    with findings.trying("3.1", "HELLO"):
+        code, other = d.command("HELLO").code, d.prefix ^ 0xFFFF
+        answer = probe.raw(code, b"", command=d.command("HELLO"), prefix=other)
+        if not findings.check("3.1", "from another dictionary", answer.is_("completed"), answer.text):
+            return
+        v = answer.last.values if answer.last else {}
+        findings.check("3.1", "device_model", v["device_model"] == d.device_model, str(v["device_model"]))
+        for name in ("profile", "firmware", "serial"):
+            findings.check("3.1", name, bool(v[name]), shown(v[name]))
+        least = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
+        for name, minimum in (least | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
+            findings.check("3.1", name, int(v[name]) >= minimum, shown(v[name]))
+        told, own = hello.dictionary_hash, d.hash_hex
+        findings.check("3.2", "dictionary_hash", told == own, f"device {told[:12]}, ground {own[:12]}")
+        findings.check(
+            "3.3", "last_request_id", int(v["last_request_id"]) >= used, f"{shown(v['last_request_id'])}, used {used}"
+        )
+
+
+def check_housekeeping(probe: Probe, findings: Findings) -> None:
+    """Clauses 5.1, 5.2 and 5.4."""
+    code = probe.dictionary.packet("housekeeping").code
+
+    def unasked(p: Packet) -> bool:
+        return p.type is PacketType.TELEMETRY and p.code == code and not p.request_id
+
+    times_s = []
+    for _ in range(HOUSEKEEPING_PACKETS):
+        came = probe.wait(unasked, 5.0)
+        times_s += [came[-1].time_s] if came and unasked(came[-1]) else []
+    if findings.check("5.1", "packets unasked", len(times_s) == HOUSEKEEPING_PACKETS, f"{len(times_s)} came"):
+        step_s = median(b - a for a, b in pairwise(times_s))
+        findings.check("5.1", "interval", abs(step_s - 1.0) <= RATE_TOLERANCE_S, f"{step_s:.3f} s")
+    with findings.trying("5.2", "GET_STATUS"):
+        first = probe.status()
+        findings.check("5.2", "GET_STATUS", True)
+        probe.raw(_unused_code(probe), b"")
+        second = probe.status()
+        for name, change in (("commands_accepted", 1), ("commands_rejected", 1)):
+            counted = (int(second[name]) - int(first[name])) & 0xFFFF
+            findings.check("5.4", name, counted == change, f"{counted} more, expected {change}")
+
+
+def _unused_code(probe: Probe) -> int:
+    used = {c.code for c in probe.dictionary.commands}
+    return next(code for code in range(255, 0, -1) if code not in used)
+
+
+def _frame(probe: Probe, payload: bytes, request_id: int) -> bytes:
+    """A packet of GET_STATUS with any payload, not framed."""
+    code = probe.dictionary.command("GET_STATUS").code
+    return encode_packet(Packet(PacketType.COMMAND, code, request_id, payload, probe.dictionary.prefix, True))
+
+
+def check_damage(probe: Probe, findings: Findings) -> None:
+    """Clauses 1.2, 1.3 and 1.5: bytes that are no packet are dropped and counted, and nothing around them suffers."""
+    request_id = probe.order("GET_STATUS").request_id
+    good = _frame(probe, b"", request_id + 1000)
+    spoiled = good[:-1] + bytes([good[-1] ^ 0x10])
+    too_long = _frame(probe, bytes(MAX_PACKET_BYTES + 200), request_id + 1000)
+    for number, subject, data, damaged in (
+        ("1.2", "empty frames", b"\0" * 8, False),
+        ("1.5", "wrong CRC-32", encode_frame(spoiled), True),
+        ("1.3", "a packet too long", encode_frame(too_long), True),
+        ("1.3", "a frame without end", encode_frame(b"\1" * 4 * MAX_PACKET_BYTES), True),
+    ):
+        with findings.trying(number, subject):
+            before = int(probe.status()["frames_bad"])
+            probe.write(data)
+            came = probe.wait(lambda p: p.request_id == request_id + 1000, QUIET_S)
+            answered = any(p.request_id == request_id + 1000 for p in came)
+            findings.check(number, f"{subject}: no answer", not answered)
+            counted = int(probe.status()["frames_bad"]) - before
+            fits = counted >= 1 if damaged else counted == 0
+            findings.check(number, f"{subject}: {'counted' if damaged else 'not counted'}", fits, f"{counted} more")
+
+
+def check_record(probe: Probe, findings: Findings) -> None:
+    """Clauses 2.1 to 2.4 and 5.3, over everything that came."""
+    receiver, packets, d = probe.tap.receiver, probe.tap.packets, probe.dictionary
+    findings.damaged = receiver.bad_total
+    findings.check("2.1", "packets read", bool(packets) and not receiver.unknown, f"{receiver.unknown} unreadable")
+    if receiver.bad_total:
+        findings.skip("2.2", "sequence", f"{receiver.bad_total} packets came damaged")
+    else:
+        off = receiver.gaps + receiver.duplicates
+        findings.check("2.2", "sequence", off == 0, f"{receiver.gaps} missing, {receiver.duplicates} twice")
+    strange = sum(p.prefix != d.prefix for p in packets)
+    findings.check("2.3", "prefix", strange == 0, f"{strange} of {len(packets)} packets carry another")
+    reports = [p for p in packets if p.type is PacketType.REPORT]
+    findings.check("2.4", "reports", bool(reports) and all(p.request_id for p in reports))
+    for row in d.telemetry:
+        mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
+        if not mine:
+            findings.skip("5.3", row.name, "none came")
+            continue
+        found: set[str] = set()
+        for packet in mine:
+            try:
+                found |= set(problems(row, decode(row.fields, packet.payload)))
+            except CorruptData as error:
+                found.add(str(error))
+        findings.check("5.3", f"{row.name} ({len(mine)})", not found, "; ".join(sorted(found)))
+    unknown = {p.code for p in packets if p.type is PacketType.TELEMETRY and d.packet_of_code(p.code) is None}
+    findings.check("5.3", "packets of the dictionary only", not unknown, f"codes {sorted(unknown)}" if unknown else "")

@@ -1,0 +1,94 @@
+"""Conformance of the schedule, of power and of the instructor's commands. What is scheduled here is taken back."""
+
+from __future__ import annotations
+
+from gss.device.dictionary import Value
+from gss.device.protocol.codec import decode
+from gss.device.protocol.packet import Packet, PacketType
+from gss.operations.checks.check_findings import Findings
+from gss.operations.checks.probe import Answer, Probe
+
+SOON_S, FAR_S = 2.0, 1.0e6
+IMAGE_COMMANDS = ("TAKE_IMAGE", "RUN_ITERATION")
+
+
+def device_time_s(probe: Probe) -> float:
+    """The device's clock, from its newest packet."""
+    answer = probe.order("GET_STATUS")
+    return answer.packets[-1].time_s if answer.packets else 0.0
+
+
+def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> Answer:
+    """SCHEDULE of bytes as they are."""
+    values: dict[str, Value] = {"at_s": at_s, "command_code": code, "length": len(payload)}
+    return probe.order("SCHEDULE", values | {"payload": payload.ljust(64, b"\0")})
+
+
+def check_schedule(probe: Probe, findings: Findings) -> None:
+    """Clauses 4.15, 4.16 and 4.19."""
+    d = probe.dictionary
+    status = d.command("GET_STATUS").code
+    event = d.event_named("SCHEDULE_RUN").code
+    now_s = device_time_s(probe)
+    kept = schedule(probe, now_s + SOON_S, status)
+    findings.check("4.15", "SCHEDULE of GET_STATUS", kept.is_("completed"), kept.text)
+
+    def ran(p: Packet) -> bool:
+        return p.type is PacketType.EVENT and p.code == event and p.request_id == kept.request_id
+
+    came = probe.wait(ran, SOON_S + 3.0)
+    if findings.check("4.15", "it runs and says so", bool(came) and ran(came[-1])):
+        early_s = now_s + SOON_S - came[-1].time_s
+        findings.check("4.15", "not before its time", early_s <= 0, f"{-early_s:.3f} s after it")
+        housekeeping = d.packet("housekeeping").code
+        caused = [p for p in came if p.type is PacketType.TELEMETRY and p.request_id == kept.request_id]
+        findings.check("4.15", "its packets carry SCHEDULE's id", any(p.code == housekeeping for p in caused))
+    for subject, code, payload, reason in (
+        (
+            "a code that no command has",
+            next(c for c in range(255, 0, -1) if d.command_of_code(c) is None),
+            b"",
+            "unknown_command",
+        ),
+        ("arguments of the wrong length", status, b"\0", "bad_length"),
+        ("an argument outside its range", d.command("SET_EXPOSURE").code, b"\0\0", "out_of_range"),
+    ):
+        refused = schedule(probe, now_s + FAR_S, code, payload)
+        findings.check("4.16", subject, refused.is_("failed", reason), refused.text)
+    past = schedule(probe, 0.0, status)
+    findings.check("4.16", "a time that is over", past.is_("failed", "out_of_range"), past.text)
+    far = schedule(probe, now_s + FAR_S, status)
+    number = far.last.values.get("schedule_id", 0) if far.last else 0
+    taken = probe.order("CANCEL", {"schedule_id": number})
+    findings.check("4.19", "CANCEL of one", taken.is_("completed"), taken.text)
+    row = d.packet("schedule_entry")
+    told = [decode(row.fields, p.payload).values for p in taken.packets if p.code == row.code]
+    findings.check("4.19", "the entry says cancelled", any(t.get("state") == "cancelled" for t in told))
+    again = probe.order("CANCEL", {"schedule_id": number})
+    findings.check("4.19", "CANCEL of it again", again.is_("failed", "not_found"), again.text)
+
+
+def check_training(probe: Probe, findings: Findings) -> None:
+    """Clause 4.20: a real unit has no instructor's commands."""
+    for command in probe.dictionary.commands:
+        if not command.simulator_only:
+            continue
+        if probe.device.hello.simulated:
+            findings.skip("4.20", command.name, "this is a simulator")
+            continue
+        answer = probe.order(command.name)
+        findings.check("4.20", command.name, answer.is_("rejected", "unknown_command"), answer.text)
+
+
+def check_power(probe: Probe, findings: Findings) -> None:
+    """Clause 4.14: the imager is switched off and on again."""
+    off = probe.order("POWER", {"rail": "imager", "state": "off"})
+    try:
+        findings.check("4.14", "POWER imager off", off.is_("completed"), off.text)
+        findings.check("4.14", "housekeeping says so", probe.status()["imager_on"] is False)
+        for name in IMAGE_COMMANDS:
+            answer = probe.order(name)
+            findings.check("4.14", name, answer.is_("rejected", "powered_off"), answer.text)
+    finally:
+        on = probe.order("POWER", {"rail": "imager", "state": "on"})
+    findings.check("4.14", "POWER imager on", on.is_("completed") and probe.status()["imager_on"] is True, on.text)

@@ -1,0 +1,231 @@
+"""Commands and messages past the host's own checks, and everything that comes back: the hands of ``gss check device``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from gss.device.dictionary import Command, Dictionary, Value
+from gss.device.protocol.codec import Decoded, decode, encode
+from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.transport import ByteStream, open_stream
+from gss.domain.errors import Conflict, CorruptData
+from gss.operations.clock import Monotonic
+from gss.operations.line.direct import DirectDevice
+
+FINAL = ("rejected", "completed", "failed")
+UNREADABLE = "unreadable"
+"""Stands for the stage of a report that does not fit its layout."""
+QUIET_S = 0.7
+"""A device that has not answered after this time on an idle line does not answer."""
+
+
+class Tap:
+    """A line that keeps a copy of the packets that come over it; chunks are left out, they are many."""
+
+    def __init__(self, stream: ByteStream, chunk_code: int) -> None:
+        self._stream, self._chunk_code, self.url = stream, chunk_code, stream.url
+        self.receiver = LineReceiver(from_device=True)
+        self.packets: list[Packet] = []
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        """As the line below."""
+        data = self._stream.read(max_bytes, timeout_s)
+        came = self.receiver.feed(data)
+        self.packets += [p for p in came if p.type is not PacketType.TRANSFER or p.code != self._chunk_code]
+        return data
+
+    def write(self, data: bytes) -> None:
+        """As the line below."""
+        self._stream.write(data)
+
+    def close(self) -> None:
+        """As the line below."""
+        self._stream.close()
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report as it came. ``after_s``: since the report before it, or since the sending."""
+
+    stage: str
+    reason: str
+    detail: str
+    replayed: bool
+    code: int
+    values: Mapping[str, Value]
+    after_s: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """All that a command brought until its last report, or until its time was over."""
+
+    request_id: int
+    reports: tuple[Report, ...] = ()
+    packets: tuple[Packet, ...] = field(default=(), repr=False)
+
+    @property
+    def accepted(self) -> bool:
+        """Was there an acceptance?"""
+        return any(r.stage == "accepted" for r in self.reports)
+
+    @property
+    def last(self) -> Report | None:
+        """The report that came last."""
+        return self.reports[-1] if self.reports else None
+
+    @property
+    def text(self) -> str:
+        """The stages in one line."""
+        parts = [f"{r.stage} ({r.reason})" if r.reason != "none" else r.stage for r in self.reports]
+        return ", ".join(parts) or "no report"
+
+    def is_(self, stage: str, reason: str = "none") -> bool:
+        """Did it end so?"""
+        return self.last is not None and (self.last.stage, self.last.reason) == (stage, reason)
+
+
+class Probe:
+    """A device with a tap on its line. ``monotonic_s``: the clock of the ground."""
+
+    def __init__(self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic) -> None:
+        self.dictionary, self._now_s = dictionary, monotonic_s
+        self.tap = Tap(stream, dictionary.service("CHUNK").code)
+        self.device = DirectDevice(self.tap, dictionary, monotonic_s)
+
+    # --- bytes and packets --------------------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        """Bytes as they are."""
+        self.tap.write(data)
+
+    def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
+        """What comes until a packet is the one, or the time is over; that packet is then the last."""
+        return self._collect(len(self.tap.packets), done, within_s)
+
+    def _collect(self, start: int, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
+        seen, deadline_s = start, self._now_s() + within_s
+        while True:
+            for at in range(seen, len(self.tap.packets)):
+                if done(self.tap.packets[at]):
+                    return self.tap.packets[start : at + 1]
+            seen = len(self.tap.packets)
+            if self._now_s() >= deadline_s:
+                return self.tap.packets[start:]
+            self.device.turn()
+
+    # --- commands -----------------------------------------------------------------------------------------------
+
+    def order(
+        self, name: str, arguments: Mapping[str, Value] | None = None, *, request_id: int | None = None
+    ) -> Answer:
+        """A command by name, arguments as given and defaults for the rest, unchecked by the host's ranges."""
+        command = self.dictionary.command(name)
+        return self.raw(command.code, self.payload(command, arguments or {}), command=command, request_id=request_id)
+
+    def payload(self, command: Command, arguments: Mapping[str, Value]) -> bytes:
+        """Bytes of a command's arguments."""
+        defaults = {a.name: a.default for a in command.arguments if a.default is not None}
+        return encode(command.arguments, defaults | dict(arguments))
+
+    def raw(
+        self,
+        code: int,
+        payload: bytes,
+        *,
+        command: Command | None = None,
+        request_id: int | None = None,
+        prefix: int | None = None,
+    ) -> Answer:
+        """A command packet and what it brings. ``command`` gives the times to wait."""
+        accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
+        start, before_s = len(self.tap.packets), self._now_s()
+        used = self.device.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
+        reports: list[Report] = []
+        window_s = accept_s
+        while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
+            at = len(self.tap.packets) if reports else start
+            came = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
+            if not came or not self._reports_on(came[-1], used):
+                break
+            # Several reports may have come in one turn: take them all, in order.
+            new = [p for p in self.tap.packets[start:] if self._reports_on(p, used)][len(reports) :]
+            now_s = self._now_s()
+            for packet in new:
+                reports.append(self._report(packet, now_s - before_s))
+                before_s = now_s
+            window_s = complete_s
+        return Answer(used, tuple(reports), tuple(self.tap.packets[start:]))
+
+    @staticmethod
+    def _reports_on(packet: Packet, request_id: int) -> bool:
+        return packet.type is PacketType.REPORT and packet.request_id == request_id
+
+    def _report(self, packet: Packet, after_s: float) -> Report:
+        fields, command = self.dictionary.service("REPORT").fields, self.dictionary.command_of_code(packet.code)
+        done = packet.payload[:1] == encode([fields[0]], {"stage": "completed"})  # type: ignore[list-item]
+        returns = command.returns if done and command else ()
+        try:
+            v = decode((*fields, *returns), packet.payload).values
+        except CorruptData as error:
+            return Report(UNREADABLE, "none", str(error), False, packet.code, {}, after_s)
+        values = {item.name: v[item.name] for item in returns}
+        stage, reason, detail = str(v["stage"]), str(v["reason"]), str(v["detail"])
+        return Report(stage, reason, detail, bool(v["replayed"]), packet.code, values, after_s)
+
+    def reports(self, request_id: int, start: int) -> list[Report]:
+        """Reports on a request among the packets from ``start`` on; their times are not known."""
+        mine = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
+        return [self._report(p, 0.0) for p in mine]
+
+    # --- what the device tells ----------------------------------------------------------------------------------
+
+    def telemetry(self, packets: tuple[Packet, ...] | list[Packet], name: str) -> list[Decoded]:
+        """Telemetry of one name among packets; CorruptData where it does not fit its layout."""
+        row = self.dictionary.packet(name)
+        mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
+        return [decode(row.fields, p.payload) for p in mine]
+
+    def status(self) -> Mapping[str, Value]:
+        """Housekeeping now, in engineering units; Conflict when none comes."""
+        answer = self.order("GET_STATUS")
+        came = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
+        if not came:
+            raise Conflict("GET_STATUS brought no housekeeping", got=answer.text)
+        return came[-1].values
+
+    def banks(self) -> list[Mapping[str, Value]]:
+        """What LIST_BANKS tells."""
+        answer = self.order("LIST_BANKS")
+        return [b.values for b in self.telemetry(answer.packets, "bank_info")]
+
+    def transfer(self, service: str, values: Mapping[str, Value], request_id: int | None = None) -> int:
+        """Send a transfer message; its request id."""
+        row = self.dictionary.service(service)
+        return self.device.send(PacketType.TRANSFER, row.code, encode(row.fields, values), request_id=request_id)
+
+    def transfer_reply(self, request_id: int, within_s: float = 3.0) -> tuple[str, Mapping[str, Value]]:
+        """Name and values of the next OPENED or ABORT_TRANSFER for a request; "" when none comes."""
+        codes = {self.dictionary.service(name).code: name for name in ("OPENED", "ABORT_TRANSFER")}
+
+        def fits(p: Packet) -> bool:
+            return p.type is PacketType.TRANSFER and p.request_id == request_id and p.code in codes
+
+        came = self.wait(fits, within_s)
+        if not came or not fits(came[-1]):
+            return "", {}
+        name = codes[came[-1].code]
+        return name, decode(self.dictionary.service(name).fields, came[-1].payload).values
+
+
+@contextmanager
+def probing(url: str, dictionary: Dictionary, monotonic_s: Monotonic) -> Iterator[Probe]:
+    """A probe on a port, after the device has answered."""
+    stream = open_stream(url)
+    try:
+        yield Probe(stream, dictionary, monotonic_s)
+    finally:
+        stream.close()

@@ -1,0 +1,1 @@
+"""Commands from draft to report: authority, stacks, schedule, history."""

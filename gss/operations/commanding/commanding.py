@@ -1,0 +1,259 @@
+"""Commands: checked, confirmed, queued, followed to their end, and never sent twice by software."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from gss.device.dictionary import Command as Definition
+from gss.device.protocol.codec import check_arguments
+from gss.device.session_events import CommandStage, DeviceEvent, SessionEvent
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
+from gss.operations.clock import Now
+from gss.operations.commanding.authority import AuthorityService
+from gss.operations.commanding.command_checks import (
+    Check,
+    PreconditionState,
+    check_confirmation,
+    check_unit,
+    precondition_states,
+    risk_of,
+)
+from gss.operations.commanding.command_record import CommandRecorder, CommandView, CompletedHook
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.store import commands as store
+from gss.store.engine import Database
+from gss.store.models import Command
+
+RESTARTED = "The server restarted while this command was under way; it may have run or not."
+NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
+SERVER = "server"
+"""Source of what the server asks on its own behalf; it takes no part in command authority."""
+REMEMBERED_IDS = 64
+"""So many request ids the device keeps with their result; an older one it would carry out anew."""
+
+
+class CommandService:
+    """What an operator does to the sensor, one command at a time. The user is an argument of everything."""
+
+    def __init__(
+        self, link: LinkService, database: Database, bus: EventBus, now: Now, authority: AuthorityService
+    ) -> None:
+        self._link, self._database, self._bus, self._now = link, database, bus, now
+        self._authority = authority
+        self._recorder = CommandRecorder(database, bus, now, self.view)
+        self.abort_hooks: list[Callable[[str], None]] = []
+
+    @property
+    def completed_hooks(self) -> list[CompletedHook]:
+        """Called with (name, arguments, returned values) when a command completed."""
+        return self._recorder.completed_hooks
+
+    @property
+    def changed_hooks(self) -> list[Callable[[Command], None]]:
+        """Called with the row at each change of a command."""
+        return self._recorder.changed_hooks
+
+    def start(self) -> None:
+        """Commands that were under way when the last server died become unknown; nothing is sent again by itself.
+        Those that were unknown already can still be retried, or end with a late report."""
+        known: list[tuple[int, str, Mapping[str, Any]]] = []
+        with self._database.unit_of_work() as session:
+            for row in store.left_in_flight(session):
+                CommandRecorder.lose(row, self._now(), RESTARTED if self.idempotent(row.name) else NEEDS_OPERATOR)
+            last = store.last_request_id(session)
+            lost = [row for row in store.of_unknown_fate(session, REMEMBERED_IDS) if self._still_fits(row)]
+            known = [(row.request_id, row.name, row.arguments) for row in lost]
+        with self._link.lock:
+            self._link.session.restore(last + 1, known)
+
+    def _still_fits(self, row: Command) -> bool:
+        """A dictionary that changed meanwhile may not know the command any more."""
+        try:
+            check_arguments(self._link.dictionary.command(row.name), row.arguments)
+        except (BadInput, NotFound):
+            return False
+        return True
+
+    # --- before sending -----------------------------------------------------------------------------------------
+
+    def preconditions(self, definition: Definition) -> tuple[PreconditionState, ...]:
+        """Each condition of a command with its present state."""
+        return precondition_states(definition, self._link.session.housekeeping)
+
+    def visible(self) -> list[Definition]:
+        """The commands of the dictionary that the present device can take."""
+        hello = self._link.hello
+        real = hello is not None and not hello.simulated
+        return [c for c in self._link.dictionary.commands if not (real and c.simulator_only)]
+
+    def idempotent(self, name: str) -> bool:
+        """Does doing it twice do no harm? No, where the dictionary does not know."""
+        return any(c.name == name and c.idempotent for c in self._link.dictionary.commands)
+
+    def check(self, name: str, arguments: Mapping[str, Any], *, user: str) -> Check:
+        """What would be sent, and what stands in the way. Nothing is sent."""
+        definition = self._link.dictionary.command(name)
+        states = self.preconditions(definition)
+        problems = [f"{state.text}: it is {state.value}" for state in states if state.met is False]
+        if not self._link.connected:
+            problems.append(f"the line is down: {self._link.reason}")
+        trials: list[Callable[[], None]] = [lambda: check_unit(definition, self._link.hello)]
+        if name != "ABORT":
+            trials += [lambda: self._authority.check(user), lambda: self._link.session.check_allowed(name)]
+        for trial in trials:
+            try:
+                trial()
+            except GssError as error:
+                problems.append(str(error))
+        groups: list[tuple[str, bytes]] = []
+        try:
+            groups = self.preview(name, arguments)
+        except GssError as error:
+            problems.append(str(error))
+        risk = risk_of(self._link.dictionary, definition, arguments)
+        held = self._authority.holder()
+        return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+
+    def check_user(self, user: str) -> None:
+        """Conflict while somebody else holds command authority."""
+        self._authority.check(user)
+
+    def require_user(self, user: str) -> None:
+        """As ``check_user``; with nobody holding it the user takes it."""
+        self._authority.require(user)
+
+    def preview(self, name: str, arguments: Mapping[str, Any]) -> list[tuple[str, bytes]]:
+        """(label, bytes) of the packet that the next ``send`` would make."""
+        with self._link.lock:
+            return self._link.session.preview(name, arguments)
+
+    # --- sending ------------------------------------------------------------------------------------------------
+
+    def send(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        *,
+        confirm: str,
+        user: str,
+        source: str,
+        run_id: int | None = None,
+    ) -> Command:
+        """Queue a command; its row comes back at once. Conflict or BadInput says why not."""
+        definition = self._link.dictionary.command(name)
+        if name == "ABORT":
+            return self.abort(user=user, source=source)
+        if source != SERVER:
+            self._authority.check(user)
+        check_unit(definition, self._link.hello)
+        self.preview(name, arguments)
+        check_confirmation(risk_of(self._link.dictionary, definition, arguments), confirm)
+        self._check_line()
+        self._link.session.check_allowed(name)
+        unmet = [state for state in self.preconditions(definition) if state.met is False]
+        if unmet:
+            state = unmet[0]
+            raise Conflict(f"{name} is not allowed now", expected=state.text.lower(), got=state.value)
+        if source != SERVER:
+            self._authority.require(user)
+        return self._submit(name, arguments, user, source, run_id)
+
+    def _submit(self, name: str, arguments: Mapping[str, Any], user: str, source: str, run_id: int | None) -> Command:
+        """The row first: what cannot be recorded is not sent. The line is not held meanwhile: ABORT may need it."""
+        with self._link.lock:
+            request_id = self._link.session.reserve()
+        row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
+        try:
+            with self._link.lock:
+                self._link.session.submit(name, arguments, self._link.monotonic_s(), request_id=request_id)
+        except GssError as error:
+            self._recorder.refuse(row.id, str(error))
+            raise
+        return row
+
+    def abort(self, *, user: str, source: str) -> Command:
+        """ABORT, ahead of everything, no questions: nothing may stand in its way, not even the store."""
+        self._check_line()
+        with self._link.lock:
+            request_id = self._link.session.abort(self._link.monotonic_s())
+        for hook in self.abort_hooks:
+            hook(user)
+        try:
+            row = self._recorder.add(request_id, "ABORT", {}, user, source, self._link.contact_id, None)
+        except StoreDown as error:
+            raise StoreDown("ABORT goes out, but cannot be recorded", got=error.got, hint=error.hint) from error
+        self._bus.record("command", "watch", f"ABORT by {user}", command_id=row.id)
+        self._recorder.catch_up(request_id)
+        return row
+
+    def retry(self, command_id: int, *, user: str) -> Command:
+        """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
+        last ids with their results, can still tell that it knows them."""
+        self._authority.check(user)
+        self._check_line()
+        row = self.get(command_id)
+        if row.result == "unknown" and not self.can_retry(row):
+            raise Conflict(
+                "the device no longer remembers this id and might run it again",
+                expected=f"one of its last {REMEMBERED_IDS} ids",
+                got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
+                hint="look at the telemetry, mark it resolved, and send a new one if it did not run",
+            )
+        self._authority.require(user)
+        with self._link.lock:
+            self._link.session.retry(row.request_id, self._link.monotonic_s())
+            row = self._recorder.requeue(command_id, f"retry by {user}")
+        self._bus.record("command", "ok", f"{row.name} retried with the same id by {user}", command_id=row.id)
+        return row
+
+    def can_retry(self, row: Command) -> bool:
+        """Would sending it again be safe?"""
+        if row.result != "unknown":
+            return False
+        age = self._link.session.next_request_id - row.request_id
+        return self.idempotent(row.name) or 0 < age <= REMEMBERED_IDS
+
+    def withdraw(self, command_id: int, *, user: str) -> Command:
+        """Take a command back that still waits in the queue; Conflict once it was released."""
+        row = self.get(command_id)
+        if row.result != "queued":
+            raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
+        with self._link.lock:
+            stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
+            row = self._recorder.withdrawn(command_id, stage)
+        self._bus.record("command", "ok", f"{row.name} withdrawn by {user} before it was sent", command_id=row.id)
+        return row
+
+    def resolve(self, command_id: int, note: str, *, user: str) -> Command:
+        """An operator settles an unknown command with a note; nothing is sent."""
+        row = self.get(command_id)
+        if row.result != "unknown":
+            raise Conflict("only an unknown command can be marked resolved", got=row.result)
+        row = self._recorder.resolve(command_id, f"{user}: {note}")
+        self._bus.record("command", "ok", f"{row.name} marked resolved by {user}: {note}", command_id=row.id)
+        return row
+
+    # --- what became of it --------------------------------------------------------------------------------------
+
+    def get(self, command_id: int) -> Command:
+        """The command of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, command_id)
+
+    def view(self, row: Command) -> CommandView:
+        """The row with what the dictionary and the line say of it now."""
+        return CommandView(row, self.idempotent(row.name), self.can_retry(row))
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Follow the reports of commands and keep the device's events."""
+        for event in events:
+            if isinstance(event, CommandStage):
+                self._recorder.follow(event)
+            elif isinstance(event, DeviceEvent):
+                self._bus.record("device", event.severity, f"{event.name}: {event.text}" if event.text else event.name)
+
+    def _check_line(self) -> None:
+        if not self._link.connected:
+            raise Conflict("the line is down", got=self._link.reason, hint="open the port first")

@@ -1,0 +1,219 @@
+"""Commands for later, kept and run on board: put there at a moment of UTC or of the device's clock, listed, taken back."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from gss.device.dictionary import Hazard, Value
+from gss.device.session_events import (
+    CommandStage,
+    DeviceEvent,
+    HelloReceived,
+    SessionEvent,
+    Stage,
+    Telemetry,
+)
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.operations.clock import Now, iso_z
+from gss.operations.commanding.command_checks import SCHEDULE, risk_of, scheduled
+from gss.operations.commanding.commanding import SERVER, CommandService
+from gss.operations.commanding.schedule_plan import Plan, make_plan, moment_of
+from gss.operations.events import EventBus
+from gss.operations.line.clock_correlation import ClockTracker, Correlation
+from gss.operations.line.link import LinkService
+from gss.store.models import Command
+
+CLOCK_EVENTS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
+TABLE_EVENTS = ("SCHEDULE_RUN", "SCHEDULE_FAILED", "BOOT")
+SOFTWARE = "gss"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the device's table. ``at`` and its uncertainty are None while the clocks are not correlated;
+    ``command`` is None where the bytes are not of our dictionary."""
+
+    schedule_id: int
+    at_device_s: float
+    at: datetime | None
+    uncertainty_s: float | None
+    command: str | None
+    arguments: Mapping[str, Value]
+    hazard: Hazard
+    state: str
+    reason: str
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class ScheduleState:
+    """The table by time. ``told``: when the device last listed it; ``complete``: nothing of that list was lost.
+    ``clock`` with the device's clock and UTC of now; None while unknown."""
+
+    entries: Sequence[Entry]
+    told: datetime | None
+    complete: bool
+    clock: Correlation | None
+
+
+class ScheduleService:
+    """Keeps what the device told of its table, and the correlation of the clocks."""
+
+    def __init__(self, link: LinkService, commands: CommandService, bus: EventBus, now: Now) -> None:
+        self._link, self._commands, self._bus, self._now = link, commands, bus, now
+        self._clock = ClockTracker()
+        self._rows: dict[int, Mapping[str, Value]] = {}
+        self._listing: dict[int, dict[int, Mapping[str, Value]]] = {}
+        self._told: datetime | None = None
+        self._complete = False
+        self._lock = threading.Lock()
+
+    # --- what the device tells ----------------------------------------------------------------------------------
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Follow clock and table; ask for the table when it changed."""
+        ask = changed = False
+        for event in events:
+            if isinstance(event, Telemetry):
+                changed |= self._packet(event)
+            elif isinstance(event, HelloReceived):
+                self._forget()
+                ask, changed = event.dictionary_match, True
+            elif isinstance(event, DeviceEvent):
+                if event.name in CLOCK_EVENTS:
+                    with self._lock:
+                        self._clock.restart()
+                ask |= event.name in TABLE_EVENTS
+            elif isinstance(event, CommandStage) and event.stage is Stage.COMPLETED:
+                ask |= event.name in (SCHEDULE, "CANCEL")
+                changed |= event.name == "LIST_SCHEDULE" and self._listed(event)
+        if changed:
+            self._bus.publish("schedule", self.state())
+        if ask:
+            self._ask()
+
+    def _packet(self, packet: Telemetry) -> bool:
+        with self._lock:
+            if packet.packet == "housekeeping":
+                self._clock.add(self._now().timestamp(), packet.device_time_s)
+            if packet.packet != "schedule_entry":
+                return False
+            number = int(packet.values["schedule_id"])
+            self._rows[number] = packet.values
+            if packet.request_id:
+                self._listing.setdefault(packet.request_id, {})[number] = packet.values
+            return True
+
+    def _listed(self, event: CommandStage) -> bool:
+        """The table is what this list named; rows that it did not name are gone."""
+        with self._lock:
+            rows = self._listing.get(event.request_id, {})
+            self._listing.clear()
+            self._complete = len(rows) == int(event.values["count"])
+            if self._complete:
+                self._rows = rows
+            self._told = self._now()
+        return True
+
+    def _forget(self) -> None:
+        with self._lock:
+            self._rows, self._listing = {}, {}
+            self._told, self._complete = None, False
+            self._clock.restart()
+
+    def _ask(self) -> None:
+        try:
+            self._commands.send("LIST_SCHEDULE", {}, confirm="", user=SOFTWARE, source=SERVER)
+        except NotFound:
+            return  # a dictionary without a schedule
+        except GssError as error:
+            self._bus.record("link", "watch", f"LIST_SCHEDULE was not asked: {error}")
+
+    # --- what is known ------------------------------------------------------------------------------------------
+
+    def clock(self) -> Correlation | None:
+        """The clocks, None before enough has come."""
+        with self._lock:
+            return self._clock.estimate()
+
+    def state(self) -> ScheduleState:
+        """Everything known; nothing is sent."""
+        with self._lock:
+            clock, rows = self._clock.estimate(), list(self._rows.values())
+            told, complete = self._told, self._complete
+        entries = sorted((self._entry(row, clock) for row in rows), key=lambda e: (e.at_device_s, e.schedule_id))
+        return ScheduleState(entries, told, complete, clock)
+
+    def _entry(self, row: Mapping[str, Any], clock: Correlation | None) -> Entry:
+        at_device_s = float(row["at_s"])
+        at, uncertainty_s = moment_of(clock, at_device_s)
+        inner = scheduled(self._link.dictionary, row)
+        risk = risk_of(self._link.dictionary, *inner) if inner else None
+        return Entry(
+            schedule_id=int(row["schedule_id"]),
+            at_device_s=at_device_s,
+            at=at,
+            uncertainty_s=uncertainty_s,
+            command=inner[0].name if inner else None,
+            arguments=inner[1] if inner else {},
+            hazard=risk.hazard if risk else Hazard.NONE,
+            state=str(row["state"]),
+            reason="" if row["reason"] == "none" else str(row["reason"]),
+            payload=bytes(row["payload"])[: int(row["length"])],
+        )
+
+    # --- orders -------------------------------------------------------------------------------------------------
+
+    def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
+        """What SCHEDULE would carry, what is wrong with it and what to think of. Nothing is sent."""
+        now_s = self._now().timestamp()
+        return make_plan(self._link.dictionary, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s)
+
+    def send(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        *,
+        at: datetime | None,
+        at_device_s: float | None,
+        confirm: str,
+        user: str,
+    ) -> Command:
+        """Put a command into the device's table; the row is that of the SCHEDULE command."""
+        plan = self.plan(name, arguments, at=at, at_device_s=at_device_s)
+        if plan.problems:
+            raise BadInput(f"{name} cannot be scheduled: {plan.problems[0]}", got="; ".join(plan.problems[1:]))
+        row = self._commands.send(SCHEDULE, plan.order, confirm=confirm, user=user, source="schedule")
+        when = iso_z(plan.at) if plan.at else "an unknown moment of UTC"
+        text = f"{user} schedules {name} for device time {plan.at_device_s:.3f} s, {when}"
+        self._bus.record("schedule", "ok", text, command_id=row.id)
+        return row
+
+    def cancel(self, schedule_id: int, *, user: str) -> Command:
+        """Take one row back; NotFound or Conflict where there is nothing to take back."""
+        entries = {entry.schedule_id: entry for entry in self.state().entries}
+        if schedule_id not in entries:
+            hint = "refresh the list"
+            raise NotFound("nothing is scheduled under this number", got=str(schedule_id), hint=hint)
+        entry = entries[schedule_id]
+        if entry.state != "waiting":
+            raise Conflict("only what waits can be cancelled", expected="waiting", got=entry.state)
+        self._bus.record("schedule", "ok", f"{user} cancels {entry.command or 'an unknown command'}, {schedule_id}")
+        return self._cancel(schedule_id, user)
+
+    def cancel_all(self, *, user: str) -> Command:
+        """Take back everything that waits, whether it is on our list or not."""
+        self._bus.record("schedule", "watch", f"{user} cancels everything scheduled")
+        return self._cancel(0, user)
+
+    def _cancel(self, schedule_id: int, user: str) -> Command:
+        arguments = {"schedule_id": schedule_id}
+        return self._commands.send("CANCEL", arguments, confirm="", user=user, source="schedule")
+
+    def refresh(self, *, user: str) -> Command:
+        """Ask the device for its table."""
+        return self._commands.send("LIST_SCHEDULE", {}, confirm="", user=user, source="schedule")

@@ -1,0 +1,288 @@
+"""Runs of stacks: one at a time, on a thread; the next step only after the one before has completed.
+
+What is not completed (rejected, failed, unknown, withdrawn, not allowed, condition not met) ends the run. ABORT ends it too. A
+run does not outlive the server, and nothing of it is sent again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from gss.device.session_events import SessionEvent, Telemetry
+from gss.domain.errors import BadInput, Conflict, GssError
+from gss.operations.clock import Monotonic, Now
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.commanding.stack_orders import Orders, Stopped
+from gss.operations.commanding.stacks import StackService, condition_of
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.store import stacks as store
+from gss.store.engine import Database
+from gss.store.models import Command, Stack, StackRun
+
+LOOK_EVERY_S = 0.2
+ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
+RESTARTED = "stopped: server restarted"
+
+
+class StackRunner:
+    """Runs stacks. ``handle`` sees telemetry for the conditions."""
+
+    def __init__(
+        self,
+        stacks: StackService,
+        link: LinkService,
+        commands: CommandService,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        monotonic_s: Monotonic,
+    ) -> None:
+        self._stacks, self._link, self._commands = stacks, link, commands
+        self._database, self._bus, self._now, self._monotonic_s = database, bus, now, monotonic_s
+        self._lock = threading.Lock()
+        self._orders: Orders | None = None
+        self._run_id: int | None = None
+        self._thread: threading.Thread | None = None
+        commands.changed_hooks.append(self._command_changed)
+        commands.abort_hooks.append(self._aborted)
+
+    # --- orders of the operator ---------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Runs of the last server ended with it."""
+        with self._database.unit_of_work() as session:
+            for row in store.left_under_way(session):
+                row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()
+
+    def shut_down(self) -> None:
+        """End the run that is under way, and wait for its thread."""
+        orders, thread = self._orders, self._thread
+        if orders is not None:
+            self._ask_to_stop(orders, "the server stops")
+        if thread is not None:
+            thread.join(timeout=5)
+
+    def run(self, stack_id: int, confirm: Sequence[str], *, user: str) -> StackRun:
+        """Begin a run; its row comes back at once. BadInput lists the names that still must be typed."""
+        stack = self._stacks.get(stack_id)
+        check = self._stacks.check(stack.steps, user=user)
+        if check.problems:
+            raise Conflict(f"{stack.name} cannot run now", got=check.problems[0])
+        missing = [name for name in check.confirm if name not in confirm]
+        if missing:
+            raise BadInput(f"{stack.name} has steps that must be confirmed", expected=f"typed: {', '.join(missing)}")
+        with self._lock:
+            if self._orders is not None:
+                raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait for its end, or stop it")
+            self._commands.require_user(user)
+            row = self._add(stack, user)
+            self._orders, self._run_id = Orders(), row.id
+            self._thread = threading.Thread(
+                target=self._execute, args=(row.id, self._orders, user), name="stack", daemon=True
+            )
+            self._thread.start()
+        self._bus.record("stack", "ok", f"{user} runs {stack.name}: {len(stack.steps)} steps", run_id=row.id)
+        return row
+
+    def _add(self, stack: Stack, user: str) -> StackRun:
+        steps = [dict(step) | {"state": "waiting", "command_id": None, "detail": ""} for step in stack.steps]
+        row = StackRun(
+            stack_id=stack.id,
+            name=stack.name,
+            steps=steps,
+            state="running",
+            step=0,
+            reason="",
+            user=user,
+            started=self._now(),
+        )
+        with self._database.unit_of_work() as session:
+            store.add(session, row)
+        self._bus.publish("stack_run", row)
+        return row
+
+    def pause(self, run_id: int, *, user: str) -> StackRun:
+        """Send no further step; the one under way goes on to its end."""
+        with self._lock:
+            self._under_way(run_id).pause = True
+            row = self._change(run_id, state="paused")
+        self._bus.record("stack", "ok", f"{user} pauses run {run_id}", run_id=run_id)
+        return row
+
+    def resume(self, run_id: int, *, user: str) -> StackRun:
+        """Go on."""
+        with self._lock:
+            orders = self._under_way(run_id)
+            self._commands.check_user(user)
+            row = self._change(run_id, state="running")
+            orders.pause = False
+        orders.ring()
+        self._bus.record("stack", "ok", f"{user} resumes run {run_id}", run_id=run_id)
+        return row
+
+    def stop(self, run_id: int, *, user: str) -> StackRun:
+        """Send no further step and end; a command that was sent is followed on its own."""
+        self._ask_to_stop(self._under_way(run_id), f"stopped by {user}")
+        thread = self._thread
+        if thread is not None:
+            thread.join(timeout=5)
+        return self.get(run_id)
+
+    def _under_way(self, run_id: int) -> Orders:
+        orders = self._orders
+        if orders is None or self._run_id != run_id:
+            raise Conflict("this run has ended", got=self.get(run_id).state)
+        return orders
+
+    @staticmethod
+    def _ask_to_stop(orders: Orders, reason: str) -> None:
+        orders.stop_reason = orders.stop_reason or reason
+        orders.ring()
+
+    def get(self, run_id: int) -> StackRun:
+        """The run of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get_run(session, run_id)
+
+    def newest(self, limit: int) -> list[StackRun]:
+        """Newest first."""
+        with self._database.unit_of_work() as session:
+            return store.newest_runs(session, limit)
+
+    # --- what happens meanwhile ---------------------------------------------------------------------------------
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Telemetry, for the conditions of the run."""
+        orders = self._orders
+        if orders is None:
+            return
+        for event in events:
+            if isinstance(event, Telemetry):
+                orders.packets[event.packet] = (self._monotonic_s(), event.values)
+        orders.ring()
+
+    def _command_changed(self, row: Command) -> None:
+        orders = self._orders
+        if orders is not None and row.run_id == self._run_id:
+            orders.results[row.id] = row.result
+            orders.ring()
+
+    def _aborted(self, user: str) -> None:
+        orders = self._orders
+        if orders is not None:
+            self._ask_to_stop(orders, f"ABORT by {user}")
+
+    # --- the thread ---------------------------------------------------------------------------------------------
+
+    def _execute(self, run_id: int, orders: Orders, user: str) -> None:
+        state, reason = "completed", ""
+        try:
+            steps = self.get(run_id).steps
+            for number, step in enumerate(steps):
+                self._step(run_id, number, step, orders, user)
+        except Stopped as stopped:
+            state, reason = stopped.state, stopped.reason
+        except GssError as error:
+            state, reason = "failed", str(error)
+        except Exception as error:  # a defect must end as a visible failure, never as a silent dead thread
+            state, reason = "failed", f"defect in the server: {type(error).__name__}: {error}"
+        with self._lock:
+            self._orders = self._run_id = None
+            row = self._change(run_id, state=state, reason=reason, finished=self._now())
+        severity = "ok" if state == "completed" else "watch" if state == "stopped" else "warning"
+        words = f"{row.name}: {state} at step {row.step + 1} of {len(row.steps)}" + (f", {reason}" if reason else "")
+        self._bus.record("stack", severity, words, run_id=run_id)
+
+    def _step(self, run_id: int, number: int, step: Mapping[str, Any], orders: Orders, user: str) -> None:
+        began_s = self._monotonic_s()
+        try:
+            if step["delay_s"]:
+                self._mark(run_id, number, "delay")
+                self._wait(orders, lambda: self._monotonic_s() >= began_s + step["delay_s"])
+            if step["condition"]:
+                self._mark(run_id, number, "condition")
+                self._await_condition(orders, step["condition"], began_s)
+            self._mark(run_id, number, "sending")
+            self._wait(orders, lambda: not orders.pause)
+            row = self._send(run_id, step, orders, user)
+        except (Stopped, GssError) as error:
+            state = error.state if isinstance(error, Stopped) else "failed"
+            self._mark(run_id, number, state, detail=error.reason if isinstance(error, Stopped) else str(error))
+            raise
+        self._mark(run_id, number, row.result, command_id=row.id, detail=row.detail)
+        if row.result != "completed":
+            raise Stopped("failed", f"step {number + 1}, {row.name}: {row.result} {row.detail}".strip())
+
+    def _wait(self, orders: Orders, done: Callable[[], bool], until_s: float | None = None) -> bool:
+        """Until ``done``, or a moment; Stopped when somebody wants the run to end."""
+        with orders.bell:
+            while not orders.stop_reason:
+                if done():
+                    return True
+                if until_s is not None and self._monotonic_s() >= until_s:
+                    return False
+                orders.bell.wait(LOOK_EVERY_S)
+        raise Stopped("stopped", orders.stop_reason)
+
+    def _await_condition(self, orders: Orders, condition: Mapping[str, Any], since_s: float) -> None:
+        """Only a value that came after the step before counts: an older one may tell of the state before it."""
+        rule = condition_of(condition)
+
+        def met() -> bool:
+            at_s, values = orders.packets.get(condition["packet"], (-1.0, {}))
+            return at_s >= since_s and rule.met(values) is True
+
+        if not self._wait(orders, met, self._monotonic_s() + condition["wait_s"]):
+            at_s, values = orders.packets.get(condition["packet"], (-1.0, {}))
+            got = str(values.get(rule.field)) if at_s >= since_s else "nothing received"
+            reason = f"condition {rule.text} not met within {condition['wait_s']:g} s; {rule.field}: {got}"
+            raise Stopped("failed", reason)
+
+    def _send(self, run_id: int, step: Mapping[str, Any], orders: Orders, user: str) -> Command:
+        """Send and follow to the end. The names were typed before the run began."""
+        name = step["command"]
+        confirm = self._stacks.confirmation(step)
+        row = self._commands.send(name, step["arguments"], confirm=confirm, user=user, source="stack", run_id=run_id)
+        try:
+            self._wait(orders, lambda: self._ended(orders, row) or not self._reachable(orders, row))
+        except Stopped:
+            self._take_back(row.id, user)
+            raise
+        if not self._ended(orders, row):
+            self._take_back(row.id, user)
+        return self._commands.get(row.id)
+
+    @staticmethod
+    def _ended(orders: Orders, row: Command) -> bool:
+        return orders.results.get(row.id) in ENDED
+
+    def _reachable(self, orders: Orders, row: Command) -> bool:
+        """Without a line a command that was not sent would wait for the next contact, when nobody expects it."""
+        return self._link.connected or orders.results.get(row.id, "queued") != "queued"
+
+    def _take_back(self, command_id: int, user: str) -> None:
+        try:
+            self._commands.withdraw(command_id, user=user)
+        except Conflict:
+            return  # it was sent already and is followed on its own
+
+    # --- the row ------------------------------------------------------------------------------------------------
+
+    def _mark(self, run_id: int, number: int, state: str, *, command_id: int | None = None, detail: str = "") -> None:
+        with self._database.unit_of_work() as session:
+            row = store.get_run(session, run_id)
+            steps = [dict(step) for step in row.steps]
+            steps[number] |= {"state": state, "command_id": command_id, "detail": detail}
+            row.steps, row.step = steps, number
+        self._bus.publish("stack_run", row)
+
+    def _change(self, run_id: int, **values: Any) -> StackRun:
+        with self._database.unit_of_work() as session:
+            row = store.get_run(session, run_id)
+            for name, value in values.items():
+                setattr(row, name, value)
+        self._bus.publish("stack_run", row)
+        return row

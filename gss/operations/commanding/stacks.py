@@ -1,0 +1,262 @@
+"""Stacks: prepared lists of commands, checked step by step before they are kept and before they run.
+
+A step is kept as a plain mapping: command, arguments, delay_s, condition (None or packet, field, op, value, wait_s), note.
+Within a step the delay comes first, then the condition, then the command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gss.device.dictionary import Dictionary, Precondition, TelemetryField
+from gss.device.protocol.codec import check_arguments
+from gss.domain.errors import BadInput, Conflict, GssError
+from gss.operations.clock import Now
+from gss.operations.commanding.command_checks import PreconditionState, Risk, check_unit, risk_of
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.line.link import LinkService
+from gss.store import stacks as store
+from gss.store.engine import Database
+from gss.store.models import Stack
+
+Step = Mapping[str, Any]
+FORMAT, VERSION = "gss-stack", 1
+MOST_STEPS = 200
+LONGEST_WAIT_S = 86_400.0
+OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
+
+
+@dataclass(frozen=True)
+class StepCheck:
+    """Dry run of one step. ``within_s``: the windows of its reports, all waiting included."""
+
+    command: str
+    arguments: Mapping[str, Any]
+    risk: Risk
+    role: str
+    preconditions: Sequence[PreconditionState]
+    problems: Sequence[str]
+    groups: Sequence[tuple[str, bytes]]
+    delay_s: float
+    wait_s: float
+    within_s: float
+
+
+@dataclass(frozen=True)
+class StackCheck:
+    """Dry run of a stack. ``confirm``: the names to type, each once. ``problems``: what stands in the way of all of it."""
+
+    steps: Sequence[StepCheck]
+    problems: Sequence[str]
+    confirm: Sequence[str]
+
+    @property
+    def shortest_s(self) -> float:
+        """If every report and every condition came at once."""
+        return sum(step.delay_s for step in self.steps)
+
+    @property
+    def longest_s(self) -> float:
+        """If everything took as long as it may."""
+        return sum(step.within_s for step in self.steps)
+
+
+class StackService:
+    """Keeps stacks and tries them dry."""
+
+    def __init__(self, link: LinkService, commands: CommandService, database: Database, now: Now) -> None:
+        self._link, self._commands, self._database, self._now = link, commands, database, now
+
+    # --- keeping ------------------------------------------------------------------------------------------------
+
+    def every(self) -> list[Stack]:
+        """By name."""
+        with self._database.unit_of_work() as session:
+            return store.every(session)
+
+    def get(self, stack_id: int) -> Stack:
+        """The stack of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, stack_id)
+
+    def create(self, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
+        """A new stack; BadInput names the step that is wrong, Conflict where the name is taken."""
+        checked = checked_steps(self._link.dictionary, steps)
+        with self._database.unit_of_work() as session:
+            self._check_name(store.named(session, _name(name)), None)
+            row = Stack(name=_name(name), note=note, steps=checked, author=user, changed=self._now())
+            store.add(session, row)
+        return row
+
+    def change(self, stack_id: int, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
+        """Another content under the same id."""
+        checked = checked_steps(self._link.dictionary, steps)
+        with self._database.unit_of_work() as session:
+            row = store.get(session, stack_id)
+            self._check_name(store.named(session, _name(name)), row)
+            row.name, row.note, row.steps = _name(name), note, checked
+            row.author, row.changed = user, self._now()
+        return row
+
+    def delete(self, stack_id: int) -> None:
+        """Forget it; its runs stay on the record."""
+        with self._database.unit_of_work() as session:
+            store.delete(session, stack_id)
+
+    @staticmethod
+    def _check_name(found: Stack | None, own: Stack | None) -> None:
+        if found is not None and (own is None or found.id != own.id):
+            raise Conflict("another stack has this name", got=found.name, hint="take another name, or change that one")
+
+    # --- files --------------------------------------------------------------------------------------------------
+
+    def exported(self, stack_id: int) -> dict[str, Any]:
+        """A stack as a file for another installation."""
+        row = self.get(stack_id)
+        head = {"format": FORMAT, "version": VERSION, "dictionary": self._link.dictionary.hash_hex}
+        return head | {"name": row.name, "note": row.note, "steps": row.steps}
+
+    # --- dry run ------------------------------------------------------------------------------------------------
+
+    def check(self, steps: Sequence[Step], *, user: str) -> StackCheck:
+        """Bytes, hazards, conditions and times of every step. Nothing is sent."""
+        if not 1 <= len(steps) <= MOST_STEPS:
+            raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+        checks = [self._check_step(step) for step in steps]
+        problems = [f"step {k + 1}: {text}" for k, step in enumerate(checks) for text in step.problems]
+        if not self._link.connected:
+            problems.append(f"the line is down: {self._link.reason}")
+        try:
+            self._commands.check_user(user)
+        except GssError as error:
+            problems.append(str(error))
+        names = dict.fromkeys(step.risk.name for step in checks if step.risk.needs_confirmation)
+        return StackCheck(checks, problems, list(names))
+
+    def confirmation(self, step: Step) -> str:
+        """What confirms a step; "" where nothing must be."""
+        dictionary = self._link.dictionary
+        risk = risk_of(dictionary, dictionary.command(str(step["command"])), step["arguments"])
+        return risk.name if risk.needs_confirmation else ""
+
+    def _check_step(self, step: Step) -> StepCheck:
+        dictionary = self._link.dictionary
+        command, arguments = dictionary.command(str(step["command"])), step.get("arguments") or {}
+        problems: list[str] = []
+        groups: list[tuple[str, bytes]] = []
+        try:
+            checked_step(dictionary, step)
+            check_unit(command, self._link.hello)
+            groups = self._commands.preview(command.name, arguments)
+        except GssError as error:
+            problems.append(str(error))
+        condition = step.get("condition")
+        delay_s, wait_s = float(step.get("delay_s") or 0.0), float(condition["wait_s"]) if condition else 0.0
+        return StepCheck(
+            command=command.name,
+            arguments=arguments,
+            risk=risk_of(dictionary, command, arguments),
+            role=command.role,
+            preconditions=self._commands.preconditions(command),
+            problems=problems,
+            groups=groups,
+            delay_s=delay_s,
+            wait_s=wait_s,
+            within_s=delay_s + wait_s + command.accept_s + command.complete_s,
+        )
+
+
+def read_file(content: Mapping[str, Any]) -> tuple[str, str, list[Any]]:
+    """(name, note, steps) of an exported stack; BadInput where it is none."""
+    if content.get("format") != FORMAT or content.get("version") != VERSION:
+        got = f"{content.get('format')!r}, version {content.get('version')!r}"
+        raise BadInput("not a file of a stack", expected=f"format {FORMAT}, version {VERSION}", got=got[:120])
+    name, note, steps = content.get("name"), content.get("note", ""), content.get("steps")
+    if not isinstance(name, str) or not isinstance(note, str) or not isinstance(steps, list):
+        raise BadInput("not a file of a stack", expected="name, note and a list of steps")
+    return name, note, steps
+
+
+def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[str, Any]]:
+    """The steps in full, with the arguments' defaults; BadInput names the first that is wrong."""
+    if not 1 <= len(steps) <= MOST_STEPS:
+        raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+    checked = []
+    for number, step in enumerate(steps, 1):
+        try:
+            checked.append(checked_step(dictionary, step))
+        except GssError as error:
+            raise BadInput(f"step {number}: {error.message}", expected=error.expected, got=error.got) from error
+    return checked
+
+
+def checked_step(dictionary: Dictionary, step: Step) -> dict[str, Any]:
+    """One step in full."""
+    if not isinstance(step, Mapping) or set(step) - {"command", "arguments", "delay_s", "condition", "note"}:
+        raise BadInput("not a step", expected="command, arguments, delay_s, condition, note", got=str(step)[:120])
+    command = dictionary.command(str(step.get("command")))
+    if command.name == "ABORT":
+        raise BadInput("ABORT has a lane of its own and is no step", expected="another command")
+    arguments = step.get("arguments") or {}
+    if not isinstance(arguments, Mapping):
+        raise BadInput("arguments are not a mapping", expected="name: value", got=str(arguments)[:80])
+    values = check_arguments(command, arguments)
+    condition, note = step.get("condition"), step.get("note") or ""
+    return {
+        "command": command.name,
+        "arguments": {k: v.hex() if isinstance(v, bytes) else v for k, v in values.items()},
+        "delay_s": _seconds("delay_s", step.get("delay_s") or 0.0, 0.0),
+        "condition": None if condition is None else _condition(dictionary, condition),
+        "note": str(note)[:500],
+    }
+
+
+def _condition(dictionary: Dictionary, condition: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(condition, Mapping) or set(condition) - {"packet", "field", "op", "value", "wait_s"}:
+        raise BadInput("not a condition", expected="packet, field, op, value, wait_s", got=str(condition)[:120])
+    packet = dictionary.packet(str(condition.get("packet") or "housekeeping"))
+    field = next((f for f in packet.values if f.name == condition.get("field")), None)
+    if field is None:
+        raise BadInput(f"{packet.name} has no such field", got=str(condition.get("field")))
+    op, value = str(condition.get("op")), condition.get("value")
+    if op not in OPERATORS:
+        raise BadInput("no such comparison", expected=" ".join(OPERATORS), got=op)
+    _check_value(field, op, value)
+    wait_s = _seconds("wait_s", condition.get("wait_s", 10.0), 1.0)
+    return {"packet": packet.name, "field": field.name, "op": op, "value": value, "wait_s": wait_s}
+
+
+def _check_value(field: TelemetryField, op: str, value: Any) -> None:
+    """A comparison that could never decide is refused."""
+    if field.type == "enum":
+        field.choice(str(value))
+        fits = op in ("eq", "ne")
+    elif field.type == "bool":
+        fits = isinstance(value, bool) and op in ("eq", "ne")
+    elif field.type in ("str", "text", "bytes"):
+        fits = isinstance(value, str) and op in ("eq", "ne")
+    else:
+        fits = isinstance(value, int | float) and not isinstance(value, bool)
+    if not fits:
+        raise BadInput(f"{field.name} is {field.type} and cannot be compared so", got=f"{op} {value!r}"[:80])
+
+
+def _seconds(name: str, value: Any, least_s: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least_s <= value <= LONGEST_WAIT_S:
+        raise BadInput(f"{name} is no such time", expected=f"{least_s:g} – {LONGEST_WAIT_S:g} s", got=str(value)[:40])
+    return float(value)
+
+
+def _name(name: str) -> str:
+    words = " ".join(name.split())
+    if not 0 < len(words) <= 80:
+        raise BadInput("a stack needs a name", expected="1 – 80 characters", got=str(len(words)))
+    return words
+
+
+def condition_of(condition: Mapping[str, Any]) -> Precondition:
+    """The condition of a step as the dictionary has them."""
+    text = f"{condition['field']} {condition['op']} {condition['value']}"
+    return Precondition(condition["field"], condition["op"], condition["value"], text)

@@ -1,0 +1,1 @@
+"""Images: stored, solved, replayed, drawn, exported."""

@@ -1,0 +1,93 @@
+"""A frame as a FITS file with the world coordinates of its solution."""
+
+from __future__ import annotations
+
+import io
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera, Pinhole
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.frames.camera_record import camera_from
+from gss.operations.frames.pictures import Pixels
+from gss.store.models import Frame, Solution
+
+MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
+GRID_POINTS = 41
+SIP_ORDER = 7
+
+
+def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
+    """FITS bytes; gnomonic WCS with SIP polynomials fitted to the camera's distortion when there is an attitude."""
+    from astropy.io import fits
+
+    hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
+    header = hdu.header
+    header["DATE-OBS"] = frame.taken.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
+    header["MJD-OBS"] = (frame.taken - MJD_ZERO).total_seconds() / 86400
+    header["OBJECT"] = f"frame {frame.id}"
+    header["CREATOR"] = "gss"
+    if frame.exposure_s is not None:
+        header["EXPTIME"] = (frame.exposure_s, "s")
+    if frame.profile:
+        header["INSTRUME"] = frame.profile
+    if frame.truth is not None:
+        header["GSSABERR"] = (False, "simulated: the sky was drawn without aberration")
+    if solution is not None and solution.quaternion is not None:
+        attitude = matrix_from_quaternion(np.array(solution.quaternion, float))
+        header.update(_world_coordinates(camera_from(solution.camera), attitude))
+        header["HISTORY"] = f"attitude by {solution.chain} {solution.version}, {solution.matched} stars"
+    buffer = io.BytesIO()
+    hdu.writeto(buffer)
+    return buffer.getvalue()
+
+
+def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
+    """TAN header cards with SIP polynomials for the camera's distortion (Shupe et al. 2005). FITS counts pixels from 1."""
+    ra, dec, roll = ra_dec_roll_rad(cam_from_icrs)
+    c, s = np.cos(roll), np.sin(roll)
+    east_north_from_cam = np.array([[-c, s], [-s, -c]])
+    cd_deg = np.degrees(east_north_from_cam @ np.diag([1 / camera.focal_col_px, 1 / camera.focal_row_px]))
+    straight = isinstance(camera.distortion, Pinhole)
+    suffix = "" if straight else "-SIP"
+    cards: dict[str, Any] = {
+        "CTYPE1": f"RA---TAN{suffix}",
+        "CTYPE2": f"DEC--TAN{suffix}",
+        "CUNIT1": "deg",
+        "CUNIT2": "deg",
+        "CRVAL1": float(np.degrees(ra)),
+        "CRVAL2": float(np.degrees(dec)),
+        "CRPIX1": camera.centre_col_px + 1,
+        "CRPIX2": camera.centre_row_px + 1,
+        "RADESYS": "ICRS",
+    }
+    cards |= {f"CD{i + 1}_{j + 1}": float(cd_deg[i, j]) for i in range(2) for j in range(2)}
+    return cards if straight else cards | _sip(camera)
+
+
+def _sip(camera: Camera) -> dict[str, Any]:
+    """Both directions of the distortion as polynomials in the offset from the optical centre, fitted over the detector."""
+    focal = np.array([camera.focal_col_px, camera.focal_row_px])
+    centre = np.array([camera.centre_col_px, camera.centre_row_px])
+    cols, rows = np.meshgrid(
+        np.linspace(0, camera.columns - 1, GRID_POINTS), np.linspace(0, camera.rows - 1, GRID_POINTS)
+    )
+    measured = np.column_stack([cols.ravel(), rows.ravel()]) - centre
+    ideal = camera.distortion.undistort(measured / focal) * focal
+    cards: dict[str, Any] = {}
+    for names, start, end in ((("A", "B"), measured, ideal), (("AP", "BP"), ideal, measured)):
+        for axis, name in enumerate(names):
+            cards |= {f"{name}_ORDER": SIP_ORDER} | _polynomial(name, start, (end - start)[:, axis])
+    return cards
+
+
+def _polynomial(name: str, at: Array, values: Array) -> dict[str, float]:
+    powers = [(p, q) for p in range(SIP_ORDER + 1) for q in range(SIP_ORDER + 1 - p)]
+    scale = float(np.abs(at).max())
+    u, v = at.T / scale
+    solution = np.linalg.lstsq(np.column_stack([u**p * v**q for p, q in powers]), values, rcond=None)[0]
+    return {f"{name}_{p}_{q}": float(k / scale ** (p + q)) for (p, q), k in zip(powers, solution, strict=True)}

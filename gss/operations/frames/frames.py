@@ -1,0 +1,252 @@
+"""Frames: kept with their pixels, solved on the ground, laid beside what the sensor said itself."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import GssError, NotFound
+from gss.domain.profiles import profile
+from gss.domain.results import Outcome, SolveResult
+from gss.domain.stars import StarTable
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.frames.frame_files import ImportedFrame, read_frame
+from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
+from gss.operations.frames.onboard_told import told_of
+from gss.operations.frames.solution_rows import solution_row, with_overlays
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.pipeline.chains.systems import on_board
+from gss.store import frames as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Frame, Solution
+
+Pixels = NDArray[np.generic]
+SOLVES_AT_ONCE = 2
+
+
+@dataclass(frozen=True)
+class FrameDetail:
+    """A frame with its solutions, newest first, and the two that are compared."""
+
+    frame: Frame
+    solutions: list[Solution]
+    on_board: Solution | None
+    ground: Solution | None
+
+
+class FrameService:
+    """Stores frames and runs chains on them. Solving on arrival happens on a thread of its own, newest first served last."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        bus: EventBus,
+        solver: Solver,
+        stars: StarTable,
+        now: Now,
+        chain: str,
+    ) -> None:
+        self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
+        self._solver, self._stars, self._chain = solver, stars, chain
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
+        # Decoded pictures and the solver's tables take memory; many at once would take all of it.
+        self._one_import = threading.Lock()
+        self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
+
+    def stop(self) -> None:
+        """Let the running solution end; drop what waits (it can be run again from the page)."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def warm(self, profile_name: str) -> None:
+        """Solve a made-up frame in the background: tables are built and loops compiled before the first real one comes."""
+        self._pool.submit(self._warm, profile_name)
+
+    def _warm(self, profile_name: str) -> None:
+        known = profile(profile_name)
+        rows, columns = known.camera.rows, known.camera.columns
+        spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
+        pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
+        for col, row in spots:
+            pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
+        image = pixels.astype(np.uint8 if known.sensor.bits <= 8 else np.uint16)
+        for chain in dict.fromkeys((self._chain, on_board(known.name).name)):
+            try:
+                self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
+            except Exception as error:  # nothing depends on it but the first frame's waiting time
+                self._bus.record("solution", "warning", f"the {chain} chain could not be tried: {error}")
+
+    # --- storing ------------------------------------------------------------------------------------------------
+
+    def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
+        """Keep a frame that came down the line and solve it; ``values`` are the columns of its row."""
+        frame = self._add(pixels, source="device", **values)
+        missing = "" if frame.complete else ", rows are missing"
+        self._bus.record(
+            "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
+        )
+        if frame.complete:
+            self._pool.submit(self._solve_on_arrival, frame.id)
+        return frame
+
+    def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
+        """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
+        if profile_name:
+            profile(profile_name)
+        name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+        with self._one_import:
+            imported: ImportedFrame = read_frame(data, name)
+        frame = self._add(
+            imported.pixels,
+            source="import",
+            name=name[:200],
+            taken=imported.taken_at or self._now(),
+            bits=imported.bits,
+            exposure_s=imported.exposure_s,
+            profile=profile_name or None,
+        )
+        self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
+        self._pool.submit(self._solve_on_arrival, frame.id)
+        return frame
+
+    def _add(self, pixels: Pixels, **values: Any) -> Frame:
+        little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
+        key = self._blobs.put(little.tobytes())
+        rows, columns = little.shape
+        row: dict[str, Any] = {
+            "received": self._now(),
+            "name": "",
+            "complete": True,
+            "rows_held": [[0, rows - 1]],
+            "parameters": {},
+        }
+        row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
+        with self._database.unit_of_work() as session:
+            frame = store.add(session, Frame(**row))
+        self._bus.publish("frame", frame)
+        return frame
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def get(self, frame_id: int) -> Frame:
+        """The frame of that id."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, frame_id)
+
+    def latest_id(self) -> int:
+        """Id of the frame that came last; NotFound before the first."""
+        with self._database.unit_of_work() as session:
+            frame = store.latest(session)
+        if frame is None:
+            raise NotFound("there is no frame yet", hint="take an image or import one")
+        return frame.id
+
+    def pixels(self, frame: Frame) -> Pixels:
+        """(rows, columns) array of a frame."""
+        data = np.frombuffer(self._blobs.get(frame.sha256), np.dtype(frame.dtype))
+        return data.reshape(frame.rows, frame.columns)
+
+    def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
+        """Total and one page of frames with their newest ground solution."""
+        with self._database.unit_of_work() as session:
+            total, frames = store.page(session, limit, offset, **filters)
+            solutions = store.newest_solutions(session, [f.id for f in frames], "ground")
+        return total, [(frame, solutions.get(frame.id)) for frame in frames]
+
+    def with_solution(self, frame: Frame) -> tuple[Frame, Solution | None]:
+        """A frame with its newest ground solution."""
+        with self._database.unit_of_work() as session:
+            return frame, store.newest_solution(session, frame.id, "ground")
+
+    def detail(self, frame_id: int) -> FrameDetail:
+        """A frame with everything that was made of it."""
+        with self._database.unit_of_work() as session:
+            frame = store.get(session, frame_id)
+            solutions = store.solutions_of(session, frame_id)
+        on_board = next((s for s in solutions if s.origin == "on board"), None)
+        ground = [s for s in solutions if s.origin == "ground" and s.replay is None and s.camera]
+        best = next((s for s in ground if s.outcome == Outcome.SOLVED), ground[0] if ground else None)
+        for row in solutions:
+            row.detail = with_overlays(row, self._stars, frame.profile)
+        return FrameDetail(frame, solutions, on_board, best)
+
+    def solution(self, solution_id: int) -> Solution:
+        """The solution of that id."""
+        with self._database.unit_of_work() as session:
+            row = store.get_solution(session, solution_id)
+            frame = store.get(session, row.frame_id)
+        row.detail = with_overlays(row, self._stars, frame.profile)
+        return row
+
+    # --- solving ------------------------------------------------------------------------------------------------
+
+    def solve(self, frame_id: int, request: SolveRequest) -> Solution:
+        """Run a chain on a stored frame and keep the result."""
+        frame = self.get(frame_id)
+        with self._few_solves:
+            result = self._solver.solve(self.pixels(frame), request)
+        return self._keep(frame, result, "ground")
+
+    def _solve_on_arrival(self, frame_id: int) -> None:
+        try:
+            frame = self.get(frame_id)
+            request = SolveRequest(
+                chain=self._chain,
+                profile=frame.profile,
+                blind=frame.profile is None,
+                observer=observer_of_frame(frame),
+                exposure_s=frame.exposure_s,
+            )
+            self.solve(frame_id, request)
+        except GssError as error:
+            self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
+        except Exception as error:  # the thread must live on; a defect becomes a visible event
+            text = f"frame {frame_id}: defect in the solver: {type(error).__name__}: {error}"
+            self._bus.record("solution", "critical", text, frame_id=frame_id)
+
+    def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
+        """Keep what the sensor said of a frame; a later, fuller report of the same frame replaces it."""
+        known = profile(frame.profile or "cubestar")
+        result = onboard_result(record, known.camera, on_board(known.name).name)
+        with self._database.unit_of_work() as session:
+            old = store.newest_solution(session, frame.id, "on board")
+            if old is not None:
+                session.delete(old)
+        row = self._row(frame, result, "on board")
+        row.detail = row.detail | {"told": told_of(record, frame)}
+        return self._store(row)
+
+    def set_replay(self, solution_id: int, text: str) -> Solution:
+        """Note how the ground's rerun of the same chain compares."""
+        with self._database.unit_of_work() as session:
+            solution = store.get_solution(session, solution_id)
+            solution.replay = text
+        self._bus.publish("solution", solution)
+        return solution
+
+    def keep_replay(self, frame: Frame, result: SolveResult, text: str) -> Solution:
+        """Keep the ground's rerun of the on-board chain with how it compares."""
+        return self._keep(frame, result, "ground", replay=text)
+
+    def _keep(self, frame: Frame, result: SolveResult, origin: str, replay: str | None = None) -> Solution:
+        row = self._row(frame, result, origin)
+        row.replay = replay
+        return self._store(row)
+
+    def _row(self, frame: Frame, result: SolveResult, origin: str) -> Solution:
+        return solution_row(frame, result, self._stars, origin, self._now())
+
+    def _store(self, row: Solution) -> Solution:
+        with self._database.unit_of_work() as session:
+            store.add_solution(session, row)
+        self._bus.publish("solution", row)
+        return row

@@ -1,0 +1,63 @@
+"""Who looked, and how fast that observer moved: what aberration needs. Known only where somebody knows the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sgp4.api import jday
+
+from gss.catalogue_tools.corrections.ephemeris import LIGHT_KM_S, earth_motion, teme_from_icrs
+from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.errors import BadInput
+
+if TYPE_CHECKING:
+    from gss.store.models import Frame
+
+IMPORT_S = 5.0  # an imported file without a date is dated by its import
+
+
+@dataclass(frozen=True)
+class Observer:
+    """``velocity_c``: (3,) against the barycentre, ICRS, in units of c. ``words``: for the reader of a result."""
+
+    velocity_c: tuple[float, float, float]
+    words: str
+
+
+def observer_at(moment: datetime, tle: str | None = None) -> Observer:
+    """The Earth's motion at a time with a time zone, and with a two-line element set that of the satellite on it."""
+    if moment.tzinfo is None:
+        raise BadInput("the time has no time zone", expected="a UTC time", got=str(moment))
+    earth = earth_motion(jyear_of(moment))[1]
+    orbit = np.zeros(3) if tle is None else orbit_velocity_c(moment, tle)
+    x, y, z = (float(v) for v in earth + orbit)
+    of = "the Earth" if tle is None else "the Earth and the orbit"
+    largest = float(np.linalg.norm([x, y, z])) / ARCSEC_RAD
+    return Observer((x, y, z), f"aberration by the motion of {of} (up to {largest:.1f}″) was taken out")
+
+
+def orbit_velocity_c(moment: datetime, tle: str) -> Array:
+    """(3,) ICRS velocity of a satellite round the Earth in units of c, by SGP4."""
+    utc = moment.astimezone(UTC)
+    jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
+    error, _, velocity_km_s = read_tle(tle).sgp4(jd, part)
+    if error:
+        raise BadInput(
+            "the element set has no orbit at that time", expected="a time near its epoch", got=f"{utc:%Y-%m-%d}"
+        )
+    return np.asarray(teme_from_icrs(jyear_of(moment)).T @ np.asarray(velocity_km_s) / LIGHT_KM_S)
+
+
+def observer_of_frame(frame: Frame, asked: bool | None = None) -> Observer | None:
+    """Who took a stored frame; None where its time is not known. ``asked`` True or False overrules.
+
+    Frames of the simulator come without aberration unless it is switched on there, so theirs is left alone unless asked for.
+    """
+    dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
+    if not (dated and frame.truth is None if asked is None else asked):
+        return None
+    return observer_at(frame.taken)

@@ -1,0 +1,85 @@
+"""What the sensor told of a frame and started from, as JSON beside the stored result, so that it can be replayed at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from gss.domain.stars import StarTable
+from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.telemetry.value_words import plain
+from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
+from gss.store.models import Frame
+
+OWN = ("number", "profile", "exposure_s", "bank_sha256", "parameters")
+"""Columns of a frame that say with what the sensor worked; a frame that was sent up has others in its own row."""
+
+
+def told_of(record: OnboardRecord, frame: Frame) -> dict[str, Any]:
+    """Plain values of a record."""
+    return {
+        "frame": {name: getattr(frame, name) for name in OWN},
+        "detected": _plain(record.detected),
+        "centroids": [_plain(row) for row in record.centroids],
+        "matches": [_plain(row) for row in record.matches],
+        "attitude": None if record.attitude is None else _plain(record.attitude),
+        "prior": _prior(record.prior),
+    }
+
+
+def record_from(
+    told: Mapping[str, Any], hip_of_row: Sequence[int] | None = None, stars: StarTable | None = None
+) -> OnboardRecord:
+    """The record of those values."""
+    return OnboardRecord(
+        int(told["frame"]["number"] or 0),
+        told["centroids"],
+        told["matches"],
+        told["attitude"],
+        hip_of_row,
+        stars,
+        _known(told["prior"]),
+        told["detected"],
+    )
+
+
+def frame_as_used(frame: Frame, told: Mapping[str, Any]) -> Frame:
+    """A copy of the frame's row with what the sensor worked with."""
+    values = {column.name: getattr(frame, column.name) for column in Frame.__table__.columns}
+    return Frame(**(values | dict(told["frame"])))
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: plain(value) for name, value in values.items()}
+
+
+def _prior(known: Known) -> dict[str, Any]:
+    return {
+        "quaternion": _listed(known.quaternion),
+        "earlier": [_listed(q) for q in known.earlier],
+        "commanded": _listed(known.commanded),
+        "commanded_radius_rad": known.commanded_radius_rad,
+        "orbit": None if known.orbit is None else asdict(known.orbit),
+        "apriori": None if known.apriori is None else asdict(known.apriori),
+    }
+
+
+def _listed(quaternion: Any) -> list[float] | None:
+    return None if quaternion is None else [float(v) for v in quaternion]
+
+
+def _known(prior: Mapping[str, Any]) -> Known:
+    def array(values: Any) -> Any:
+        return None if values is None else np.array(values, float)
+
+    return Known(
+        array(prior["quaternion"]),
+        tuple(array(q) for q in prior["earlier"]),
+        array(prior["commanded"]),
+        float(prior["commanded_radius_rad"]),
+        None if prior["orbit"] is None else KnownOrbit(**prior["orbit"]),
+        None if prior["apriori"] is None else Apriori(**prior["apriori"]),
+    )

@@ -1,0 +1,165 @@
+"""Replay: the ground runs the sensor's own chain on the sensor's own frame, bank and parameters, and says equal or where not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from gss.catalogue_tools.tables.triplets import decode_triplets
+from gss.device.table_use import calibrated, chain_of, parameters_with
+from gss.device.tables import decode_table
+from gss.domain.errors import GssError, NotFound
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import SolveResult
+from gss.domain.stars import OnboardCatalogue
+from gss.operations.clock import Monotonic
+from gss.operations.frames.frames import FrameService
+from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.frames.onboard_told import frame_as_used, record_from
+from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
+from gss.operations.transfers.banks import BankService
+from gss.operations.transfers.device_tables import DeviceTableService
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
+from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.trace import Trace
+from gss.store.models import Frame, Solution
+
+
+class ReplayService:
+    """Reruns the sensor's chain on frames of the device, one after the other, on a thread of its own."""
+
+    def __init__(
+        self, frames: FrameService, banks: BankService, tables: DeviceTableService, stopwatch_s: Monotonic
+    ) -> None:
+        self._frames, self._banks, self._tables, self._stopwatch_s = frames, banks, tables, stopwatch_s
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
+        self._kept: tuple[tuple[Any, ...], Any] | None = None
+
+    def stop(self) -> None:
+        """End after the running replay."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def queue(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
+        """Rerun this frame when there is time, and lay the result beside the sensor's."""
+        self._pool.submit(self._run, frame, record, on_board)
+
+    def _run(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
+        try:
+            rerun = self.rerun(frame, record)
+            text = compare(record, rerun)
+        except GssError as error:
+            self._frames.set_replay(on_board.id, f"not replayed: {error}")
+            return
+        except Exception as error:  # the thread must live on; the defect is shown where the answer would be
+            self._frames.set_replay(on_board.id, f"not replayed: defect, {type(error).__name__}: {error}")
+            return
+        self._frames.set_replay(on_board.id, text)
+        self._frames.keep_replay(frame, rerun.result, text)
+
+    def again(self, frame_id: int) -> list[Stage]:
+        """Replay a stored frame now, stage by stage. NotFound where the sensor told nothing of it; GssError where what it worked
+        with is not known on the ground."""
+        detail = self._frames.detail(frame_id)
+        told = None if detail.on_board is None else detail.on_board.detail.get("told")
+        if told is None:
+            raise NotFound(
+                "nothing to replay",
+                expected="a frame whose centroids and attitude the sensor told",
+                got=f"frame {frame_id}",
+                hint="results stored by an earlier version do not hold what the sensor started from",
+            )
+        frame = frame_as_used(detail.frame, told)
+        record = record_from(told, self._banks.hip_of_row(frame.bank_sha256 or ""))
+        return [*self._used(frame), *stages(record, self.rerun(frame, record))]
+
+    def _used(self, frame: Frame) -> list[Stage]:
+        """What the sensor worked with, and whether the ground holds it."""
+        bank, tables = frame.bank_sha256 or "", frame.parameters.get("tables", {})
+        rows = [("bank", bank)] + [(f"{kind} table", sha256) for kind, sha256 in sorted(tables.items())]
+        return [
+            Stage(name, Verdict.EQUAL, sha256[:12], sha256[:12])
+            if sha256
+            else Stage(name, Verdict.NOT_SENT, "not sent", "–")
+            for name, sha256 in rows
+        ]
+
+    def rerun(self, frame: Frame, record: OnboardRecord) -> Rerun:
+        """The sensor's chain with the bank and the parameters that were active."""
+        bank = self._banks.onboard(frame.bank_sha256 or "")
+        if bank is None:
+            raise GssError(
+                "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
+            )
+        shelf = self._shelf(frame)
+        known, chain, mode = shelf.profile, shelf.chain, _mode(record)
+        parameters = parameters_with(shelf.parameters, known, frame.exposure_s, commanded(frame, record), mode)
+        pixels: Any = self._frames.pixels(frame)
+        hint = record.prior.hint(mode, _frame_time_s(record))
+        if mode is not Mode.LOST_IN_SPACE and hint is None:
+            raise GssError("the attitude that the sensor started from was not received")
+        work = Work(known.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
+        trace = Trace(self._stopwatch_s)
+        result = solve(chain, pixels, work, trace=trace)
+        kept: Any = trace.kept
+        return Rerun(result, kept["detection"], kept["matching"])
+
+    def _shelf(self, frame: Frame) -> Shelf:
+        """The tables that were active when the frame was taken, from the store."""
+        used: Mapping[str, str] = frame.parameters.get("tables", {})
+        held = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
+        own = profile(frame.profile or "cubestar")
+        values = {kind: decode_table(kind, held[kind])[1] for kind in ("calibration", "parameters") if kind in held}
+        camera = calibrated(own, values["calibration"]) if "calibration" in values else own
+        parameters = values.get("parameters", {})
+        triplets = decode_triplets(held["triplets"]) if "triplets" in held else None
+        key = tuple(sorted(used.items()))
+        return Shelf(camera, chain_of(own, parameters), parameters, triplets, key)
+
+    def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
+        """What the processor made of the bank when it read it; kept for the newest bank only."""
+        key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
+        if self._kept is None or self._kept[0] != key:
+            prepared = shelf.chain.prepare(bank, shelf.profile)
+            if shelf.triplets is not None and hasattr(prepared, "triplets"):
+                prepared = prepare_with_triplets(bank, shelf.profile, shelf.triplets)
+            self._kept = key, prepared
+        return self._kept[1]
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """What the tables of the sensor make of it: camera, chain, constants that replace its own, triplets."""
+
+    profile: CameraProfile
+    chain: OnboardChain
+    parameters: Mapping[str, Any]
+    triplets: Any
+    key: tuple[tuple[str, str], ...]
+
+
+def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
+    """What the operator had set, as housekeeping told it when the frame was taken, with the reach of a hint. A threshold of
+    0 is the chain's own."""
+    told = frame.parameters
+    return Commanded(
+        threshold_dn=told.get("threshold_dn") or None,
+        min_area_px=told.get("min_pixels"),
+        max_area_px=told.get("max_pixels"),
+        hint_radius_rad=record.prior.radius_rad(_mode(record)),
+    )
+
+
+def _mode(record: OnboardRecord) -> Mode:
+    return Mode(str((record.attitude or {}).get("mode", "lost_in_space")))
+
+
+def _frame_time_s(record: OnboardRecord) -> float:
+    return float((record.attitude or {}).get("frame_time_s", 0.0))
+
+
+def compare(record: OnboardRecord, rerun: Rerun | SolveResult) -> str:
+    """ "equal", or the first stage that differs."""
+    return first_difference(stages(record, rerun if isinstance(rerun, Rerun) else Rerun(rerun)))

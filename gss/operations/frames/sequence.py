@@ -1,0 +1,103 @@
+"""Images that follow one another: each solution is the next one's hint, and two of them give a rate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import pointing_difference_rad
+from gss.domain.results import Attitude, Outcome, SolveResult
+from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.stars import StarTable
+from gss.operations.frames.scoring import truth_on
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.system_sequence import SystemSequencer
+from gss.pipeline.chains.systems import SYSTEMS
+from gss.pipeline.identify.near import Hint
+from gss.pipeline.rates import rate_between
+from gss.pipeline.score import score
+from gss.pipeline.streaks import with_sign_of
+
+FOLLOW_RAD = math.radians(5.0)
+"""How far the camera may have turned from one image to the next and still be followed."""
+
+
+class Sequencer:
+    """Solves one image after the other. ``follow`` False: each with the same hint, if there is one.
+
+    ``interval_s``: between images that carry no time. A followed image without a solution is tried again with no hint.
+    """
+
+    def __init__(self, follow: bool, interval_s: float | None, hint: Hint | None) -> None:
+        if interval_s is not None and not interval_s > 0:
+            raise BadInput("interval is out of range", expected="above 0 s", got=f"{interval_s:g} s")
+        self._follow, self._interval_s, self._hint = follow, interval_s, hint
+        self._before: tuple[Attitude, datetime | None] | None = None
+        self._system: SystemSequencer | None = None
+
+    def solve(
+        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
+    ) -> tuple[SolveResult, dict[str, Any] | None]:
+        """The result, and the rate since the image before where both were solved and the time between is known."""
+        if self._follow and request.chain in SYSTEMS:
+            return self._as_on_board(solver, pixels, request, taken)
+        hint = self._hint
+        if self._follow and self._before is not None:
+            hint = Hint(self._before[0].cam_from_icrs, FOLLOW_RAD)
+        result = solver.solve(pixels, replace(request, hint=hint))
+        if self._follow and result.outcome is Outcome.NONE and hint is not None:
+            again = solver.solve(pixels, replace(request, hint=None))
+            result = replace(again, notes=(*again.notes, "lost the images before, found again without them"))
+        rate = self._rate(result.attitude, taken)
+        if rate is not None and result.turning is not None:
+            result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))
+        if self._follow:
+            self._before = None if result.attitude is None else (result.attitude, taken)
+        return result, rate
+
+    def _as_on_board(
+        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
+    ) -> tuple[SolveResult, dict[str, Any] | None]:
+        """A system goes through a sequence in its own modes."""
+        if self._system is None:
+            self._system = SystemSequencer(request.chain, self._hint)
+        result = self._system.solve(solver, pixels, request)
+        rate = self._rate(result.attitude, taken)
+        self._before = None if result.attitude is None else (result.attitude, taken)
+        return result, rate
+
+    def _rate(self, attitude: Attitude | None, taken: datetime | None) -> dict[str, Any] | None:
+        if attitude is None or self._before is None:
+            return None
+        before, then = self._before
+        interval_s = (taken - then).total_seconds() if taken and then else self._interval_s
+        if interval_s is None or interval_s <= 0:
+            return None
+        rate = rate_between(before, attitude, interval_s)
+        sigma = [math.degrees(s) if math.isfinite(s) else None for s in rate.sigma_rad_s]
+        return {
+            "interval_s": interval_s,
+            "deg_s": [float(v) for v in np.degrees(rate.vector_rad_s)],
+            "sigma_deg_s": sigma,
+            "speed_deg_s": math.degrees(rate.speed_rad_s),
+        }
+
+
+def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> dict[str, Any] | None:
+    """A result against the truth somebody knows; None without an attitude."""
+    if result.attitude is None:
+        return None
+    cross_rad, about_rad = pointing_difference_rad(result.attitude.cam_from_icrs, cam_from_icrs)
+    truth = truth_on(result.camera, quaternion_from_matrix(cam_from_icrs), stars)
+    return {
+        "verdict": str(score(result, truth, result.camera)),
+        "error_arcsec": cross_rad / ARCSEC_RAD,
+        "error_roll_arcsec": about_rad / ARCSEC_RAD,
+    }

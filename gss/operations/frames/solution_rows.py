@@ -1,0 +1,130 @@
+"""A chain's result as the row that the store keeps."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gss import __version__
+from gss.domain.camera import Camera
+from gss.domain.frames import pointing_difference_rad
+from gss.domain.profiles import PROFILES, CameraProfile
+from gss.domain.results import Attitude, Centroids, SolveResult
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.stars import StarTable
+from gss.operations.frames import overlay
+from gss.operations.frames.camera_record import camera_from, record_of
+from gss.operations.frames.scoring import judge
+
+if TYPE_CHECKING:
+    from gss.store.models import Frame, Solution
+
+
+def solution_values(
+    result: SolveResult,
+    stars: StarTable,
+    profile_name: str | None,
+    truth: list[Any] | None,
+    *,
+    drawn: bool = True,
+) -> dict[str, Any]:
+    """The columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is judged.
+    ``drawn``: with predicted places, grid and outline, which :func:`with_overlays` makes later otherwise."""
+    known = PROFILES.get(profile_name or "")
+    values: dict[str, Any] = {
+        "chain": result.chain,
+        "version": __version__,
+        "outcome": str(result.outcome),
+        "reason": result.reason,
+        "found": len(result.centroids),
+        "matched": 0 if result.matches is None else len(result.matches),
+        "rejected": sum(1 for r in result.regions if r.rejected),
+        "rms_px": finite(result.residual_rms_px),
+        "false_match_probability": finite(result.false_match_probability),
+        "fov_rad": [float(v) for v in result.camera.fov_rad],
+        "camera": record_of(result.camera),
+        "timing_s": dict(result.timing_s),
+        "notes": list(result.notes),
+        "detail": overlay.describe(
+            result.camera,
+            stars,
+            _limit_of(known, result.camera),
+            result.regions,
+            result.centroids,
+            result.matches,
+            result.attitude if drawn else None,
+            result.velocity_c,
+        ),
+    }
+    if not drawn:
+        values["detail"] = {name: values["detail"][name] for name in ("regions", "stars")}
+    values["detail"] |= _beside(result)
+    if result.attitude is not None:
+        values["quaternion"] = [float(v) for v in result.attitude.quaternion]
+        values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
+    if truth is not None and known is not None:
+        values |= _judged(result, np.array(truth, float), known, stars)
+    return values
+
+
+def _beside(result: SolveResult) -> dict[str, Any]:
+    """What goes with a result besides its attitude: the rate that trails show, the observer's velocity, what ran."""
+    beside: dict[str, Any] = {"versions": dict(result.versions)}
+    if result.velocity_c is not None:
+        beside["velocity_c"] = list(result.velocity_c)
+    if result.turning is not None:
+        beside["turning"] = {
+            "rad_s": [float(v) for v in result.turning.vector_rad_s],
+            "covariance_rad2_s2": [[finite(v) for v in row] for row in result.turning.covariance_rad2_s2],
+            "stars": result.turning.stars,
+            "sign_known": result.turning.sign_known,
+        }
+    return beside
+
+
+def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTable) -> dict[str, Any]:
+    values: dict[str, Any] = {"verdict": str(judge(result, truth, known, stars))}
+    if result.attitude is not None:
+        off = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(truth))
+        values["error_axis_rad"], values["error_roll_rad"] = off
+    return values
+
+
+def solution_row(frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime) -> Solution:
+    """A new row for a frame."""
+    from gss.store.models import Solution
+
+    values = solution_values(result, stars, frame.profile, frame.truth)
+    return Solution(frame_id=frame.id, origin=origin, created=created, **values)
+
+
+def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> dict[str, Any]:
+    """The overlays of a stored solution, the missing ones made from its attitude and camera."""
+    if "grid" in row.detail:
+        return row.detail
+    if not row.camera:  # a frame that could not be run
+        return dict.fromkeys(("regions", "stars", "predicted", "grid", "field"), ()) | {"north": None} | row.detail
+    camera = camera_from(row.camera)
+    attitude = None if row.quaternion is None else Attitude(np.array(row.quaternion, float), np.zeros((3, 3)))
+    spots = row.detail["stars"]
+    col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
+    none = np.zeros(len(spots))
+    seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
+    limit = _limit_of(PROFILES.get(profile_name or ""), camera)
+    velocity_c = row.detail.get("velocity_c")  # a list in the store
+    moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
+    return overlay.describe(camera, stars, limit, (), seen, None, attitude, moving) | row.detail
+
+
+def finite(value: float) -> float | None:
+    """The number, None where it is none: databases and JSON have no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _limit_of(known: CameraProfile | None, camera: Camera) -> float:
+    """Down to which magnitude predicted stars are shown: the camera's own limit, else what was matched."""
+    if known is not None:
+        return known.sensor.faint_limit_mag
+    return 6.5 if camera.fov_rad[0] < 0.35 else 5.0

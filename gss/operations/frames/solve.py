@@ -1,0 +1,326 @@
+"""Solve a frame with any chain: the same use case for the command line and the server, with the caches that make it quick."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG, load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.results import SolveResult
+from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.operations.clock import Monotonic
+from gss.operations.frames.figure_files import FigureFiles
+from gss.operations.frames.observer import Observer
+from gss.operations.studies.dark_frames import DARK, Pattern
+from gss.pipeline.chains import reference
+from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
+from gss.pipeline.chains.options import with_options
+from gss.pipeline.chains.reference_foreign import solve_foreign
+from gss.pipeline.chains.systems import SYSTEMS, system
+from gss.pipeline.fixed_pattern import clean
+from gss.pipeline.identify import near
+from gss.pipeline.identify.patterns import Level, build_level
+from gss.pipeline.identify.verify import Sky
+
+CHAINS = (reference.NAME, *SYSTEMS)
+TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this good is an attitude
+BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
+FOV_SLACK = 1.08  # a field of view "known to 5 %", and whether it was meant across the sky or as pixels times scale
+DEFAULT_EPOCH_JYEAR = 2026.5
+DEEPER_MAG = 1.0  # how much fainter the second catalogue goes where a frame shows more than the first
+
+
+@dataclass(frozen=True)
+class Started:
+    """What a system's chain starts a frame with: its mode, what it knows, and how far that may be off."""
+
+    mode: Mode
+    hint: Hint | None
+    radius_rad: float | None = None
+
+
+@dataclass(frozen=True)
+class SolveRequest:
+    """What to run. Exactly one way to know the camera: ``profile`` (a name), ``known`` (a whole camera, for example a
+    calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
+
+    ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's.
+    ``observer``: when, and on which orbit, the frame was taken; None: unknown, and aberration stays in. ``exposure_s``: gives
+    the rate of trailed frames. ``fast``: compiled loops or not, None = where they are installed. ``options``: constants of a
+    system's chain in the place of its own, as texts; ``started``: mode and knowledge of a system's chain, instead of ``hint``.
+    """
+
+    chain: str = reference.NAME
+    profile: str | None = None
+    known: CameraProfile | None = None
+    camera: Camera | None = None
+    fov_rad: float | None = None
+    blind: bool = False
+    hint: near.Hint | None = None
+    epoch_jyear: float | None = None
+    observer: Observer | None = None
+    exposure_s: float | None = None
+    fast: bool | None = None
+    options: tuple[tuple[str, str], ...] = ()
+    started: Started | None = None
+
+
+T = TypeVar("T")
+
+
+class SolverCache:
+    """Star positions per epoch, pair tables per camera, figures per size, bank-like catalogues per profile.
+
+    Builds each once and keeps the latest; safe to share between threads.
+    """
+
+    def __init__(self, stars: StarTable | None = None, keep: int = 40, folder: Path | None = None) -> None:
+        """``folder``: where the blind solver's dictionaries are kept for the next process; None: nowhere."""
+        self._base, self._keep = stars, keep
+        self._files = None if folder is None else FigureFiles(folder)
+        self._lock = threading.RLock()
+        self._made: dict[tuple[Any, ...], Any] = {}
+
+    def _once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
+        with self._lock:
+            if key not in self._made:
+                while len(self._made) >= self._keep:
+                    self._made.pop(next(iter(self._made)))
+                self._made[key] = make()
+            return cast(T, self._made[key])
+
+    def stars(self, epoch_jyear: float) -> StarTable:
+        """The star table at an epoch, brightest first."""
+
+        def make() -> StarTable:
+            table = propagate(self._base if self._base is not None else load_stars(), epoch_jyear)
+            return table.take(np.argsort(table.v_mag, kind="stable"))
+
+        return self._once(("stars", epoch_jyear), make)
+
+    def sky(self, epoch_jyear: float) -> Sky:
+        """The columns that identification uses."""
+        table = self.stars(epoch_jyear)
+        return Sky(table.hip, table.icrs, table.v_mag)
+
+    def known(self, camera: Camera, faint_limit_mag: float, epoch_jyear: float) -> reference.KnownSky:
+        """Stars and pair table for one camera."""
+        key = ("pairs", camera, faint_limit_mag, epoch_jyear)
+        return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
+
+    def level(self, epoch_jyear: float) -> Callable[[float], Level]:
+        """Builder of figure dictionaries that remembers them."""
+        # Figures bear the proper motion of a year; one dictionary then serves all frames of it.
+        year = float(round(epoch_jyear))
+        sky = self.sky(year)
+        if self._files is None:
+            return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: build_level(sky, radius_rad))
+        files = self._once(("figure files", year), lambda f=self._files: f.levels(sky))  # type: ignore[misc]
+        return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
+
+    def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
+        """What a flash bank for this camera would hold: stars to its limit and their distances, not quantised."""
+
+        def make() -> OnboardCatalogue:
+            stars = self.stars(epoch_jyear).brighter_than(known.sensor.faint_limit_mag)
+            distances = distance_table(stars, 0.0, known.camera.diagonal_rad)
+            return OnboardCatalogue(stars.hip, stars.icrs, stars.v_mag, distances)
+
+        return self._once(("bank", known.camera, known.sensor.faint_limit_mag, epoch_jyear), make)
+
+    def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
+        """What a system's processor makes of such a bank."""
+        key = ("prepared", chain.name, known.camera, known.sensor, epoch_jyear)
+        return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))
+
+
+class Solver:
+    """Runs requests. ``stopwatch_s`` times the stages; results depend on it in nothing else."""
+
+    def __init__(
+        self,
+        cache: SolverCache | None = None,
+        stopwatch_s: Monotonic | None = None,
+        epoch_jyear: float = DEFAULT_EPOCH_JYEAR,
+        profiles: Callable[[str], CameraProfile] = profile,
+        dark: Pattern | None = None,
+    ) -> None:
+        self.cache = cache if cache is not None else SolverCache()
+        self._stopwatch_s, self._epoch_jyear, self._profiles = stopwatch_s, epoch_jyear, profiles
+        self._dark = dark
+
+    def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
+        """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
+        if request.chain not in CHAINS:
+            raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
+        known, camera = _camera_of(request, self._profiles)
+        epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
+        if request.options and request.chain == reference.NAME:
+            raise BadInput(
+                "the reference chain has no constants to set", expected=" | ".join(SYSTEMS), got=request.chain
+            )
+        if request.chain != reference.NAME:
+            return self._system(pixels, known, request, epoch)
+        if camera is None:
+            result = self._foreign(pixels, request, epoch)
+        else:
+            sensor = known.sensor if known else None
+            limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
+            stars = self.cache.known(camera, limit, epoch)
+            pixels, cleaned = self.cleaned(pixels, known, request.exposure_s)
+            fainter = min(limit + DEEPER_MAG, FAINTEST_V_MAG)
+            result = reference.solve_known(
+                pixels,
+                camera,
+                sensor,
+                stars,
+                hint=request.hint,
+                deeper=lambda: self.cache.known(camera, fainter, epoch),
+                velocity_c=_velocity_c(request),
+                exposure_s=request.exposure_s,
+                fast=request.fast,
+                clock=self._stopwatch_s,
+            )
+            result = replace(result, notes=(*result.notes, *cleaned))
+        return _noted(_moving(result, request.observer), known, epoch)
+
+    def cleaned(
+        self, pixels: NDArray[Any], known: CameraProfile | None, exposure_s: float | None
+    ) -> tuple[NDArray[Any], tuple[str, ...]]:
+        """The pixels without what the detector shows in the dark, where a dark frame is in use; and a word of it. Chains that stand
+        for a sensor see the pixels as they came."""
+        key = known.sources.get(DARK, "") if known else ""
+        if known is None or not key or self._dark is None:
+            return pixels, ()
+        dark = self._dark(key)
+        mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
+        words = f"dark frame subtracted, {mended}"
+        if not dark.fits(exposure_s):
+            words = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
+        return clean(pixels, dark, float(known.sensor.saturation_dn), exposure_s), (words,)
+
+    def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
+        limits = (
+            BLIND_FOV_RAD if request.fov_rad is None else (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
+        )
+        sky = self.cache.sky(epoch_jyear)
+        return solve_foreign(
+            pixels,
+            limits,
+            sky,
+            self.cache.level(epoch_jyear),
+            velocity_c=_velocity_c(request),
+            exposure_s=request.exposure_s,
+            fast=request.fast,
+            clock=self._stopwatch_s,
+        )
+
+    def parameters(self, request: SolveRequest) -> Any:
+        """The constants with which a system's chain would run a request for a calibrated camera."""
+        known, _ = _camera_of(request, self._profiles)
+        if known is None:
+            raise BadInput("a system's constants follow from its camera", expected="a camera profile")
+        return _parameters(system(request.chain), known, request.started or _started(request.hint), request.options)
+
+    def _system(
+        self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
+    ) -> SolveResult:
+        """A chain of one of the sensors, with a bank as its flash would hold it."""
+        if known is None:
+            raise BadInput(
+                f"the {request.chain} chain needs a calibrated camera",
+                expected="a camera profile",
+                got="a field of view or nothing",
+                hint="name a profile, or use the reference chain",
+            )
+        chain, started = system(request.chain), request.started or _started(request.hint)
+        prepared = self.cache.prepared(chain, known, epoch_jyear)
+        parameters = _parameters(chain, known, started, request.options)
+        work = Work(known.camera, prepared, parameters, started.mode, started.hint)
+        result = solve(chain, pixels, work, self._stopwatch_s)
+        return _noted(result, known, epoch_jyear)
+
+
+def _started(hint: near.Hint | None) -> Started:
+    """A hint as a system's chain takes it: one that is good enough is an attitude to track from."""
+    if hint is None:
+        return Started(Mode.LOST_IN_SPACE, None)
+    mode = Mode.TRACKING if hint.radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
+    return Started(mode, Hint.from_quaternion(quaternion_from_matrix(hint.cam_from_icrs)), hint.radius_rad)
+
+
+def _parameters(
+    chain: OnboardChain, known: CameraProfile, started: Started, options: tuple[tuple[str, str], ...]
+) -> Any:
+    own = chain.parameters(known, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
+    return with_options(own, dict(options))
+
+
+def _velocity_c(request: SolveRequest) -> Array | None:
+    return None if request.observer is None else np.array(request.observer.velocity_c)
+
+
+def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
+    """Say whether aberration was taken out."""
+    if result.attitude is None:
+        return result
+    words = "aberration was not taken out" if observer is None else observer.words
+    return replace(result, notes=(*result.notes, words))
+
+
+def _camera_of(
+    request: SolveRequest, profiles: Callable[[str], CameraProfile]
+) -> tuple[CameraProfile | None, Camera | None]:
+    """The profile and the geometry asked for; both None for a foreign camera."""
+    ways = [
+        name
+        for name, given in (
+            ("profile", request.profile is not None),
+            ("whole camera", request.known is not None),
+            ("camera", request.camera is not None),
+            ("field of view", request.fov_rad is not None),
+            ("blind", request.blind),
+        )
+        if given
+    ]
+    if len(ways) != 1:
+        raise BadInput(
+            "the camera must be known in one way",
+            expected="a profile, a geometry, a field of view, or blind",
+            got=" and ".join(ways) or "none of them",
+        )
+    if request.fov_rad is not None and not np.radians(0.5) <= request.fov_rad <= np.radians(120):
+        raise BadInput(
+            "field of view is out of range", expected="0.5° to 120°", got=f"{np.degrees(request.fov_rad):g}°"
+        )
+    known = request.known if request.profile is None else profiles(request.profile)
+    if known is not None:
+        return known, known.camera
+    return None, request.camera
+
+
+def _noted(result: SolveResult, known: CameraProfile | None, epoch_jyear: float) -> SolveResult:
+    """The result with what it was made with: epoch of the stars, and the calibration where the camera is a calibrated one."""
+    version = known.sources.get("calibration", "") if known else ""
+    made_with = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
+    return replace(result, notes=(*result.notes, *made_with))
+
+
+def _limit_for(camera: Camera) -> float:
+    """Magnitude to which about 25 stars fall on the detector: what a camera without photometry is taken to show."""
+    share = camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
+    # Hipparcos holds about 4900 stars to V 6 and 2.9 times as many for each magnitude more.
+    return float(np.clip(6 + np.log(25 / (4900 * share)) / np.log(2.9), 2.5, 8.0))

@@ -1,0 +1,79 @@
+"""A sequence of images as a system's own processor would go through it: its modes, its memory of attitudes, its bridges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
+from gss.domain.rotation import quaternion_from_matrix
+from gss.operations.frames.solve import Solver, SolveRequest, Started
+from gss.pipeline.chains import far_mst_parameters
+from gss.pipeline.chains.apriori import Known
+from gss.pipeline.chains.far_mst_relative import chained, relative_attitude
+from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.systems import system
+from gss.pipeline.identify import near
+
+MOST_CHAINED = 5
+"""Frames in a row that a turn from frame to frame may bridge; errors add up, and nothing names the stars."""
+
+
+class SystemSequencer:
+    """Goes from image to image in the modes of one system (lost in space, assisted, tracking), with up to two attitudes before
+    the last for predictors and averages. FAR-MST bridges images it cannot name by the turn from the one before
+    (Huffman 2006 §7.2)."""
+
+    def __init__(self, chain: str, hint: near.Hint | None = None) -> None:
+        self._chain = system(chain)
+        self._mode, self._known = Mode.LOST_IN_SPACE, Known()
+        if hint is not None:
+            quaternion = quaternion_from_matrix(hint.cam_from_icrs)
+            self._mode, self._known = Mode.ASSISTED, Known(commanded=quaternion, commanded_radius_rad=hint.radius_rad)
+        self._before: tuple[Centroids, Attitude] | None = None
+        self._turn: Array | None = None
+        self._chained = 0
+
+    def solve(self, solver: Solver, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
+        """The next image."""
+        mode = self._known.usable(self._mode)
+        radius_rad = self._known.radius_rad(mode) if mode is Mode.ASSISTED else None
+        started = Started(mode, self._known.hint(mode, 0.0), radius_rad)
+        result = solver.solve(pixels, replace(request, hint=None, started=started))
+        result = replace(result, notes=(*result.notes, f"mode: {mode.value.replace('_', ' ')}"))
+        solved = result.outcome is Outcome.SOLVED
+        self._mode = self._chain.next_mode(mode, solved)
+        self._known = self._known.after(result.attitude.quaternion if result.attitude is not None else None)
+        if self._chain.name == far_mst_parameters.NAME:
+            result = self._bridged(result, solver, request)
+        return result
+
+    def _bridged(self, result: SolveResult, solver: Solver, request: SolveRequest) -> SolveResult:
+        """FAR-MST's result, or the attitude before and the turn since. The turn itself serves the next rate match."""
+        before, turn = self._before, None
+        if before is not None:
+            parameters = solver.parameters(request)
+            found = relative_attitude(before[0], result.centroids, result.camera, parameters, expected=self._turn)
+            turn = found.quaternion
+            if result.attitude is None and turn is not None and self._chained < MOST_CHAINED:
+                self._chained += 1
+                since = f"attitude chained over {self._chained} image{'s' if self._chained > 1 else ''}"
+                result = replace(
+                    result,
+                    outcome=Outcome.SOLVED,
+                    reason="",
+                    attitude=chained(before[1], found),
+                    false_match_probability=found.false_match_probability,
+                    notes=(
+                        *result.notes,
+                        f"{since}: {len(found.pairs)} stars met again; none was named: {result.reason}",
+                    ),
+                )
+            elif result.attitude is not None:
+                self._chained = 0
+        self._turn = turn
+        self._before = None if result.attitude is None else (result.centroids, result.attitude)
+        return result

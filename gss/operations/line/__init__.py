@@ -1,0 +1,1 @@
+"""The line and what came over it: reception, captures, contacts, gaps."""

@@ -1,0 +1,240 @@
+"""Contacts: from opening the line to closing it, with everything that happened in between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from gss.device.session_events import DirectionCounters, LinkCounters, SessionEvent
+from gss.domain.errors import NotFound
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.line.gaps import LINE_LOST, Count, Gap, Happening, RecordCheck, Sample, check_record, why_silent
+from gss.operations.line.link import LinkService
+from gss.operations.line.raw_capture import capture_files
+from gss.operations.telemetry.alarm_words import AlarmView
+from gss.operations.telemetry.alarms import AlarmService
+from gss.store import devices as store
+from gss.store import telemetry as telemetry_store
+from gss.store.engine import Database
+from gss.store.models import Command, Contact, Device, Event, Frame, TelemetryPacket, Transfer
+
+GROUND = "ground_line"
+"""Packet name of our own counters in the archive: they are told like telemetry, but of the ground's end of the line."""
+SILENT_AFTER_S = 3.0
+TELL_EVERY_S = 10.0
+BY_US = ("closed by the operator", "the port was changed")
+DEVICE_WORDS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
+
+
+@dataclass(frozen=True)
+class CaptureFile:
+    """A file of the raw capture. ``present``: it has not been dropped for room."""
+
+    file: str
+    bytes: int
+    present: bool
+
+
+@dataclass(frozen=True)
+class ContactDetail:
+    """Everything about a contact. ``counters``: of what was received, and packets sent. ``silences``: no good packet."""
+
+    row: Contact
+    device: Device | None
+    end: datetime
+    counters: dict[str, int]
+    silences: list[Gap]
+    packets: dict[str, int]
+    frames: list[Frame]
+    commands: list[Command]
+    transfers: list[Transfer]
+    alarms: list[AlarmView]
+    events: list[Event]
+    captures: list[CaptureFile]
+
+    @property
+    def duration_s(self) -> float:
+        """From opening to closing, or until now."""
+        return (self.end - self.row.started).total_seconds()
+
+    @property
+    def error_rate(self) -> float:
+        """Share of damaged packets."""
+        bad = sum(self.counters.get(name, 0) for name in ("bad_crc", "too_long", "too_short"))
+        good = self.counters.get("good", 0)
+        return bad / (good + bad) if good + bad else 0.0
+
+
+class ContactService:
+    """Keeps the line's counters over time and answers for contacts, the present one too."""
+
+    def __init__(
+        self, link: LinkService, alarms: AlarmService, database: Database, bus: EventBus, captures: Path, now: Now
+    ) -> None:
+        self._link, self._alarms, self._database, self._bus = link, alarms, database, bus
+        self.captures, self._now = captures, now
+        self._told: tuple[int | None, float, dict[str, Any]] = (None, 0.0, {})
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Keep the counters: at once when something was damaged, missing or silent, otherwise now and then."""
+        contact_id = self._link.contact_id
+        if contact_id is None or not any(isinstance(event, LinkCounters) for event in events):
+            return
+        counters = self._link.contact_counters
+        now, now_s = self._now(), self._link.monotonic_s()
+        values: dict[str, Any] = {
+            **asdict(counters.received),
+            "sent_good": counters.sent.good,
+            "sent_bytes": counters.sent.bytes,
+        }
+        heard_s = None if counters.last_good_s is None or not counters.received.good else counters.last_good_s
+        quiet_s = 0.0 if heard_s is None else max(0.0, now_s - heard_s)
+        values |= {"silent": heard_s is None or quiet_s > SILENT_AFTER_S}
+        values |= {"last_good": None if heard_s is None else now.timestamp() - quiet_s}
+        told_contact, told_s, told = self._told
+        steady = ("bad_crc", "too_long", "too_short", "unframed", "unknown", "gaps", "duplicates", "silent")
+        changed = told_contact != contact_id or any(values[name] != told.get(name) for name in steady)
+        if changed or now_s - told_s >= TELL_EVERY_S or not self._link.connected:
+            self._told = (contact_id, now_s, values)
+            row = TelemetryPacket(
+                contact_id=contact_id, packet=GROUND, received=now, device_time_s=0.0, request_id=0, values=values
+            )
+            with self._database.unit_of_work() as session:
+                telemetry_store.add_batch(session, [row])
+
+    # --- answers ------------------------------------------------------------------------------------------------
+
+    def newest(self, limit: int) -> list[tuple[Contact, Device | None, int, int]]:
+        """Newest contacts with their device and the numbers of frames and commands."""
+        with self._database.unit_of_work() as session:
+            return store.list_contacts(session, limit)
+
+    def note(self, contact_id: int, note: str, *, user: str) -> ContactDetail:
+        """What an operator has to say about a contact."""
+        with self._database.unit_of_work() as session:
+            store.get_contact(session, contact_id)
+            store.update_contact(session, contact_id, note=note)
+        self._bus.record("contact", "ok", f"{user} noted on contact {contact_id}: {note}", contact_id=contact_id)
+        return self.detail(contact_id)
+
+    def detail(self, contact_id: int) -> ContactDetail:
+        """All of a contact."""
+        with self._database.unit_of_work() as session:
+            row, device = store.get_contact(session, contact_id)
+            end = row.ended or self._now()
+            frames = store.frames_of(session, contact_id)
+            commands = store.commands_of(session, contact_id)
+            transfers = store.transfers_of(session, contact_id)
+            events = store.events_between(session, row.started, end)
+            packets = telemetry_store.counts(session, contact_id)
+        counts = self.counts(contact_id)
+        last = counts[-1].values if counts else {}
+        return ContactDetail(
+            row,
+            device,
+            end,
+            {name: int(last.get(name, 0)) for name in (*asdict(DirectionCounters()), "sent_good", "sent_bytes")},
+            self._silences(row, end, counts),
+            {name: number for name, number in packets.items() if name != GROUND},
+            frames,
+            commands,
+            transfers,
+            self._alarms.between(row.started, end),
+            events,
+            self._files(row),
+        )
+
+    def file(self, contact_id: int, name: str) -> Path:
+        """A file of a contact's capture; NotFound where it is not one, or not any more."""
+        for path in capture_files(self.captures, contact_id):
+            if path.name == name:
+                return path
+        raise NotFound("no such file of this contact's capture", got=name, hint="the oldest files are dropped for room")
+
+    def _files(self, row: Contact) -> list[CaptureFile]:
+        there = {path.name: path.stat().st_size for path in capture_files(self.captures, row.id)}
+        known = {str(f["file"]): int(f["bytes"]) for f in row.captures} or there
+        return [CaptureFile(name, there.get(name, size), name in there) for name, size in known.items()]
+
+    # --- the record ---------------------------------------------------------------------------------------------
+
+    def counts(self, contact_id: int) -> list[Count]:
+        """The line's counters of a contact over time."""
+        with self._database.unit_of_work() as session:
+            row, _ = store.get_contact(session, contact_id)
+        names = (*asdict(DirectionCounters()), "sent_good", "sent_bytes", "silent", "last_good")
+        rows = telemetry_store.rows(
+            self._database, GROUND, names, row.started, row.ended or self._now(), contact_id=contact_id
+        )
+        counts = []
+        for r in rows:
+            values = {n: float(v) for n, v in zip(names, r.values, strict=True) if v is not None}
+            counts.append(Count(r.received.timestamp(), values, contact_id))
+        return counts
+
+    def _silences(self, row: Contact, end: datetime, counts: Sequence[Count]) -> list[Gap]:
+        """Spans without a good packet longer than three seconds, to the second in which the next one came."""
+        spans: list[tuple[float, float]] = []
+        since_s: float | None = None
+        for count in counts:
+            if count.values.get("silent") and since_s is None:
+                since_s = count.values.get("last_good", row.started.timestamp())
+            elif not count.values.get("silent") and since_s is not None:
+                spans.append((since_s, count.at_s))
+                since_s = None
+        if since_s is not None:
+            spans.append((since_s, end.timestamp()))
+        happenings = self._happenings(row, end)
+        found = [Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S]
+        if all(gap.explained for gap in found):
+            return found
+        late = self.record(row.id).late  # what came afterwards may show that nothing is missing
+        return [gap if gap.explained else _if_late(gap, late) for gap in found]
+
+    def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
+        """What explains gaps: the device's restarts and clocks, and a line that was lost."""
+        with self._database.unit_of_work() as session:
+            events = store.events_between(session, row.started, end, ("device", "link"))
+        found = []
+        for event in events:
+            name, _, text = event.text.partition(": ")
+            if event.kind == "device" and name in DEVICE_WORDS:
+                found.append(Happening(event.at.timestamp(), name, text))
+        # The line is told to be closed a moment after the contact has ended.
+        with self._database.unit_of_work() as session:
+            told = store.closing(session, row.id)
+        if told is not None:
+            cause = told.text.removeprefix("line closed: ")
+            if cause not in BY_US:
+                found.append(Happening(end.timestamp(), LINE_LOST, cause))
+        return found
+
+    def record(self, contact_id: int) -> RecordCheck:
+        """Is the housekeeping of a contact whole?"""
+        with self._database.unit_of_work() as session:
+            row, _ = store.get_contact(session, contact_id)
+        end = row.ended or self._now()
+        rows = telemetry_store.rows(
+            self._database, "housekeeping", ["uptime_s"], row.started, end, contact_id=contact_id, unsolicited=True
+        )
+        samples = [Sample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id) for r in rows]
+        return check_record(
+            samples,
+            self.counts(contact_id),
+            self._happenings(row, end),
+            start_s=row.started.timestamp(),
+            end_s=end.timestamp(),
+        )
+
+
+def _if_late(silence: Gap, late: Sequence[Gap]) -> Gap:
+    over = next((gap for gap in late if gap.from_s < silence.to_s and silence.from_s < gap.to_s), None)
+    return silence if over is None else replace(silence, cause=over.cause)
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)

@@ -1,0 +1,137 @@
+"""A device on a port without a server: for scripts. One thing at a time, and the port is given back at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from gss.device.dictionary import Dictionary, Value
+from gss.device.protocol.packet import PacketType
+from gss.device.protocol.transfer import Compatibility
+from gss.device.session import HostSession
+from gss.device.session_events import (
+    FINAL_STAGES,
+    CommandStage,
+    HelloReceived,
+    SessionEvent,
+    Stage,
+    TransferDone,
+    TransferState,
+    TransferUpdate,
+)
+from gss.device.session_transfer import Part
+from gss.device.transport import ByteStream, open_stream
+from gss.domain.errors import Conflict, LinkDown
+from gss.operations.catalogues.build_catalogue import bank_number, compatibility_of
+from gss.operations.clock import Monotonic
+
+READ_BYTES = 65536
+READ_WAIT_S = 0.02
+HELLO_WITHIN_S = 15.0
+STALLED_S = 60.0
+ENDS = (TransferState.FAILED, TransferState.ABORTED)
+
+Watch = Callable[[TransferUpdate], None]
+
+
+class DirectDevice:
+    """A host session driven by the caller's own thread."""
+
+    def __init__(
+        self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic, framing: str = "cobs"
+    ) -> None:
+        self._stream, self._dictionary, self._now_s = stream, dictionary, monotonic_s
+        self._session = HostSession(dictionary, framing=framing)
+        self._session.link_up(monotonic_s())
+        self.hello = self._meet()
+
+    def upload(self, image: bytes, bank: str, watch: Watch) -> str:
+        """Send a bank image, have it read back and committed; the SHA-256 that the device confirmed."""
+        target, compatibility = bank_number(self._dictionary, bank), compatibility_of(image, self.hello)
+        transfer_id = self._session.start_upload("catalogue", target, image, compatibility, self._now_s())
+        return self._finish(transfer_id, f"the upload to bank {bank}", watch).sha256
+
+    def upload_table(self, kind: str, data: bytes, target: int, format_version: int, watch: Watch) -> str:
+        """Send a table to the bank of that number, have it read back and committed; the confirmed SHA-256."""
+        model, own = self.hello.device_model, self.hello.profile
+        compatibility = Compatibility(model, own, self._dictionary.hash, format_version)
+        transfer_id = self._session.start_upload(kind, target, data, compatibility, self._now_s())
+        return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
+
+    def download(self, kind: str, target: int, watch: Watch, part: Part | None = None) -> TransferDone:
+        """Bring the content of a slot or bank down, or a part of an image; its hash is the one that the device told."""
+        transfer_id = self._session.start_download(kind, target, self._now_s(), part=part)
+        return self._finish(transfer_id, f"the download of {kind} {target}", watch)
+
+    def _finish(self, transfer_id: int, what: str, watch: Watch) -> TransferDone:
+        """Conflict when the device ends the transfer, LinkDown when nothing more arrives."""
+        stored_bytes, moved_s = -1, self._now_s()
+        for event in self._events():
+            if isinstance(event, TransferDone) and event.transfer_id == transfer_id:
+                return event
+            if isinstance(event, TransferUpdate) and event.transfer_id == transfer_id:
+                watch(event)
+                if event.state in ENDS:
+                    raise Conflict(f"{what} ended as {event.state}", got=event.reason)
+                if event.stored_bytes != stored_bytes:
+                    stored_bytes, moved_s = event.stored_bytes, self._now_s()
+            if self._now_s() - moved_s > STALLED_S:
+                raise LinkDown(f"{what} stands still", got=f"nothing new stored for {STALLED_S:g} s")
+        raise LinkDown(f"the line ended before {what} did")
+
+    def command(self, name: str, arguments: Mapping[str, Value]) -> CommandStage:
+        """Send a command and wait for its end; Conflict when it is rejected, fails or stays without a report."""
+        request_id = self._session.submit(name, arguments, self._now_s())
+        for event in self._events():
+            if isinstance(event, CommandStage) and event.request_id == request_id:
+                if event.stage is Stage.COMPLETED:
+                    return event
+                if event.stage in FINAL_STAGES or event.stage is Stage.UNKNOWN:
+                    raise Conflict(f"{name} ended as {event.stage}", got=f"{event.reason} {event.detail}".strip())
+        raise LinkDown(f"the line ended before {name} did")
+
+    def send(
+        self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
+    ) -> int:
+        """Write a packet of the caller's own making, past all checks, and return its request id."""
+        used, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
+        self._stream.write(frame)
+        return used
+
+    def _meet(self) -> HelloReceived:
+        deadline_s = self._now_s() + HELLO_WITHIN_S
+        for event in self._events():
+            if isinstance(event, HelloReceived):
+                return event
+            if self._now_s() > deadline_s:
+                break
+        raise LinkDown("nobody answered", expected=f"a device within {HELLO_WITHIN_S:g} s", hint="check port and power")
+
+    def turn(self) -> list[SessionEvent]:
+        """Read what is there, answer what is due; waits a moment when nothing comes."""
+        data = self._stream.read(READ_BYTES, READ_WAIT_S)
+        events = list(self._session.feed(data, self._now_s()))
+        out, more = self._session.poll(self._now_s())
+        if out:
+            self._stream.write(out)
+        return events + more
+
+    def _events(self) -> Iterator[SessionEvent | None]:
+        """What comes, one by one; None when a turn brought nothing, so that the caller can look at the time."""
+        while True:
+            events = self.turn()
+            yield from events
+            if not events:
+                yield None
+
+
+@contextmanager
+def direct_device(
+    url: str, dictionary: Dictionary, monotonic_s: Monotonic, framing: str = "cobs"
+) -> Iterator[DirectDevice]:
+    """The device on that port, after it has answered."""
+    stream = open_stream(url)
+    try:
+        yield DirectDevice(stream, dictionary, monotonic_s, framing)
+    finally:
+        stream.close()

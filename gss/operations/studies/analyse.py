@@ -1,0 +1,211 @@
+"""Turn the frames of a night, or the attitudes of a contact, into a report: what both the server and the command line do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import SolveResult
+from gss.operations.frames.solve import Solver
+from gss.operations.report.parts import Report
+from gss.operations.studies import analysis_sheets as sheets
+from gss.operations.studies.night_frames import Shot, Tell, request_of, seen_stars
+from gss.pipeline.analysis.integration import noise_equivalent_angle
+from gss.pipeline.analysis.sensitivity import detection_limit
+from gss.pipeline.analysis.series import AttitudeSeries, series_of
+from gss.pipeline.analysis.slew import slew_test
+from gss.pipeline.analysis.steady import celestial_fixed, earth_fixed
+from gss.pipeline.analysis.telemetry import telemetry_statistics
+from gss.pipeline.analysis.two_cameras import two_cameras
+from gss.pipeline.calibration.record import as_record
+
+KINDS = (
+    "earth-fixed",
+    "celestial-fixed",
+    "slew",
+    "sensitivity",
+    "nea",
+    "spatial",
+    "two-cameras",
+    "telemetry",
+)
+FRAME_KINDS = KINDS[:-1]
+DEEPER_MAG = 4.0
+"""How far below the profile's limit catalogue stars are looked for, so that the true limit is seen from both sides."""
+FOUND_PX = 2.5
+EDGE_PX = 8.0
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A report, and the same figures as a record for programs (radians, seconds, pixels, as the science names them)."""
+
+    kind: str
+    report: Report
+    figures: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Shots of one camera with their results, in order of time; None where a shot could not be run at all."""
+
+    shots: list[Shot]
+    results: list[SolveResult | None]
+    known: CameraProfile
+
+    @property
+    def series(self) -> AttitudeSeries:
+        """Attitudes over time."""
+        return series_of([s.taken.timestamp() for s in self.shots], self.results)
+
+
+def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
+    """BadInput where the kind does not exist or lacks what it needs."""
+    if kind not in KINDS:
+        raise BadInput("unknown analysis", expected=" | ".join(KINDS), got=kind)
+    if kind == "slew" and not (commanded_rad_s is not None and 0 < commanded_rad_s < math.radians(20)):
+        got = "none" if commanded_rad_s is None else f"{math.degrees(commanded_rad_s):g}°/s"
+        raise BadInput("a slew test needs the rate that was commanded", expected="above 0, below 20°/s", got=got)
+    if (kind == "two-cameras") != (others > 0):
+        raise BadInput("frames of a second camera", expected="for two-cameras, and only for it", got=f"{others} frames")
+
+
+def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, tell: Tell) -> Run:
+    """Run a chain on every shot. A shot that is not of this camera counts as not solved; BadInput when none is solved."""
+    ordered = sorted(shots, key=lambda s: (s.taken, s.name))
+    results: list[SolveResult | None] = []
+    reason = ""
+    for k, shot in enumerate(ordered):
+        tell(k / len(ordered), f"{shot.name}, {k + 1} of {len(ordered)}")
+        try:
+            results.append(solver.solve(shot.pixels(), request_of(shot, known, None, chain)))
+        except BadInput as error:
+            results.append(None)
+            reason = reason or str(error)
+    if not any(r is not None and r.attitude is not None for r in results):
+        first = next((r.reason for r in results if r is not None), reason)
+        raise BadInput(
+            "no frame could be solved", expected="frames of stars", got=first, hint="is it the right camera?"
+        )
+    return Run(ordered, results, known)
+
+
+def analyse(
+    kind: str, solver: Solver, run: Run, *, second: Run | None = None, commanded_rad_s: float | None = None
+) -> Analysis:
+    """The analysis of a run."""
+    check_kind(kind, commanded_rad_s, 0 if second is None else len(second.shots))
+    makers: dict[str, Callable[[], Analysis]] = {
+        "earth-fixed": lambda: _steady(kind, run),
+        "celestial-fixed": lambda: _steady(kind, run),
+        "slew": lambda: _slew(run, commanded_rad_s or 0.0),
+        "sensitivity": lambda: _sensitivity(run, solver),
+        "nea": lambda: _nea(run),
+        "spatial": lambda: _spatial(run),
+        "two-cameras": lambda: _two(run, second or run),
+    }
+    return makers[kind]()
+
+
+def analyse_telemetry(series: AttitudeSeries, of: str) -> Analysis:
+    """Performance from attitudes alone."""
+    found = telemetry_statistics(series)
+    return Analysis("telemetry", sheets.telemetry(found, series, of), dict(as_record(found)))
+
+
+def _steady(kind: str, run: Run) -> Analysis:
+    series = run.series
+    found = earth_fixed(series) if kind == "earth-fixed" else celestial_fixed(series)
+    return Analysis(kind, sheets.steady(kind, found, series, _of(run)), dict(as_record(found)))
+
+
+def _slew(run: Run, commanded_rad_s: float) -> Analysis:
+    found = slew_test(run.series, commanded_rad_s)
+    return Analysis("slew", sheets.slew(found, run.series, _of(run)), dict(as_record(found)))
+
+
+def _sensitivity(run: Run, solver: Solver) -> Analysis:
+    v_mag: list[Array] = []
+    seen: list[NDArray[np.bool_]] = []
+    for shot, result in zip(run.shots, run.results, strict=True):
+        if result is None or result.attitude is None:
+            continue
+        v, hit = _looked_for(result, solver, shot, run.known)
+        v_mag.append(v)
+        seen.append(hit)
+    found = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
+    return Analysis("sensitivity", sheets.sensitivity(found, run.known, _of(run)), dict(as_record(found)))
+
+
+def _looked_for(
+    result: SolveResult, solver: Solver, shot: Shot, known: CameraProfile
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Magnitudes of catalogue stars on the detector, and whether a spot was found where each should be. Stars with a
+    brighter one close by are left out: the spot could be the other's."""
+    assert result.attitude is not None  # noqa: S101 - the caller has looked
+    stars = seen_stars(solver, shot).brighter_than(known.sensor.faint_limit_mag + DEEPER_MAG)
+    cam = stars.icrs @ result.attitude.cam_from_icrs.T
+    ahead = cam[:, 2] > math.cos(result.camera.diagonal_rad / 2 + 0.02)
+    place = np.full((len(stars), 2), np.nan)
+    place[ahead] = result.camera.project(cam[ahead])
+    limit = np.array([result.camera.columns, result.camera.rows]) - 0.5 - EDGE_PX
+    on = ahead & ((place > EDGE_PX - 0.5) & (place < limit)).all(axis=1)
+    spots = result.centroids.pixels
+    places, v = place[on], stars.v_mag[on]
+    gap = np.linalg.norm(places[:, None] - places[None, :], axis=2)
+    np.fill_diagonal(gap, np.inf)
+    alone = ~((gap < 2 * FOUND_PX) & (v[None, :] <= v[:, None])).any(axis=1)
+    if not len(spots):
+        return v[alone], np.zeros(int(alone.sum()), bool)
+    near = np.linalg.norm(places[:, None] - spots[None, :], axis=2).min(axis=1)
+    return v[alone], np.asarray(near[alone] <= FOUND_PX)
+
+
+def _nea(run: Run) -> Analysis:
+    groups: dict[float, list[int]] = {}
+    for k, shot in enumerate(run.shots):
+        if shot.exposure_s is not None:
+            groups.setdefault(shot.exposure_s, []).append(k)
+    if not groups:
+        raise BadInput("no frame says how long it was exposed", hint="import frames whose header has EXPTIME")
+    runs = {
+        t: replace(run, shots=[run.shots[k] for k in at], results=[run.results[k] for k in at]).series
+        for t, at in groups.items()
+    }
+    found = noise_equivalent_angle(runs)
+    return Analysis("nea", sheets.nea(found, _of(run)), dict(as_record(found)))
+
+
+def _spatial(run: Run) -> Analysis:
+    pixels, residual = [], []
+    for result in run.results:
+        if result is not None and result.matches is not None and result.attitude is not None:
+            used = result.matches.weight > 0
+            pixels.append(result.centroids.pixels[result.matches.centroid[used]])
+            residual.append(result.matches.residual_px[used])
+    at, off = np.concatenate(pixels), np.concatenate(residual)
+    report, figures = sheets.spatial(at, off, run.known.camera, _of(run))
+    return Analysis("spatial", report, figures)
+
+
+def _two(first: Run, second: Run) -> Analysis:
+    found = two_cameras(first.series, second.series)
+    of = f"{_of(first)}, and {_of(second)}"
+    return Analysis("two-cameras", sheets.two_cameras(found, of), dict(as_record(found)))
+
+
+def _of(run: Run) -> str:
+    """Of what a report speaks."""
+    first, last = run.shots[0].taken, run.shots[-1].taken
+    version = run.known.sources.get("calibration", "")
+    camera = f"{run.known.name}, {version}" if version else run.known.name
+    chain = next((r.chain for r in run.results if r is not None), "")
+    return f"{len(run.shots)} frames of {camera}, {first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z, chain {chain}"

@@ -1,0 +1,272 @@
+"""The reports of analyses: figures in arcseconds and degrees, plots over time, histograms, maps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile
+from gss.operations.report.figures import number
+from gss.operations.report.parts import Arrows, Cells, Fact, Level, Plot, Report, Section, Series, Table
+from gss.operations.studies.sheet_pieces import (
+    PHASES,
+    axes_table,
+    bars,
+    finite,
+    maybe,
+    notes,
+    numbers,
+    over_time,
+    phase_means,
+    rms,
+)
+from gss.pipeline.analysis.integration import NeaCurve
+from gss.pipeline.analysis.sensitivity import Sensitivity
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.analysis.slew import SlewTest
+from gss.pipeline.analysis.steady import SteadyTest
+from gss.pipeline.analysis.telemetry import TelemetryFigures
+from gss.pipeline.analysis.two_cameras import Consistency
+from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.residual_figures import residual_map
+
+ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotation": (0.0203, 0.0608)}
+"""Erlank 2013 Table 6.1: 1σ and 3σ, for whom this test was first made."""
+TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
+
+
+def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Report:
+    """Fixed to the Earth or to the sky."""
+    expected = float(np.linalg.norm(found.expected_icrs_rad_s))
+    speed = float(np.linalg.norm(found.rate_icrs_rad_s))
+    facts = [
+        Fact("frames with an attitude", f"{found.solved} of {found.frames}"),
+        Fact("span", number(found.span_s), "s"),
+        Fact("turn of the camera", number(speed / ARCSEC_RAD), "″/s", f"expected {number(expected / ARCSEC_RAD)}"),
+        Fact("left out as strays", number(int(found.strays.sum()))),
+    ]
+    pole = np.degrees(np.arccos(np.clip(found.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
+    if expected:
+        facts.append(Fact("axis of the turn from the pole", number(float(pole), 3), "°"))
+    at = series.times_s
+    deviation = found.deviation_rad / ARCSEC_RAD
+    sections = [
+        Section(
+            "Steadiness",
+            "A constant turn is fitted; what is left is the sensor's.",
+            facts,
+            [],
+            [axes_table(found.body)],
+        ),
+        Section("As right ascension, declination, rotation", "", [], [], [axes_table(found.sky, ERLANK_DEG)]),
+        Section(
+            "Over time",
+            "",
+            [],
+            [
+                over_time("Deviation across the boresight", at, deviation[:, :2], ("x", "y"), "arcsec"),
+                over_time("Deviation about the boresight", at, deviation[:, 2:], ("about",), "arcsec"),
+                over_time(
+                    "Stars", at, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
+                ),
+            ],
+        ),
+        Section("Distribution", "", [], [bars(a.name, deviation[:, k]) for k, a in enumerate(found.body)]),
+    ]
+    return Report(TITLES[kind], of, sections, notes(found.warnings))
+
+
+def slew(found: SlewTest, series: AttitudeSeries, of: str) -> Report:
+    """Rates against the commanded one."""
+    degree = np.degrees
+    uncertain = number(float(degree(found.mean_sigma_rad_s)), 2)
+    facts = [
+        Fact("commanded", number(float(degree(found.commanded_rad_s)), 5), "°/s"),
+        Fact(
+            "measured",
+            number(float(degree(found.mean_speed_rad_s)), 6),
+            "°/s",
+            f"±{uncertain}",
+        ),
+        Fact("measured over commanded", number(found.ratio, 5)),
+        Fact("scatter along the turn", number(float(found.sigma_rad_s[0] / ARCSEC_RAD)), "″/s", "1σ of one interval"),
+        Fact("scatter across it", number(float(np.hypot(*found.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)), "″/s"),
+        Fact("σ by the chain's covariances", number(found.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
+        Fact("frames with an attitude", number(100 * found.solved_share, 4), "%"),
+        Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
+        Fact("axis of the turn", ", ".join(number(float(a), 3) for a in found.axis), "", "camera x, y, z"),
+    ]
+    speed = [float(v) for v in degree(found.speed_rad_s)]
+    plot = Plot(
+        "Rate from frame to frame",
+        "UTC",
+        "°/s",
+        [Series("rate", numbers(found.times_s), list(speed), "dots")],
+        [Level(float(degree(found.commanded_rad_s)), "commanded")],
+        time=True,
+    )
+    stars = over_time(
+        "Stars", series.times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
+    )
+    return Report("Slew test", of, [Section("Rate", "", facts, [plot, stars])], notes(found.warnings))
+
+
+def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
+    """How faint a star is still found."""
+    own = known.sensor.faint_limit_mag
+    facts = [
+        Fact("half of the stars are found at", number(found.mag_50, 3), "V", f"±{number(found.sigma_50, 2)}"),
+        Fact("nine of ten at", number(finite(found.mag_90), 3), "V"),
+        Fact("the profile says", number(own, 3), "V"),
+        Fact("bright stars found", number(100 * found.ceiling, 3), "%"),
+        Fact("stars looked for", number(int(found.stars.sum()))),
+    ]
+    share = [float(f / n) if n else None for f, n in zip(found.found, found.stars, strict=True)]
+    middles = numbers((found.edges_mag[1:] + found.edges_mag[:-1]) / 2)
+    curve = Plot(
+        "Share of catalogue stars that were found",
+        "V magnitude",
+        "share",
+        [
+            Series("found", middles, share, "line"),
+            Series("95 % low", middles, maybe(found.low), "dots"),
+            Series("95 % high", middles, maybe(found.high), "dots"),
+        ],
+        [Level(found.mag_50, "50 %", True), Level(own, "profile", True)],
+    )
+    rows = [
+        [f"{lo:.2f} – {hi:.2f}", str(int(n)), str(int(f)), number(100 * f / n, 3) if n else "–"]
+        for lo, hi, n, f in zip(found.edges_mag, found.edges_mag[1:], found.stars, found.found, strict=False)
+    ]
+    table = Table("By magnitude", ["V", "stars", "found", "%"], rows)
+    return Report("Sensitivity", of, [Section("Limit", "", facts, [curve], [table])], notes(found.warnings))
+
+
+def nea(found: NeaCurve, of: str) -> Report:
+    """Noise equivalent angle against integration time."""
+    facts = [Fact("falls as time to the power", number(found.exponent, 3), "", f"±{number(found.exponent_sigma, 2)}")]
+    across, about = found.across_rad / ARCSEC_RAD, found.about_rad / ARCSEC_RAD
+    plot = Plot(
+        "Noise equivalent angle",
+        "integration time, s",
+        "arcsec",
+        [
+            Series("across", numbers(found.exposure_s), maybe(across)),
+            Series("about", numbers(found.exposure_s), maybe(about)),
+        ],
+        log_y=True,
+    )
+    rows = [
+        [number(t, 3), number(a, 3), number(b, 3), number(100 * r, 2), number(int(n)), number(m, 3)]
+        for t, a, b, r, n, m in zip(
+            numbers(found.exposure_s),
+            numbers(across),
+            numbers(about),
+            numbers(found.relative_sigma),
+            found.frames,
+            numbers(found.matches),
+            strict=True,
+        )
+    ]
+    table = Table("By integration time", ["s", "across ″", "about ″", "± %", "frames", "stars"], rows)
+    text = "Light's own noise gives −0.5, the read-out's −1; 0 means that something else rules (Moniteq 1983 §4.4)."
+    return Report(
+        "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(found.warnings)
+    )
+
+
+def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, Any]]:
+    """Where on the detector, and where within a pixel, centroids are off."""
+    size = (camera.columns, camera.rows)
+    field = residual_map(pixels, residual_px, size)
+    mean = np.nan_to_num(np.hypot(field.mean_px[..., 0], field.mean_px[..., 1]))
+    cell = camera.columns / len(field.col_px)
+    scale = 0.9 * cell / float(mean.max()) if mean.max() > 0 else 1.0
+    columns, rows = np.meshgrid(field.col_px, field.row_px)
+    arrows = Arrows(
+        "Mean residual",
+        *size,
+        numbers(columns.ravel()),
+        numbers(rows.ravel()),
+        maybe(field.mean_px[..., 0].ravel()),
+        maybe(field.mean_px[..., 1].ravel()),
+        scale,
+        f"{len(pixels)} stars",
+    )
+    cells = Cells("Residual, rms", *size, [maybe(line) for line in field.rms_px], "px")
+    phase = [phase_means(pixels[:, k], residual_px[:, k]) for k in (0, 1)]
+    centres = [(k + 0.5) / PHASES - 0.5 for k in range(PHASES)]
+    within = Plot(
+        "Error against the place within a pixel",
+        "star's distance from the pixel's middle, px",
+        "px",
+        [Series("columns", centres, phase[0]), Series("rows", centres, phase[1])],
+    )
+    scatter = float(np.sqrt(np.mean(residual_px**2)))
+    facts = [
+        Fact("residual", number(scatter), "px", "rms per axis"),
+        Fact(
+            "of it steady over the field",
+            number(float(np.sqrt(np.nanmean(field.mean_px**2)))),
+            "px",
+            "rms of cell means",
+        ),
+        Fact("of it steady within a pixel", number(rms(phase[0] + phase[1])), "px", "rms of phase means"),
+        Fact("stars", number(len(pixels))),
+    ]
+    text = "Arrows that point the same way side by side are calibration; waves within a pixel are the centroid's."
+    report = Report("Spatial error", of, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
+    return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
+
+
+def two_cameras(found: Consistency, of: str) -> Report:
+    """How one camera sits to the other."""
+    facts = [
+        Fact("pairs", number(found.pairs)),
+        Fact(
+            "second from first",
+            ", ".join(f"{float(q):.6f}".replace("-", "−") for q in found.second_from_first),
+            "",
+            "quaternion, scalar last",
+        ),
+        Fact("scatter over what the covariances say", number(found.chi, 3)),
+    ]
+    plot = over_time(
+        "Deviation from the mean mounting", found.times_s, found.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
+    )
+    section = Section("Mounting", "In the second camera's axes.", facts, [plot], [axes_table(found.axes)])
+    return Report("Two cameras", of, [section], notes(found.warnings))
+
+
+def telemetry(found: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
+    """Performance from attitudes alone."""
+    facts = [
+        Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * found.availability:.1f} %"),
+        Fact("longest time without", number(found.longest_outage_s, 3), "s"),
+        Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
+        Fact(
+            "turn", number(float(np.degrees(np.median(found.rate_rad_s))), 3) if found.triples else "–", "°/s", "median"
+        ),
+        Fact("triples compared", number(found.triples)),
+    ]
+    rows = [
+        [name, number(finite(float(n)), 3), number(finite(float(3 * n)), 3), number(finite(float(c)), 3)]
+        for name, n, c in zip(
+            ("across, x", "across, y", "about"),
+            found.noise_rad / ARCSEC_RAD,
+            found.claimed_rad / ARCSEC_RAD,
+            strict=True,
+        )
+    ]
+    table = Table("Noise of one attitude", ["axis", "1σ ″", "3σ ″", "its own σ ″"], rows)
+    plot = over_time(
+        "Each attitude against the middle of its neighbours",
+        found.times_s,
+        found.deviation_rad / ARCSEC_RAD,
+        ("x", "y", "about"),
+        "arcsec",
+    )
+    return Report("Telemetry statistics", of, [Section("Noise", "", facts, [plot], [table])], notes(found.warnings))

@@ -1,0 +1,230 @@
+"""Calibrations of the bench: dots, pairs of stars, checkerboards, warm detectors, a run through the focus. Each gives one part of
+a camera, with its uncertainty, and can be what a calibration from stars starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gss.device.table_use import calibration_values
+from gss.domain.camera import RadialTilt
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.operations.frames.solve import Solver
+from gss.operations.studies import calibration_report as report
+from gss.operations.studies.calibrate import Found
+from gss.operations.studies.night_frames import Shot, Tell, solve_shots
+from gss.pipeline.calibration.apply import calibrated_profile
+from gss.pipeline.calibration.bundle import Prior
+from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
+from gss.pipeline.calibration.dark_temperature import dark_against_temperature
+from gss.pipeline.calibration.dots import detector_tilt, optical_centre
+from gss.pipeline.calibration.focal_pairs import focal_from_pairs
+from gss.pipeline.calibration.focus import best_focus, focus_advice
+from gss.pipeline.calibration.psf_field import psf_over_field
+from gss.pipeline.calibration.radial import radial_polynomial
+from gss.pipeline.calibration.record import as_record
+
+KINDS = (
+    "bench-centre",
+    "bench-tilt",
+    "bench-focal",
+    "bench-radial",
+    "bench-checkerboard",
+    "bench-dark-law",
+    "bench-focus",
+)
+Rows = Sequence[Sequence[float]]
+MOST_ROWS = 5000
+MOST_POINTS = 2000
+FEWEST_SETTINGS = 4
+ZERO_C_K = 273.15
+STEADY_SIGMA_PX = 0.02
+"""What a centre or a focal length of the bench is trusted to at best, in px: clamps and tables have play."""
+
+
+def centre(dots_px: Rows) -> Found:
+    """The optical centre from places (col, row) of one dot while the camera turns about its axis (Jacobs 1995 §6.2.1)."""
+    dots = table(dots_px, 2, "places of a dot: col, row")
+    found = optical_centre(dots)
+    content = dict(as_record(replace(found, warnings=()))) | {"dots_px": as_record(dots)}
+    return _found("bench-centre", {"centre": content}, found.warnings)
+
+
+def tilt(pairs_px: Rows, known: CameraProfile) -> Found:
+    """The detector's tilt from places of two dots, one near the centre and one far out: col, row, col, row (eq. 6.15)."""
+    pairs = table(pairs_px, 4, "places of two dots: inner col, row, outer col, row")
+    found = detector_tilt(pairs[:, :2], pairs[:, 2:], known.camera, known.focal_mm)
+    return _found("bench-tilt", {"tilt": dict(as_record(replace(found, warnings=())))}, found.warnings)
+
+
+def dark_law(rows: Rows) -> Found:
+    """Dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
+    points = table(rows, 2, "temperature in °C, dark current in e⁻/s")
+    found = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
+    content = dict(as_record(replace(found, warnings=())))
+    content |= {"temperature_c": as_record(points[:, 0]), "dark_e_s": as_record(points[:, 1])}
+    return _found("bench-dark-law", {"dark_law": content}, found.warnings)
+
+
+def focal(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, radius_px: float | None) -> Found:
+    """The focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
+    solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
+    found = focal_from_pairs(solved.stars, known.camera, radius_px=radius_px)
+    pick = np.linspace(0, len(found.values_px) - 1, min(len(found.values_px), MOST_POINTS)).astype(int)
+    thin = replace(found, warnings=(), values_px=found.values_px[pick], radius_px=found.radius_px[pick])
+    content = dict(as_record(thin)) | {
+        "documented_px": float(np.sqrt(known.camera.focal_col_px * known.camera.focal_row_px))
+    }
+    return _found("bench-focal", {"focal": content, "account": solved.account}, found.warnings)
+
+
+def radial(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, order: int) -> Found:
+    """The polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
+    if not 1 <= order <= 4:
+        raise BadInput("a polynomial of that order is not carried", expected="1 to 4", got=str(order))
+    solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
+    found = radial_polynomial(solved.stars, known.camera, known.focal_mm, order)
+    pick = np.linspace(0, len(found.r_mm) - 1, min(len(found.r_mm), MOST_POINTS)).astype(int)
+    thin = {n: getattr(found, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
+    content = dict(as_record(replace(found, warnings=(), **thin)))
+    values: dict[str, Any] = {}
+    lens = known.camera.distortion
+    if isinstance(lens, RadialTilt):
+        made = replace(lens, radial=tuple(float(k) for k in found.coefficients))
+        values = dict(calibration_values(calibrated_profile(known, replace(known.camera, distortion=made))))
+    return Found(
+        "bench-radial", values, {"radial": content, "account": solved.account, "warnings": report.warnings(found)}
+    )
+
+
+def checkerboard(
+    shots: Sequence[Shot], known: CameraProfile | None, corners: tuple[int, int], square_mm: float, fit_k3: bool
+) -> Found:
+    """Focal length, centre and Brown's coefficients from pictures of a checkerboard (Erlank 2013 §5.4)."""
+    found = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
+    keep = {"corners_px": (), "residual_px": (), "warnings": ()}
+    content = {n: as_record(v) for n, v in vars(found).items() if n not in keep}
+    pick = np.linspace(0, len(found.corners_px) - 1, min(len(found.corners_px), MOST_POINTS)).astype(int)
+    content |= {"corners_px": as_record(found.corners_px[pick]), "residual_px": as_record(found.residual_px[pick])}
+    content["pictures"] = [s.name for s in shots]
+    values = dict(calibration_values(calibrated_profile(known, found.camera))) if known else {}
+    return Found(
+        "bench-checkerboard",
+        values,
+        {"checkerboard": content, "camera": content["camera"], "warnings": report.warnings(found)},
+    )
+
+
+def focus(
+    positions: Sequence[float], shots: Sequence[Shot], known: CameraProfile, tell: Tell, wished_sigma_px: float
+) -> Found:
+    """The best setting of the lens from pictures of stars at several settings, one or more at each."""
+    if len(positions) != len(shots):
+        raise BadInput(
+            "each picture of a focus run has its setting", expected=f"{len(shots)} settings", got=str(len(positions))
+        )
+    by_setting: dict[float, list[Shot]] = {}
+    for place, shot in zip(positions, shots, strict=True):
+        by_setting.setdefault(float(place), []).append(shot)
+    at, widths, skipped = [], [], []
+    for k, (setting, pictures) in enumerate(sorted(by_setting.items())):
+        tell(k / len(by_setting), f"setting {setting:g}, {k + 1} of {len(by_setting)}")
+        try:
+            field = psf_over_field(
+                [picture.pixels() for picture in pictures],
+                known.camera,
+                e_per_dn=known.sensor.gain_e_per_dn,
+                saturation_dn=float(known.sensor.saturation_dn),
+            )
+        except BadInput as error:
+            names = ", ".join(picture.name for picture in pictures)
+            skipped.append({"name": f"setting {setting:g}: {names}", "used": False, "reason": str(error)})
+            continue
+        at.append(setting)
+        widths.append(float(field.centre_sigma_px))
+    if skipped and len(at) < FEWEST_SETTINGS:
+        raise BadInput(
+            "the width of the stars could be measured at too few settings",
+            expected=f"{FEWEST_SETTINGS} settings",
+            got=f"{len(at)}; {skipped[0]['name']}: {skipped[0]['reason']}",
+            hint="several pictures at each setting, of a part of the sky with bright stars",
+        )
+    return _focus_found(at, widths, wished_sigma_px, skipped)
+
+
+def focus_of_widths(rows: Rows, wished_sigma_px: float) -> Found:
+    """The same from widths that were measured already: setting, σ in px."""
+    points = table(rows, 2, "setting of the lens, σ of the stars in px")
+    return _focus_found(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
+
+
+def _focus_found(at: list[float], widths: list[float], wished_px: float, skipped: list[dict[str, Any]]) -> Found:
+    if not wished_px > 0:
+        raise BadInput("a star has a width", expected="σ above 0 px", got=f"{wished_px:g} px")
+    found = best_focus(np.array(at), np.array(widths), wished_px)
+    advice = focus_advice(max(found.smallest_sigma_px, 0.05))
+    content = dict(as_record(found)) | {"positions": at, "sigma_px": widths, "advice": as_record(advice)}
+    return _found("bench-focus", {"focus_run": content, "account": skipped}, ())
+
+
+def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> Found:
+    return Found(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
+
+
+def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(n, columns) numbers; BadInput names the row that is not."""
+    if not 1 <= len(rows) <= MOST_ROWS:
+        raise BadInput(f"these are not {what}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
+    for k, row in enumerate(rows):
+        if len(row) != columns or not np.isfinite(np.asarray(row, float)).all():
+            got = ", ".join(f"{v:g}" for v in row)
+            raise BadInput(f"row {k + 1} is not {what}", expected=f"{columns} numbers", got=got or "nothing")
+    return np.asarray(rows, float)
+
+
+# --- what the bench says beforehand -------------------------------------------------------------------------------
+
+
+def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Prior]:
+    """What results of the bench ((kind, result) of each) say of a camera beforehand; the later of two on the same value counts.
+    BadInput for a kind that says nothing of its geometry."""
+    out: dict[str, Prior] = {}
+    for kind, result in results:
+        if kind == "bench-centre":
+            c = result["centre"]
+            sigma = max(float(c["sigma_px"] or 0.0), STEADY_SIGMA_PX)
+            out |= {"centre_col_px": Prior(c["col_px"], sigma), "centre_row_px": Prior(c["row_px"], sigma)}
+        elif kind == "bench-tilt":
+            t = result["tilt"]
+            size, turn = float(t["tilt_max_rad"]), float(t["tilt_direction_rad"])
+            sigma = max(float(np.hypot(t["sigma_rad"][0], size * t["sigma_rad"][1])), 1e-5)
+            out["tilt_col_rad"] = Prior(size * float(np.cos(turn)), sigma)
+            out["tilt_row_rad"] = Prior(size * float(np.sin(turn)), sigma)
+        elif kind == "bench-focal":
+            f = result["focal"]
+            spread = f["sigma_px"] if f["sigma_px"] is not None else 0.002 * f["focal_px"]
+            out["focal_px"] = Prior(f["focal_px"], max(spread, STEADY_SIGMA_PX))
+        elif kind == "bench-checkerboard":
+            out |= _of_checkerboard(result["checkerboard"])
+        else:
+            raise BadInput(
+                "this calibration says nothing beforehand of a camera",
+                expected="bench-centre | bench-tilt | bench-focal | bench-checkerboard",
+                got=kind,
+            )
+    return out
+
+
+def _of_checkerboard(content: Mapping[str, Any]) -> dict[str, Prior]:
+    value = dict(zip(content["names"], content["values"], strict=True))
+    sigma = dict(zip(content["names"], content["sigma"], strict=True))
+    focal_px = float(np.sqrt(value["focal_col_px"] * value["focal_row_px"]))
+    # A camera focused on a board is not focused on stars: its focal length is known to half a percent, not to its own σ.
+    out = {"focal_px": Prior(focal_px, max(sigma["focal_col_px"], 0.005 * focal_px))}
+    for name in ("centre_col_px", "centre_row_px"):
+        out[name] = Prior(value[name], max(sigma[name], STEADY_SIGMA_PX))
+    return out

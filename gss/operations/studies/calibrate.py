@@ -1,0 +1,187 @@
+"""Calibrate a camera from shots: what both the server and the command line do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.device.table_use import calibrated, calibration_values
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.operations.frames.solve import Solver
+from gss.operations.studies import calibration_report as report
+from gss.operations.studies.night_frames import Shot, Solved, Tell, solve_shots, stack
+from gss.pipeline.calibration.apply import calibrated_profile, detector_figures
+from gss.pipeline.calibration.bundle import Prior
+from gss.pipeline.calibration.dark import DarkCalibration, Response, calibrate_dark, pixel_response
+from gss.pipeline.calibration.focus import focus_advice
+from gss.pipeline.calibration.lens_models import GEOMETRY, LENS_MODELS
+from gss.pipeline.calibration.photometric import calibrate_photometry
+from gss.pipeline.calibration.photon_transfer import FlatPair, photon_transfer
+from gss.pipeline.calibration.psf_field import psf_over_field
+from gss.pipeline.calibration.result import CameraCalibration
+from gss.pipeline.calibration.self_calibrate import calibrate_camera
+from gss.pipeline.calibration.sightings import FrameStars
+
+PSF_SHOTS = 8
+"""Shots whose stars are measured for their width: more add nothing but time."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration before it is kept. ``values``: as the sensor's table holds them, empty for a camera without a profile."""
+
+    kind: str
+    values: dict[str, Any]
+    result: dict[str, Any]
+
+
+def check_models(models: Sequence[str]) -> None:
+    """BadInput for a lens model that does not exist."""
+    unknown = sorted(set(models) - set(LENS_MODELS))
+    if unknown:
+        raise BadInput("unknown lens model", expected=" | ".join(LENS_MODELS), got=", ".join(unknown))
+
+
+def from_stars(
+    solver: Solver,
+    shots: Sequence[Shot],
+    known: CameraProfile | None,
+    tell: Tell,
+    *,
+    models: Sequence[str] = (),
+    fov_rad: float | None = None,
+    photometry: bool = True,
+    psf: bool = True,
+    priors: Mapping[str, Prior] | None = None,
+) -> Found:
+    """Geometry, magnitudes and spots from frames of stars. ``known`` None: a camera that nobody described, solved blind.
+    ``priors``: what the bench says of the camera."""
+    check_models(models)
+    solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
+    focal_mm = known.focal_mm if known else None
+
+    def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
+        tell(begin, "fitting the camera")
+        lenses = tuple(models) or tuple(LENS_MODELS)
+        carried = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
+        return calibrate_camera(
+            stars,
+            solved.start,
+            models=lenses,
+            focal_mm=focal_mm,
+            priors={n: p for n, p in (priors or {}).items() if n in carried},
+            progress=lambda share: tell(begin + 0.1 * share, "fitting the camera"),
+        )
+
+    geometry = fit(solved.stars, 0.5)
+    # Where the camera was believed to be somewhere else, stars at the edge were not matched: look again with what is known now.
+    again = solve_shots(
+        solver, shots, known, fov_rad, lambda share, text: tell(0.6 + 0.15 * share, text), camera=geometry.camera
+    )
+    if _matched(again) > _matched(solved):
+        solved = replace(again, start=solved.start)
+        geometry = fit(solved.stars, 0.75)
+    result: dict[str, Any] = {"geometry": report.geometry(geometry), "account": solved.account}
+    light = None
+    gain_e_per_dn = known.sensor.gain_e_per_dn if known else math.nan
+    if photometry:
+        tell(0.86, "fitting the magnitudes")
+        try:
+            light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
+            result["photometry"] = report.photometry(light)
+        except BadInput as error:  # the geometry is worth keeping even where nothing is known of the light
+            result["photometry_problem"] = str(error)
+    if psf:
+        tell(0.92, "measuring the spots")
+        full_dn = float(known.sensor.saturation_dn) if known else float((1 << shots[0].bits) - 1)
+        images = [solver.cleaned(s.pixels(), known, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
+        e_per_dn = known.sensor.gain_e_per_dn if known else 0.0
+        try:
+            width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
+            result["psf"] = report.psf(width, focus_advice(width.centre_sigma_px))
+        except BadInput as error:
+            result["psf_problem"] = str(error)
+    result["warnings"] = report.warnings(geometry, light)
+    values = dict(calibration_values(calibrated_profile(known, geometry, light))) if known else {}
+    return Found("stars", values, result)
+
+
+def _first_solved(
+    solver: Solver, shots: Sequence[Shot], known: CameraProfile | None, fov_rad: float | None, tell: Tell
+) -> Solved:
+    """The shots as the document's camera solves them. Where it solves less than half, its lens is off: then only the width of
+    its field is believed, and what was matched blind counts if it is more."""
+    if known is None:
+        return solve_shots(solver, shots, None, fov_rad, tell)
+    problem: BadInput | None = None
+    told: Solved | None = None
+    try:
+        told = solve_shots(solver, shots, known, None, lambda share, text: tell(0.5 * share, text))
+        if 2 * len(told.shots) >= len(shots):
+            return told
+    except BadInput as error:
+        problem = error
+    try:
+        width = known.camera.fov_rad[0]
+        blind = solve_shots(solver, shots, None, width, lambda share, text: tell(0.5 + 0.5 * share, text))
+    except BadInput:
+        if told is None and problem is not None:
+            raise problem from None
+        blind = None
+    if told is not None and (blind is None or _matched(told) >= _matched(blind)):
+        return told
+    assert blind is not None  # noqa: S101 - one of the two is there, or the problem was raised
+    return replace(blind, start=known.camera)
+
+
+def _matched(solved: Solved) -> int:
+    return sum(len(stars.hip) for stars in solved.stars)
+
+
+def from_darks(
+    darks: Sequence[Shot],
+    flat_pairs: Sequence[Sequence[Shot]],
+    known: CameraProfile,
+    tell: Tell,
+    keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
+) -> Found:
+    """Pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields. ``keep`` stores the
+    map for reruns and says what the result shows of it."""
+    tell(0.0, f"{len(darks)} dark frames")
+    exposures = {shot.exposure_s for shot in darks}
+    if len(exposures) > 1:
+        given = ", ".join(str(e) for e in sorted(exposures, key=str))
+        raise BadInput("dark frames of different exposures", expected="one exposure", got=given)
+    exposure_s = exposures.pop() or known.sensor.exposure_s
+    dark = calibrate_dark(stack(darks, known), exposure_s)
+    result: dict[str, Any] = {"dark": report.dark(dark)}
+    made: list[Any] = [dark]
+    curve, even = None, None
+    if flat_pairs:
+        tell(0.5, f"{len(flat_pairs)} pairs of flat fields")
+        flats = [stack(pair, known).astype(np.float32) for pair in flat_pairs]
+        curve = photon_transfer([FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(known.sensor.saturation_dn))
+        even = pixel_response(_alike(np.concatenate(flats) - dark.median_dn), 0.0)
+        result |= {"photon_transfer": report.photon_transfer(curve), "response": report.response(even)}
+        made += [curve, even]
+    bias_dn = curve.bias_dn if curve is not None and math.isfinite(curve.bias_dn) else known.sensor.bias_dn
+    gain = curve.gain_e_per_dn if curve is not None else known.sensor.gain_e_per_dn
+    figures = detector_figures(curve, dark.dark_e_s(bias_dn, gain))
+    values = dict(calibration_values(calibrated_profile(known, detector=figures)))
+    calibrated(known, values)
+    if keep is not None:
+        result["dark_frame"] = keep(dark, even)
+    result["warnings"] = report.warnings(*made)
+    return Found("detector", values, result)
+
+
+def _alike(flats: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Frames of any level, each scaled to the median of their middle ones, so that only the pixels' own response is left."""
+    levels = np.median(flats.reshape(len(flats), -1), axis=1)
+    return np.asarray(flats * (np.median(levels) / np.maximum(levels, 1e-6))[:, None, None], np.float32)

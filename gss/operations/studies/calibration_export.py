@@ -1,0 +1,63 @@
+"""A calibration for other programs: JSON with everything, ECSV with the parameters and their uncertainties."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from gss.operations.report.html import as_html
+from gss.operations.report.pdf import as_pdf
+from gss.operations.studies.calibration_sheet import calibration_sheet
+from gss.store.models import Calibration
+
+KINDS = {
+    "json": "application/json",
+    "ecsv": "text/plain; charset=utf-8",
+    "html": "text/html; charset=utf-8",
+    "pdf": "application/pdf",
+}
+
+
+def export_calibration(row: Calibration, kind: str) -> bytes:
+    """The bytes of a file."""
+    if kind == "html":
+        return as_html(calibration_sheet(row)).encode()
+    if kind == "pdf":
+        return as_pdf(calibration_sheet(row), row.created)
+    return _json(row) if kind == "json" else _ecsv(row)
+
+
+def _head(row: Calibration) -> dict[str, Any]:
+    names = ["id", "profile", "kind", "name", "author", "tool", "note"]
+    return {name: getattr(row, name) for name in names} | {"created": row.created.isoformat()}
+
+
+def _json(row: Calibration) -> bytes:
+    content = _head(row) | {"request": row.request, "values": row.values, "result": row.result}
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).encode()
+
+
+def _ecsv(row: Calibration) -> bytes:
+    """Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value where there is none."""
+    parameters = row.result.get("geometry", {}).get("parameters") or [
+        {"name": name, "value": value, "sigma": None, "unit": ""}
+        for name, value in row.values.items()
+        if isinstance(value, int | float)
+    ]
+    meta = json.dumps(_head(row), ensure_ascii=False)
+    lines = [
+        "# %ECSV 1.0",
+        "# ---",
+        "# datatype:",
+        "# - {name: name, datatype: string}",
+        "# - {name: value, datatype: float64}",
+        "# - {name: sigma, datatype: float64}",
+        "# - {name: unit, datatype: string}",
+        f"# meta: {meta}",
+        "# schema: astropy-2.0",
+        "name value sigma unit",
+    ]
+    for p in parameters:
+        sigma = "nan" if p["sigma"] is None else repr(p["sigma"])
+        lines.append(f"{p['name']} {p['value']!r} {sigma} {p['unit'] or chr(34) * 2}")
+    return ("\n".join(lines) + "\n").encode()

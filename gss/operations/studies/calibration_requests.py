@@ -1,0 +1,93 @@
+"""What a calibration of stored frames can be asked for, checked before anything is queued."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.operations.studies import bench
+from gss.operations.studies.calibrate import check_models
+
+MOST_FRAMES = 2000
+
+
+@dataclass(frozen=True)
+class StarCalibration:
+    """Calibrate from frames of stars. ``profile`` "": a camera that nobody described, solved blind. ``models``: lens models
+    to choose from, all where empty. ``prior_ids``: calibrations of the bench that say something beforehand."""
+
+    frame_ids: tuple[int, ...]
+    profile: str = ""
+    models: tuple[str, ...] = ()
+    photometry: bool = True
+    psf: bool = True
+    fov_rad: float | None = None
+    prior_ids: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_models(self.models)
+        check_frames("frames", self.frame_ids, 1)
+
+
+@dataclass(frozen=True)
+class DetectorCalibration:
+    """Calibrate the detector from dark frames of one exposure and, where there are any, pairs of flat fields."""
+
+    profile: str
+    dark_ids: tuple[int, ...]
+    flat_pairs: tuple[tuple[int, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        check_frames("dark frames", self.dark_ids, 3)
+
+
+@dataclass(frozen=True)
+class BenchCalibration:
+    """One method of the bench. ``kind`` of ``bench.KINDS``; ``rows``: what was measured (places of dots, temperatures and dark
+    currents, settings and widths); ``frame_ids``: pictures, in the order of ``positions`` for a focus run; ``options``: corners,
+    square_mm, fit_k3, radius_px, order, wished_sigma_px, as the method takes them."""
+
+    kind: str
+    profile: str
+    rows: tuple[tuple[float, ...], ...] = ()
+    frame_ids: tuple[int, ...] = ()
+    positions: tuple[float, ...] = ()
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in bench.KINDS:
+            raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=self.kind)
+        pictures = self.kind in ("bench-focal", "bench-radial", "bench-checkerboard")
+        if pictures or (self.kind == "bench-focus" and not self.rows):
+            check_frames("frames", self.frame_ids, 1)
+        elif not self.rows:
+            raise BadInput(f"nothing was measured for {self.kind}", expected="rows of numbers")
+
+
+Wanted = StarCalibration | DetectorCalibration | BenchCalibration
+
+
+def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
+    """BadInput where there are too few, too many, or one comes twice."""
+    if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
+        raise BadInput(
+            f"{what} cannot be used",
+            expected=f"{fewest} to {MOST_FRAMES}, each once",
+            got=f"{len(ids)}, {len(set(ids))} different",
+        )
+
+
+def frames_of(wanted: Wanted) -> tuple[int, ...]:
+    """The frames that a calibration is made from, flats apart."""
+    return wanted.dark_ids if isinstance(wanted, DetectorCalibration) else wanted.frame_ids
+
+
+def as_plain(wanted: Wanted) -> dict[str, Any]:
+    """The request as it is kept."""
+
+    def plain(value: Any) -> Any:
+        return [plain(v) for v in value] if isinstance(value, tuple) else value
+
+    return {k: dict(v) if k == "options" else plain(v) for k, v in vars(wanted).items()}

@@ -1,0 +1,266 @@
+"""A stored calibration as a report: what was found, before and after, and what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gss.operations.report.figures import number
+from gss.operations.report.parts import (
+    Arrows,
+    Cells,
+    Drawing,
+    Fact,
+    Note,
+    Picture,
+    Plot,
+    Report,
+    Section,
+    Series,
+    Table,
+)
+from gss.operations.studies.bench_sheet import BENCH
+from gss.store.models import Calibration
+
+ARROW_CELL_SHARE = 0.9
+"""The longest arrow of a map is this share of a cell."""
+
+
+def calibration_sheet(row: Calibration) -> Report:
+    """The report of a version."""
+    result = row.result
+    makers = {
+        "geometry": _geometry,
+        "photometry": _photometry,
+        "psf": _psf,
+        "dark_frame": _dark_frame,
+        "dark": _dark,
+        "photon_transfer": _photon_transfer,
+        "response": _dead,
+    } | BENCH
+    sections = [section for name, make in makers.items() if name in result for section in make(result[name])]
+    sections += _account(result)
+    notes = [Note(w["text"], w["hint"], w["severe"], w["code"]) for w in result.get("warnings", [])]
+    for name, what in (
+        ("photometry_problem", "magnitudes were not calibrated"),
+        ("psf_problem", "spots were not measured"),
+    ):
+        if name in result:
+            notes.append(Note(f"{what}: {result[name]}"))
+    subtitle = f"{row.name}, {row.created:%Y-%m-%d %H:%M}Z, by {row.author}, {row.tool}"
+    return Report(f"Calibration {row.id} of {row.profile}", subtitle, sections, notes)
+
+
+# --- geometry -------------------------------------------------------------------------------------------------------
+
+
+def _geometry(g: Mapping[str, Any]) -> list[Section]:
+    after, before, held = g["residuals"], g["before"], g["held_out"]
+    facts = [
+        Fact("lens model", str(g["model"])),
+        Fact("residual before", number(before["rms_px"]), "px", "rms per axis"),
+        Fact("residual after", number(after["rms_px"]), "px", "rms per axis"),
+        Fact("scatter of one star", number(after["noise_px"]), "px", "freedom of the fit given back"),
+        Fact("frames left out in turn", number(held["noise_px"] if held else None), "px", "stars that took no part"),
+        Fact("stars used", number(after["stars"]), "", f"{after['rejected']} rejected"),
+    ]
+    columns, rows = g["camera"]["columns"], g["camera"]["rows"]
+    scale = _arrow_scale(g["before_map"], columns)
+    tables = [
+        Table(
+            "Parameters",
+            ["name", "value", "σ", "unit"],
+            [[p["name"], number(p["value"], 8), number(p["sigma"], 2), p["unit"]] for p in g["parameters"]],
+        )
+    ]
+    if g["frozen"]:
+        rows_held = [[f["name"], number(f["value"], 6), f["reason"]] for f in g["frozen"]]
+        tables.append(Table("Held: the data cannot tell them", ["name", "value", "why"], rows_held))
+    tables.append(
+        Table(
+            "Lens models on the same stars",
+            ["model", "parameters", "BIC", "AICc", "rms px", "left out px", ""],
+            [
+                [
+                    m["model"],
+                    number(m["free_parameters"]),
+                    number(m["bic"]),
+                    number(m["aicc"]),
+                    number(m["rms_px"]),
+                    number(m["held_out_px"]),
+                    "chosen" if m["chosen"] else "",
+                ]
+                for m in g["comparison"]
+            ],
+        )
+    )
+    maps: list[Drawing] = [
+        _arrows("Residuals before", g["before_map"], columns, rows, scale),
+        _arrows("Residuals after, same scale", g["after_map"], columns, rows, scale),
+        Cells("Residuals after, rms px", columns, rows, g["after_map"]["rms_px"], "px"),
+        _against_radius(g),
+    ]
+    return [Section("Geometry", "", facts, maps, tables)]
+
+
+def _arrow_scale(field: Mapping[str, Any], columns: int) -> float:
+    lengths = [(c[0] ** 2 + c[1] ** 2) ** 0.5 for line in field["mean_px"] for c in line if None not in (c[0], c[1])]
+    cell = columns / max(1, len(field["col_px"]))
+    longest = max(lengths, default=0.0)
+    return ARROW_CELL_SHARE * cell / longest if longest > 0 else 1.0
+
+
+def _arrows(title: str, field: Mapping[str, Any], columns: int, rows: int, scale: float) -> Arrows:
+    places = [
+        (c, r, cell)
+        for r, line in zip(field["row_px"], field["mean_px"], strict=True)
+        for c, cell in zip(field["col_px"], line, strict=True)
+    ]
+    return Arrows(
+        title,
+        columns,
+        rows,
+        [c for c, _, _ in places],
+        [r for _, r, _ in places],
+        [cell[0] for _, _, cell in places],
+        [cell[1] for _, _, cell in places],
+        scale,
+        "mean of each cell",
+    )
+
+
+def _against_radius(g: Mapping[str, Any]) -> Plot:
+    camera, stars = g["camera"], g["stars"]
+    radius = [
+        ((c - camera["centre_col_px"]) ** 2 + (r - camera["centre_row_px"]) ** 2) ** 0.5 for c, r in stars["pixels"]
+    ]
+    return Plot(
+        "Residual of every star against its distance from the optical centre",
+        "distance, px",
+        "residual, px",
+        [
+            Series("before", radius, [_length(v) for v in stars["before_px"]], "dots"),
+            Series("after", radius, [_length(v) for v in stars["residual_px"]], "dots"),
+        ],
+    )
+
+
+def _length(v: Sequence[float | None]) -> float | None:
+    x, y = v
+    return None if x is None or y is None else (x * x + y * y) ** 0.5
+
+
+# --- light ----------------------------------------------------------------------------------------------------------
+
+
+def _photometry(p: Mapping[str, Any]) -> list[Section]:
+    facts = [
+        Fact(
+            "zero point", number(p["zero_point_mag"]), "mag", f"V of 1 DN/s, σ {number(p['zero_point_sigma_mag'], 2)}"
+        ),
+        Fact("colour term", number(p["colour_mag_per_mag"], 3), "mag/mag", f"of B−V, σ {number(p['colour_sigma'], 2)}"),
+        Fact("light lost in the corner", number(_percent(p["corner_loss"]), 3), "%"),
+        Fact("linearity", number(p["linearity"]), "", f"1 is linear, σ {number(p['linearity_sigma'], 2)}"),
+        Fact("saturation", number(p["saturation_mag"], 3), "mag"),
+        Fact("magnitude error", number(p["robust_sigma_mag"], 3), "mag", "σ of one star; Jacobs 1995 §6.3: 0.2"),
+        Fact("k_illum", number(p["k_illum_lux_per_dn"], 3), "lux/DN", "Jacobs 1995 eq. 6.24"),
+        Fact("k_area", number(p["k_area"], 3), "mag", f"σ {number(p['k_area_sigma'], 2)}"),
+    ]
+    h = p["histogram"]
+    drawings: list[Drawing] = [
+        Plot(
+            "Magnitude error", "measured − catalogue, mag", "stars", [Series("stars", h["edges"], h["counts"], "bars")]
+        ),
+        Plot("Magnitude error against magnitude", "V", "mag", [Series("stars", p["v_mag"], p["error_mag"], "dots")]),
+    ]
+    return [Section("Magnitudes", "", facts, drawings)]
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
+
+
+def _psf(p: Mapping[str, Any]) -> list[Section]:
+    field, focus = p["field"], p["focus"]
+    facts = [
+        Fact("σ in the middle", number(field["centre_sigma_px"], 3), "px"),
+        Fact("σ in the corner", number(field["corner_sigma_px"], 3), "px"),
+        Fact("pixel over σ", number(focus["pixel_over_sigma"], 3), "", "Moniteq 1983 §4.2: 2 to 2.5"),
+        Fact("focus", str(focus["verdict"])),
+    ]
+    return [Section("Spots", f"{focus['text']} {focus['hint']}".strip(), facts)]
+
+
+# --- detector -------------------------------------------------------------------------------------------------------
+
+
+def _dark(d: Mapping[str, Any]) -> list[Section]:
+    facts = [
+        Fact("frames", number(d["frames"])),
+        Fact("noise", number(d["noise_dn"]), "DN"),
+        Fact("fixed pattern", number(d["pattern_sigma_dn"]), "DN", "σ over the pixels"),
+        Fact("columns", number(d["column_sigma_dn"]), "DN"),
+        Fact("rows", number(d["row_sigma_dn"]), "DN"),
+        Fact("hot pixels", number(d["hot_count"])),
+        Fact("noisy pixels", number(d["noisy_count"])),
+    ]
+    rows = [[number(int(c)), number(int(r)), number(e)] for (c, r), e in zip(d["hot"], d["hot_excess_dn"], strict=True)]
+    hottest = [Table("Hottest pixels", ["column", "row", "DN above"], rows[:12])] if rows else []
+    return [Section("Dark frames", "", facts, [], hottest)]
+
+
+def _photon_transfer(p: Mapping[str, Any]) -> list[Section]:
+    facts = [
+        Fact("gain", number(p["gain_e_per_dn"]), "e⁻/DN", f"σ {number(p['gain_sigma'], 2)}"),
+        Fact("read noise", number(p["read_noise_e"]), "e⁻", f"σ {number(p['read_noise_sigma_e'], 2)}"),
+        Fact("bias", number(p["bias_dn"]), "DN"),
+        Fact("response of the pixels", number(_percent(p["response_sigma"]), 3), "%", "σ"),
+        Fact("full well", number(p["full_well_e"], 5), "e⁻"),
+    ]
+    curve = Plot(
+        "Photon transfer",
+        "signal, DN",
+        "variance, DN²",
+        [Series("pairs", p["signal_dn"], p["variance_dn2"], "dots")],
+    )
+    return [Section("Photon transfer", "", facts, [curve])]
+
+
+def _dead(d: Mapping[str, Any]) -> list[Section]:
+    rows = [[number(int(c)), number(int(r))] for c, r in d["dead"][:40]]
+    facts = [Fact("pixels without light", number(d["dead_count"]))]
+    return [Section("Dead pixels", "", facts, [], [Table("The first", ["column", "row"], rows)] if rows else [])]
+
+
+def _dark_frame(d: Any) -> list[Section]:
+    """The map that reruns take out of frames; of a calibration from stars only that there was one."""
+    if not isinstance(d, Mapping):
+        return [Section("Dark frame", "The frames were worked on with the dark frame that was in use.")]
+    p = d["picture"]
+    facts = [
+        Fact("exposure", number(d["exposure_s"], 3), "s", "frames within a fifth of it have the pattern subtracted"),
+        Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours"),
+    ]
+    words = f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
+    return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], words)])]
+
+
+def _account(result: Mapping[str, Any]) -> list[Section]:
+    """Which frames took part."""
+    fits = {f["name"]: f for f in result.get("geometry", {}).get("frames", [])}
+    rows = []
+    for a in result.get("account", []):
+        fit = fits.get(a["name"])
+        reason = a["reason"] or (fit["excluded"] if fit else "")
+        rows.append(
+            [
+                a["name"],
+                number(fit["stars"]) if fit else "–",
+                number(fit["rms_px"], 3) if fit else "–",
+                number(fit["scale"], 6) if fit else "–",
+                reason or "used",
+            ]
+        )
+    if not rows:
+        return []
+    return [Section("Frames", "", [], [], [Table("Frames", ["frame", "stars", "rms px", "scale", ""], rows)])]

@@ -1,0 +1,223 @@
+"""Calibrations of a camera from its own stored frames: made as jobs, kept as versions, compared, used, sent to the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gss import __version__
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile, profile
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.frames.solve import Solver
+from gss.operations.jobs import JobService, Progress
+from gss.operations.studies import bench
+from gss.operations.studies.bench_run import run_bench
+from gss.operations.studies.calibrate import Found, from_darks, from_stars
+from gss.operations.studies.calibration_requests import (
+    BenchCalibration,
+    DetectorCalibration,
+    StarCalibration,
+    Wanted,
+    as_plain,
+    frames_of,
+)
+from gss.operations.studies.camera_book import CameraBook, with_values
+from gss.operations.studies.dark_frames import DARK, DarkFrames
+from gss.operations.studies.night_frames import Shot, StoredShots, Tell
+from gss.operations.transfers.device_tables import DeviceTableService
+from gss.pipeline.calibration.apply import Difference, camera_difference
+from gss.pipeline.calibration.bundle import Prior
+from gss.pipeline.calibration.record import camera_from_record
+from gss.store import studies as store
+from gss.store.engine import Database
+from gss.store.models import Calibration, DeviceTable, Job
+
+STEPS = 1000
+FOREIGN = "foreign"
+"""The camera's name where no profile is known: it can be calibrated and used, but not sent to a sensor."""
+__all__ = ["BenchCalibration", "CalibrationService", "DetectorCalibration", "StarCalibration", "camera_of"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two versions side by side: how far apart their geometries are over the detector, after the best common rotation."""
+
+    older: Calibration
+    newer: Calibration
+    geometry: Difference
+    changed: dict[str, tuple[float | str | None, float | str | None]]
+
+
+class CalibrationService:
+    """Makes, keeps and hands out calibrations."""
+
+    def __init__(
+        self,
+        database: Database,
+        jobs: JobService,
+        shots: StoredShots,
+        solver: Solver,
+        book: CameraBook,
+        tables: DeviceTableService,
+        bus: EventBus,
+        now: Now,
+        darks: DarkFrames,
+    ) -> None:
+        self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
+        self.book, self._tables, self._bus, self._now, self._darks = book, tables, bus, now, darks
+
+    # --- making -------------------------------------------------------------------------------------------------
+
+    def start(self, wanted: Wanted, name: str, note: str, *, user: str) -> Job:
+        """Queue a calibration; its result names the row. BadInput before anything is queued."""
+        known = self._camera(wanted)
+        of = known.name if known else FOREIGN
+        shots = self._shots.of(frames_of(wanted))
+        if isinstance(wanted, BenchCalibration):  # a run through the focus has its order from its settings
+            place = {frame_id: k for k, frame_id in enumerate(wanted.frame_ids)}
+            shots.sort(key=lambda shot: place[shot.frame_id or 0])
+        pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
+        priors = self._priors(wanted, of)
+        request = as_plain(wanted)
+
+        def work(progress: Progress) -> dict[str, Any]:
+            def tell(share: float, text: str) -> None:
+                progress(round(STEPS * share), STEPS, text)
+
+            found = self._make(wanted, known, shots, pairs, priors, tell)
+            row = Calibration(
+                profile=of,
+                kind=found.kind,
+                name=name or f"{of} {found.kind}",
+                created=self._now(),
+                author=user,
+                tool=f"gss {__version__}",
+                request=request,
+                values=found.values,
+                result=found.result,
+                note=note,
+            )
+            with self._database.unit_of_work() as session:
+                store.add_calibration(session, row)
+            self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {user}")
+            return {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
+
+        what = f"{len(shots)} frames" if shots else "the bench"
+        return self._jobs.submit("calibration", f"calibrate {of} from {what}", request, work)
+
+    def _camera(self, wanted: Wanted) -> CameraProfile | None:
+        """The documented camera; with the detector's calibration where that is in use: a camera is one thing at a time."""
+        if not wanted.profile:
+            if isinstance(wanted, BenchCalibration) and wanted.kind not in ("bench-checkerboard", "bench-centre"):
+                raise BadInput("this method needs a camera", expected="a profile", got="none")
+            return None
+        known = profile(wanted.profile)
+        if isinstance(wanted, StarCalibration) and self.book.dark_of(known.name):
+            used = self.book.profile(known.name)
+            return replace(used, camera=known.camera, focal_mm=known.focal_mm)
+        return known
+
+    def _priors(self, wanted: Wanted, of: str) -> dict[str, Prior]:
+        if not isinstance(wanted, StarCalibration) or not wanted.prior_ids:
+            return {}
+        rows = [self.get(k) for k in wanted.prior_ids]
+        other = [row for row in rows if row.profile not in (of, FOREIGN)]
+        if other:
+            raise BadInput("this was measured on another camera", expected=of, got=other[0].profile)
+        return bench.priors_of([(row.kind, row.result) for row in rows])
+
+    def _make(
+        self,
+        wanted: Wanted,
+        known: CameraProfile | None,
+        shots: Sequence[Shot],
+        pairs: Sequence[Sequence[Shot]],
+        priors: Mapping[str, Prior],
+        tell: Tell,
+    ) -> Found:
+        if isinstance(wanted, BenchCalibration):
+            return run_bench(self._solver, wanted, known, shots, tell)
+        if isinstance(wanted, DetectorCalibration):
+            assert known is not None  # noqa: S101 - its profile is never empty
+            return from_darks(shots, pairs, known, tell, self._darks.keep)
+        found = from_stars(
+            self._solver,
+            shots,
+            known,
+            tell,
+            models=wanted.models,
+            fov_rad=wanted.fov_rad,
+            photometry=wanted.photometry,
+            psf=wanted.psf,
+            priors=priors,
+        )
+        dark = known.sources.get(DARK, "") if known else ""
+        return replace(found, result=found.result | {"dark_frame": dark}) if dark else found
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def newest(self, limit: int, profile_name: str = "") -> list[Calibration]:
+        """Newest first."""
+        with self._database.unit_of_work() as session:
+            return store.calibrations(session, limit, profile_name)
+
+    def get(self, calibration_id: int) -> Calibration:
+        """The calibration of that id."""
+        with self._database.unit_of_work() as session:
+            return store.calibration(session, calibration_id)
+
+    def camera(self, calibration_id: int) -> Camera:
+        """The geometry that a version stands for."""
+        return camera_of(self.get(calibration_id))
+
+    def compare(self, older_id: int, newer_id: int) -> Comparison:
+        """What changed from one version to another of the same camera."""
+        older, newer = self.get(older_id), self.get(newer_id)
+        if older.profile != newer.profile:
+            raise BadInput("these calibrations are of different cameras", expected=older.profile, got=newer.profile)
+        names = sorted(set(older.values) | set(newer.values))
+        pairs = {n: (older.values.get(n), newer.values.get(n)) for n in names}
+        changed = {n: pair for n, pair in pairs.items() if pair[0] != pair[1]}
+        return Comparison(older, newer, camera_difference(camera_of(older), camera_of(newer)), changed)
+
+    # --- using --------------------------------------------------------------------------------------------------
+
+    def use(self, calibration_id: int, *, user: str) -> Calibration:
+        """Rerun frames with this camera from now on."""
+        row = self.get(calibration_id)
+        if not row.values:
+            raise BadInput("this camera has no profile", hint="name the calibration when you run a frame")
+        self.book.use(calibration_id, user=user)
+        self._bus.record("calibration", "ok", f"{row.profile}: calibration {row.id} is used for reruns, by {user}")
+        return row
+
+    def use_documented(self, profile_name: str, *, user: str) -> None:
+        """Rerun frames with the documented camera again."""
+        self.book.use_documented(profile_name)
+        self._bus.record("calibration", "ok", f"{profile_name}: the documented camera is used for reruns, by {user}")
+
+    def table(self, calibration_id: int, *, user: str) -> DeviceTable:
+        """The calibration as a table for the sensor, made once; from there it is sent, verified and activated."""
+        row = self.get(calibration_id)
+        if row.table_id is not None:
+            return self._tables.get(row.table_id)
+        if not row.values:
+            raise BadInput("this camera has no profile", expected="a calibration of a sensor's camera", got=row.profile)
+        table = self._tables.create("calibration", row.name, row.profile, row.values, user=user)
+        with self._database.unit_of_work() as session:
+            store.calibration(session, calibration_id).table_id = table.id
+        return table
+
+
+def camera_of(row: Calibration) -> Camera:
+    """The geometry that a version stands for."""
+    if row.values:
+        return with_values(row.profile, row.values, row.id).camera
+    record = row.result.get("geometry", row.result).get("camera")
+    if record is None:
+        raise BadInput("this calibration is not of a whole camera", expected="stars or a checkerboard", got=row.kind)
+    return camera_from_record(record)

@@ -1,0 +1,94 @@
+"""Long studies as jobs: the documents' experiments, and what chains made of the stored frames, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.operations.jobs import JobService, Progress
+from gss.operations.studies import experiments
+from gss.store import frames as store
+from gss.store.engine import Database
+from gss.store.models import Job
+
+MOST_AT_ONCE = 40
+
+
+@dataclass(frozen=True)
+class ChainRecord:
+    """All ground results of one chain and version. Medians are over the solved ones; None where nothing was judged."""
+
+    chain: str
+    version: str
+    frames: int
+    solved: int
+    verdicts: dict[str, int]
+    median_error_axis_rad: float | None
+    median_rms_px: float | None
+    median_time_s: float | None
+
+
+class CampaignService:
+    """Starts experiments and answers comparisons."""
+
+    def __init__(self, database: Database, jobs: JobService) -> None:
+        self._database, self._jobs = database, jobs
+
+    def run_experiments(self, names: Sequence[str], trials: int | None, seed: int) -> Job:
+        """Queue experiments; the job's result holds a record of each. NotFound and BadInput before anything is queued."""
+        if not 1 <= len(names) <= MOST_AT_ONCE:
+            raise BadInput("number of experiments is out of range", expected=f"1 – {MOST_AT_ONCE}", got=str(len(names)))
+        for name in names:
+            experiments.check(name, trials, seed)
+        request = {"names": list(names), "trials": trials, "seed": seed}
+
+        def work(progress: Progress) -> dict[str, Any]:
+            done = []
+            for k, name in enumerate(names):
+
+                def told(share: float, at: int = k, what: str = name) -> None:
+                    progress(round(100 * (at + share)), 100 * len(names), f"{what}, {100 * share:.0f} %")
+
+                told(0.0)
+                result = experiments.run_experiment(name, trials=trials, seed=seed, progress=told)
+                done.append(experiments.as_record(result))
+            return {"experiments": done}
+
+        title = names[0] if len(names) == 1 else f"{len(names)} experiments"
+        return self._jobs.submit("experiments", title, request, work)
+
+    def compare(self) -> list[ChainRecord]:
+        """Every chain and version that ran on stored frames: the newest result per frame counts."""
+        with self._database.unit_of_work() as session:
+            rows = store.newest_by_chain(session)
+        groups: dict[tuple[str, str], list[store.Outcome]] = {}
+        for row in rows:
+            groups.setdefault((row.chain, row.version), []).append(row)
+        return [_record(chain, version, group) for (chain, version), group in sorted(groups.items())]
+
+
+def _record(chain: str, version: str, rows: Sequence[store.Outcome]) -> ChainRecord:
+    verdicts: dict[str, int] = {}
+    for row in rows:
+        if row.verdict:
+            verdicts[row.verdict] = verdicts.get(row.verdict, 0) + 1
+    return ChainRecord(
+        chain,
+        version,
+        len(rows),
+        sum(row.outcome == "solved" for row in rows),
+        verdicts,
+        _median([row.error_axis_rad for row in rows]),
+        _median([row.rms_px for row in rows]),
+        _median([sum(row.timing_s.values()) if row.timing_s else None for row in rows]),
+    )
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = sorted(v for v in values if v is not None)
+    if not known:
+        return None
+    middle = len(known) // 2
+    return known[middle] if len(known) % 2 else (known[middle - 1] + known[middle]) / 2

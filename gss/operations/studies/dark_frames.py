@@ -1,0 +1,101 @@
+"""Dark frames of detector calibrations: kept beside the versions, read where frames are worked on, shown as pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import CorruptData
+from gss.operations.frames.pictures import Stretch, apply, png
+from gss.pipeline.calibration.dark import DarkCalibration, Response
+from gss.pipeline.fixed_pattern import FixedPattern
+
+DARK = "dark frame"
+"""Name of the source that a profile carries when a dark frame is in use: the key of its bytes, and of which calibration."""
+KEPT_IN_MEMORY = 4
+GREYS = 16
+"""Of the picture: noise does not compress, and nobody tells more apart."""
+
+
+class Bytes(Protocol):
+    """Where bytes are kept under the hash of their content."""
+
+    def put(self, data: bytes) -> str: ...
+
+    def get(self, key: str) -> bytes: ...
+
+
+class DarkFrames:
+    """Keeps and reads them; the last few stay in memory."""
+
+    def __init__(self, blobs: Bytes) -> None:
+        self._blobs = blobs
+        self._lock = threading.Lock()
+        self._read: dict[str, FixedPattern] = {}
+
+    def keep(self, found: DarkCalibration, even: Response | None) -> dict[str, Any]:
+        """Store the map and its bad pixels; what the calibration's result says of it: key, counts, picture."""
+        pattern = pattern_of(found, even)
+        return {
+            "key": self._blobs.put(as_bytes(pattern)),
+            "bad": len(pattern.bad),
+            "exposure_s": pattern.exposure_s,
+            "picture": picture_of(pattern.pattern_dn),
+        }
+
+    def pattern(self, key: str) -> FixedPattern:
+        """The map of that key; CorruptData or NotFound where it is not whole."""
+        with self._lock:
+            if key not in self._read:
+                while len(self._read) >= KEPT_IN_MEMORY:
+                    self._read.pop(next(iter(self._read)))
+                self._read[key] = from_bytes(self._blobs.get(key))
+            return self._read[key]
+
+
+Pattern = Callable[[str], FixedPattern]
+
+
+def pattern_of(found: DarkCalibration, even: Response | None = None) -> FixedPattern:
+    """The map of a dark calibration; dead pixels are told by flat fields only."""
+    dead = np.zeros((0, 2), np.intp) if even is None else even.dead
+    bad = np.unique(np.concatenate([found.hot, found.noisy, dead]).reshape(-1, 2), axis=0)
+    level = np.float32(np.median(found.median_dn))
+    return FixedPattern((found.median_dn - level).astype(np.float32), bad.astype(np.intp), found.exposure_s)
+
+
+def as_bytes(pattern: FixedPattern) -> bytes:
+    """Compressed; half precision carries a level of 2048 DN to one DN, and the pattern of ordinary pixels far better."""
+    buffer = io.BytesIO()
+    small = np.clip(pattern.pattern_dn, -60000, 60000).astype(np.float16)
+    np.savez_compressed(
+        buffer, pattern_dn=small, bad=pattern.bad.astype(np.int32), exposure_s=np.float64(pattern.exposure_s)
+    )
+    return buffer.getvalue()
+
+
+def from_bytes(data: bytes) -> FixedPattern:
+    """The inverse; CorruptData where it is not one."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as held:
+            return FixedPattern(
+                held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])
+            )
+    except (ValueError, KeyError, OSError, BadZipFile, EOFError) as error:
+        raise CorruptData("this is not a dark frame", got=f"{type(error).__name__}: {error}") from None
+
+
+def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:
+    """{"png": base64, "low_dn", "high_dn"}: black at the lowest thousandth, white at the highest, hot pixels white."""
+    low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
+    high = max(high, low + 1.0)
+    grey = apply(pattern_dn, Stretch(low, high, asinh=False))
+    coarse = (grey.astype(np.uint16) * GREYS // 256 * (255 // (GREYS - 1))).astype(np.uint8)
+    return {"png": base64.b64encode(png(coarse, 6)).decode("ascii"), "low_dn": low, "high_dn": high}

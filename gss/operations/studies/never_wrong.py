@@ -1,0 +1,122 @@
+"""The long campaign of never-wrong: shards on worker processes, each kept as a line of a file, so that a run goes on where it
+ended and what a change touched can be done again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gss
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.domain.errors import BadInput
+from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS, SHARD, Campaign, Shard, shards
+from gss.pipeline.experiments.never_wrong_frames import FRAME_SHARD, FrameCampaign, FrameShard, frame_shards
+
+FAINTEST_MAG = 8.0
+EPOCH_JYEAR = 2000.0
+MOST_ATTITUDES = 1_000_000
+Told = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Hunt:
+    """What to run: ``attitudes`` per camera and chain as lists, ``frames`` per camera and chain from pixels."""
+
+    attitudes: int = 10_000
+    frames: int = 130
+    seed: int = 1
+    cameras: tuple[str, ...] = CAMERAS
+    chains: tuple[str, ...] = CHAINS
+
+    def __post_init__(self) -> None:
+        for text, value in (("attitudes", self.attitudes), ("frames", self.frames)):
+            if not 0 <= value <= MOST_ATTITUDES:
+                raise BadInput(f"number of {text} is out of range", expected=f"0 – {MOST_ATTITUDES}", got=str(value))
+        for what, known, asked in (("camera", CAMERAS, self.cameras), ("chain", CHAINS, self.chains)):
+            unknown = [name for name in asked if name not in known]
+            if unknown:
+                raise BadInput(f"unknown {what}", expected=" | ".join(known), got=", ".join(unknown))
+
+
+def keys(hunt: Hunt) -> list[Shard | FrameShard]:
+    """Every shard of a hunt; frames first, they are few."""
+    return [
+        *frame_shards(hunt.frames, hunt.seed, hunt.cameras, hunt.chains),
+        *shards(hunt.attitudes, hunt.seed, hunt.cameras, hunt.chains),
+    ]
+
+
+def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
+    """What is done; of a shard done twice the newer. A line cut off by a crash is not done."""
+    done: dict[Shard | FrameShard, dict[str, Any]] = {}
+    if not file.is_file():
+        return done
+    for line in file.read_text("utf-8").splitlines():
+        try:
+            record = json.loads(line)
+        except ValueError:
+            continue
+        made = FrameShard if record["kind"] == "frames" else Shard
+        done[made(**record["shard"])] = record
+    return done
+
+
+def hunt(wanted: Hunt, file: Path, *, workers: int, again: bool = False, told: Told = lambda _, __: None) -> int:
+    """Do what ``file`` does not hold yet, or everything ``again``; the number of shards done now."""
+    held = {} if again else read(file)
+    wanting = [key for key in keys(wanted) if key not in held]
+    if not wanting:
+        return 0
+    code = fingerprint()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, _prepare) as pool, file.open("a", encoding="utf-8") as out:
+        running = {pool.submit(_run, key): key for key in wanting}
+        for count, future in enumerate(as_completed(running), 1):
+            key = running[future]
+            kind = "frames" if isinstance(key, FrameShard) else "lists"
+            record = {"kind": kind, "shard": asdict(key), "code": code} | future.result()
+            out.write(json.dumps(record, ensure_ascii=False) + "\n")
+            out.flush()
+            told(count, len(wanting))
+    return len(wanting)
+
+
+def fingerprint() -> str:
+    """Twelve hexadecimal digits of the sources that decide the answers: domain, pipeline, catalogue tools."""
+    root = Path(gss.__file__).parent
+    digest = hashlib.sha256()
+    for folder in ("domain", "pipeline", "catalogue_tools"):
+        for path in sorted((root / folder).rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def selected(done: Iterable[Any], wanted: Hunt) -> set[Any]:
+    """Which of the done shards belong to a hunt."""
+    return set(keys(wanted)) & set(done)
+
+
+_lists: Campaign | None = None
+_frames: FrameCampaign | None = None
+
+
+def _prepare() -> None:
+    global _lists, _frames
+    stars = propagate(load_stars(FAINTEST_MAG), EPOCH_JYEAR)
+    _lists, _frames = Campaign(stars), FrameCampaign(stars)
+
+
+def _run(key: Shard | FrameShard) -> dict[str, Any]:
+    assert _lists is not None  # noqa: S101 - the pool has called _prepare
+    assert _frames is not None  # noqa: S101 - as above
+    verdicts = _frames.run(key) if isinstance(key, FrameShard) else _lists.run(key)
+    of = FRAME_SHARD if isinstance(key, FrameShard) else SHARD
+    counts = [[*cell, number] for cell, number in sorted(verdicts.counts.items())]
+    return {"of": of, "counts": counts, "wrong": list(verdicts.wrong)}

@@ -1,0 +1,185 @@
+"""Frames as studies need them, from the store or from files: solved with their stars, or stacked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.corrections.corrections import aberrate
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile
+from gss.domain.results import SolveResult
+from gss.domain.stars import StarTable
+from gss.operations.frames.frames import FrameService, Pixels
+from gss.operations.frames.observer import Observer, observer_of_frame
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.pipeline.calibration.sightings import FrameStars, frame_stars
+from gss.pipeline.calibration.trails import trail_px
+from gss.store import frames as store
+from gss.store.engine import Database
+
+Tell = Callable[[float, str], None]
+"""Gets the share done and words; may raise to cancel."""
+EPOCH_STEP_YR = 0.25
+"""Star tables are made per epoch; a quarter of a year moves the fastest star by 2.6″."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One frame of a night. ``pixels`` reads it when it is wanted; ``frame_id``: its number in the store, if it is there.
+    ``observer``: how fast who took it moved; None: not known, and aberration stays in the stars' places."""
+
+    name: str
+    taken: datetime
+    exposure_s: float | None
+    bits: int
+    pixels: Callable[[], Pixels]
+    frame_id: int | None = None
+    observer: Observer | None = None
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The shots that were solved, with their results and stars, and an account of all of them.
+
+    ``start``: the camera that the solutions are in terms of: the known one, or that of the first blind solution.
+    """
+
+    shots: list[Shot]
+    results: list[SolveResult]
+    stars: list[FrameStars]
+    start: Camera
+    account: list[dict[str, Any]]
+
+
+class StoredShots:
+    """Shots from the store."""
+
+    def __init__(self, database: Database, frames: FrameService) -> None:
+        self._database, self._frames = database, frames
+
+    def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
+        """The frames of those ids, oldest first; BadInput where one has missing rows. ``aberration``: taken out or not; None:
+        where the time is that of the sky, and not for the simulator's frames, which come without it."""
+        with self._database.unit_of_work() as session:
+            rows = [store.get(session, i) for i in ids]
+        holed = [row.id for row in rows if not row.complete]
+        if holed:
+            raise BadInput(
+                "only whole frames can be used",
+                got=f"frame {holed[0]} has missing rows",
+                hint="ask the sensor for the missing rows first",
+            )
+        return [
+            Shot(
+                f"frame {r.id}",
+                r.taken,
+                r.exposure_s,
+                r.bits,
+                partial(self._frames.pixels, r),
+                r.id,
+                observer_of_frame(r, aberration),
+            )
+            for r in sorted(rows, key=lambda row: (row.taken, row.id))
+        ]
+
+
+def solve_shots(
+    solver: Solver,
+    shots: Sequence[Shot],
+    known: CameraProfile | None,
+    fov_rad: float | None,
+    tell: Tell,
+    chain: str = "reference",
+    camera: Camera | None = None,
+) -> Solved:
+    """Solve shots of a known camera, of one whose field's width is known, or blind. ``camera``: its geometry where that is
+    better known than the profile's. BadInput where none is solved."""
+    taken: list[tuple[Shot, SolveResult, FrameStars]] = []
+    account: list[dict[str, Any]] = []
+    for k, shot in enumerate(shots):
+        tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
+        try:
+            pixels = shot.pixels()
+            result = solver.solve(pixels, request_of(shot, known, fov_rad, chain, camera))
+        except BadInput as error:
+            account.append({"name": shot.name, "used": False, "reason": str(error)})
+            continue
+        stars = _stars(solver, shot, pixels, result, known)
+        account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
+        if stars is not None:
+            taken.append((shot, result, stars))
+    if not taken:
+        first = account[0]["reason"] if account else "no frame"
+        raise BadInput(
+            "no frame could be solved", expected="frames of stars", got=first, hint="is it the right camera?"
+        )
+    start = known.camera if known else taken[0][1].camera
+    return Solved([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
+
+
+def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
+    """(m, rows, columns) pixels; BadInput where one is of another size."""
+    images = []
+    for shot in shots:
+        image = shot.pixels()
+        if image.shape != (known.camera.rows, known.camera.columns):
+            raise BadInput(
+                f"{shot.name} is of another camera",
+                expected=f"{known.camera.columns} x {known.camera.rows} px",
+                got=f"{image.shape[1]} x {image.shape[0]} px",
+            )
+        images.append(image)
+    return np.stack(images)
+
+
+def request_of(
+    shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
+) -> SolveRequest:
+    """What to ask of the solver: a known camera, with another geometry where one is given, one whose field's width is known,
+    or blind."""
+    request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s)
+    if known is not None:
+        return replace(request, known=known if camera is None else replace(known, camera=camera))
+    if camera is not None:
+        return replace(request, camera=camera)
+    return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
+
+
+def _stars(
+    solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, known: CameraProfile | None
+) -> FrameStars | None:
+    saturation_dn = float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1)
+    trails = trail_px(pixels, result.centroids, saturation_dn) if result.attitude is not None else 0.0
+    return frame_stars(
+        shot.name,
+        result,
+        seen_stars(solver, shot),
+        exposure_s=math.nan if shot.exposure_s is None else shot.exposure_s,
+        time_s=shot.taken.timestamp(),
+        streak_px=trails,
+        saturation_dn=saturation_dn,
+    )
+
+
+def seen_stars(solver: Solver, shot: Shot) -> StarTable:
+    """The stars of a shot's date where its observer sees them. Aberration stretches the sky ahead and shrinks it behind by up to
+    a ten-thousandth: a camera that is fitted to places without it gets that much of another focal length."""
+    stars = solver.cache.stars(epoch_of(shot))
+    if shot.observer is None:
+        return stars
+    return replace(stars, icrs=aberrate(stars.icrs, np.array(shot.observer.velocity_c)))
+
+
+def epoch_of(shot: Shot) -> float:
+    """Julian year of the stars that a shot is solved with."""
+    return round(jyear_of(shot.taken) / EPOCH_STEP_YR) * EPOCH_STEP_YR

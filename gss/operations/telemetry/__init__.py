@@ -1,0 +1,1 @@
+"""Values, limits, alarms, plots and exports."""

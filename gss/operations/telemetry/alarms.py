@@ -1,0 +1,323 @@
+"""Latching alarms: what left its limits stays until it is back *and* somebody has seen it.
+
+raised: out, nobody has seen it. acked: out, seen. cleared: back in, not seen. closed: back in and seen; it never opens again.
+A worse level takes an acknowledgement back. Shelved alarms follow their value like the others and are only not shown until
+their time is over. Every change is a row, an event and a message.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+from gss.device.dictionary import Dictionary
+from gss.device.session_events import DeviceEvent, SessionEvent
+from gss.domain.errors import BadInput, Conflict
+from gss.domain.limits import ORDER, State, worst
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.alarm_words import (
+    CATALOGUE,
+    EVENT,
+    LINK,
+    SIGNAL,
+    UNMEASURED,
+    AlarmView,
+    cut,
+    field_of,
+    limit_text,
+    text_of,
+    title_of,
+    with_unit,
+)
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.telemetry_board import Judgement, Key
+from gss.store import alarms as store
+from gss.store.engine import Database
+from gss.store.models import Alarm
+
+SIGNAL_LOST_AFTER_S = 5.0
+SEVERE = (State.WARNING, State.CRITICAL)
+SHELF_MAX = timedelta(hours=24)
+
+
+class AlarmService:
+    """Raises, follows, acknowledges, shelves and closes. Link, status and request threads may call."""
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        telemetry: TelemetryService,
+        link: LinkService,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._dictionary, self._telemetry, self._link = dictionary, telemetry, link
+        self._database, self._bus, self._now = database, bus, now
+        self._open: dict[Key, Alarm] = {}
+        self._contact: tuple[int | None, datetime] = (None, now())
+        self._lock = threading.RLock()
+        telemetry.judged_hooks.append(self.judged)
+
+    def start(self) -> None:
+        """Take up the alarms that the last server left open; what was out goes on counting as out."""
+        with self._database.unit_of_work() as session:
+            rows = store.still_open(session)
+        with self._lock:
+            self._open = {(row.packet, row.field): row for row in rows}
+        for row in rows:
+            if row.state in ("raised", "acked") and row.packet not in UNMEASURED:
+                self._telemetry.board.seed((row.packet, row.field), State(row.worst))
+
+    # --- what comes ---------------------------------------------------------------------------------------------
+
+    def judged(self, judgements: Sequence[Judgement]) -> None:
+        """Follow the samples of a batch of telemetry."""
+        with self._lock:
+            for j in judgements:
+                key = (j.packet, j.field.name)
+                if j.state is State.OK and key not in self._open:
+                    continue
+                words = f"{j.field.title} {with_unit(j.value, j.field)}"
+                limit = limit_text(j.rule, j.state, j.value) if j.state is not State.OK else ""
+                self._follow(key, j.state, j.value, f"{words}, {limit}", limit, judged=j.judged)
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Severe events of the device; they are over at once and only want to be seen."""
+        for event in events:
+            if isinstance(event, DeviceEvent) and event.severity in SEVERE:
+                text = f"{event.name}: {event.text}" if event.text else event.name
+                with self._lock:
+                    self._happened((EVENT, event.name), State(event.severity), text)
+
+    def tick(self) -> None:
+        """What time alone brings, called about once a second: shelves that are over, and a line that went silent."""
+        now = self._now()
+        with self._lock:
+            for row in list(self._open.values()):
+                if row.shelved_until is not None and row.shelved_until <= now:
+                    self._change(
+                        row, "ok", f"{title_of(self._dictionary, row)}: back from the shelf", shelved_until=None
+                    )
+            self._listen(now)
+
+    def watch(self, key: Key, state: State, value: float, text: str, limit: str) -> None:
+        """Follow something that is judged elsewhere, for example how long a catalogue is valid."""
+        with self._lock:
+            if state is not State.OK or key in self._open:
+                self._follow(key, state, value, text, limit, judged=True)
+
+    def _listen(self, now: datetime) -> None:
+        contact_id = self._link.contact_id if self._link.connected else None
+        if contact_id != self._contact[0]:
+            self._contact = (contact_id, now)
+        newest = self._telemetry.board.latest("housekeeping")
+        heard = self._contact[1] if newest is None else max(newest[0], self._contact[1])
+        silent_s = (now - heard).total_seconds()
+        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S
+        if lost or SIGNAL in self._open:
+            state = State.WARNING if lost else State.OK
+            value = round(silent_s, 1)
+            limit = f"silent for more than {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
+            self._follow(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
+
+    def _follow(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool) -> None:
+        row = self._open.get(key)
+        if row is None:
+            if state is not State.OK:
+                self._raise(key, state, value, text, limit)
+        elif state is State.OK:
+            self._back(row, value, judged=judged)
+        elif row.state == "cleared" or ORDER[state] > ORDER[State(row.worst)]:
+            self._again(row, state, value, text, limit)
+
+    def _raise(
+        self, key: Key, level: State, value: float, text: str, limit: str, *, over: datetime | None = None
+    ) -> None:
+        alarm = Alarm(
+            packet=key[0],
+            field=key[1],
+            state="raised" if over is None else "cleared",
+            worst=level.value,
+            value=value,
+            limit_text=cut(limit),
+            limit_set=self._telemetry.limits.chosen,
+            raised=self._now(),
+            cleared=over,
+        )
+        with self._database.unit_of_work() as session:
+            store.add(session, alarm)
+        self._open[key] = alarm
+        self._tell(alarm, level.value, text)
+
+    def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
+        """Out again before anybody saw that it was back, or worse than before: an acknowledgement no longer holds."""
+        peak = worst((state, State(row.worst)))
+        more: dict[str, Any] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
+        if peak is state:
+            more |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
+        self._change(row, state.value, text, **more)
+
+    def _back(self, row: Alarm, value: float, *, judged: bool) -> None:
+        if row.state not in ("raised", "acked"):
+            return
+        now = self._now()
+        how = "back in limits" if judged else "no longer judged, the cycle is stopped"
+        if row.state == "acked":
+            self._change(
+                row, "ok", f"{title_of(self._dictionary, row)}: {how}; closed", state="closed", cleared=now, closed=now
+            )
+        else:
+            self._change(
+                row, "ok", f"{title_of(self._dictionary, row)}: {how}; waits to be seen", state="cleared", cleared=now
+            )
+
+    def _happened(self, key: Key, state: State, text: str) -> None:
+        row, now = self._open.get(key), self._now()
+        if row is None:
+            self._raise(key, state, 1.0, text, text, over=now)
+        else:
+            again = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
+            self._change(row, None, "", **again)  # the event itself is on record; the alarm only counts
+
+    # --- what operators do --------------------------------------------------------------------------------------
+
+    def acknowledge(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
+        """Somebody has seen it; it closes if it is back, otherwise when it comes back."""
+        with self._lock:
+            row = self._opened(alarm_id)
+            if row.state == "acked":
+                raise Conflict("the alarm is acknowledged already", got=f"by {row.acknowledged_by}")
+            now = self._now()
+            over = row.state == "cleared"
+            changes: dict[str, Any] = {"acknowledged": now, "acknowledged_by": user, "state": "acked"}
+            if over:
+                changes |= {"state": "closed", "closed": now}
+            return self._by(row, user, "acknowledged" + (" and closed" if over else ""), note, **changes)
+
+    def shelve(self, alarm_id: int, until: datetime, *, user: str, note: str) -> AlarmView:
+        """Do not show it until then, at most a day; the note says why."""
+        now = self._now()
+        if not now < until <= now + SHELF_MAX:
+            raise BadInput("an alarm is shelved for at most 24 h", expected="a time within 24 h", got=until.isoformat())
+        if not note.strip():
+            raise BadInput("shelving needs a reason", expected="a note")
+        with self._lock:
+            row = self._opened(alarm_id)
+            words = f"shelved until {until:%H:%M:%S} UTC"
+            return self._by(row, user, words, note, shelved_until=until, shelved_by=user)
+
+    def unshelve(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
+        """Show it again."""
+        with self._lock:
+            row = self._opened(alarm_id)
+            if row.shelved_until is None:
+                raise Conflict("the alarm is not shelved", got=row.state)
+            return self._by(row, user, "taken from the shelf", note, shelved_until=None, shelved_by="")
+
+    def clear(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
+        """Close it by hand; Conflict while its value is out and fresh."""
+        with self._lock:
+            row = self._opened(alarm_id)
+            if row.state in ("raised", "acked") and self._is_fresh(row):
+                raise Conflict(
+                    "the alarm's cause is still there",
+                    expected="a value back in limits",
+                    got=f"{title_of(self._dictionary, row)}: {self._level(row)}",
+                    hint="acknowledge or shelve it",
+                )
+            now = self._now()
+            changes: dict[str, Any] = {"state": "closed", "closed": now, "cleared": row.cleared or now}
+            if row.acknowledged is None:
+                changes |= {"acknowledged": now, "acknowledged_by": user}
+            if row.packet not in UNMEASURED:
+                self._telemetry.board.seed((row.packet, row.field), State.OK)
+            return self._by(row, user, "closed by hand", note, **changes)
+
+    def _opened(self, alarm_id: int) -> Alarm:
+        with self._database.unit_of_work() as session:
+            row = store.get(session, alarm_id)
+        if row.closed is not None:
+            raise Conflict("the alarm is closed", got=f"closed {row.closed:%Y-%m-%d %H:%M:%S} UTC")
+        return row
+
+    def _is_fresh(self, row: Alarm) -> bool:
+        """Is the value that raised it still coming?"""
+        if row.packet in (LINK, CATALOGUE):
+            return row.packet == CATALOGUE or self._link.connected
+        found = self._telemetry.board.latest(row.packet)
+        stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
+        return found is not None and (self._now() - found[0]).total_seconds() <= stale_s
+
+    def _by(self, row: Alarm, user: str, words: str, note: str, **changes: Any) -> AlarmView:
+        if note.strip():
+            line = f"{self._now():%Y-%m-%d %H:%M:%S} {user}, {words}: {note.strip()}"
+            changes["note"] = f"{row.note}\n{line}".strip()
+        text = f"{title_of(self._dictionary, row)}: {words} by {user}" + (f": {note.strip()}" if note.strip() else "")
+        return self.view(self._change(row, "ok", text, **changes))
+
+    # --- rows ---------------------------------------------------------------------------------------------------
+
+    def _change(self, row: Alarm, severity: str | None, text: str, **changes: Any) -> Alarm:
+        with self._database.unit_of_work() as session:
+            stored = store.get(session, row.id)
+            for name, value in changes.items():
+                setattr(stored, name, value)
+        key = (stored.packet, stored.field)
+        if stored.closed is None:
+            self._open[key] = stored
+        else:
+            self._open.pop(key, None)
+        self._tell(stored, severity, text)
+        return stored
+
+    def _tell(self, row: Alarm, severity: str | None, text: str) -> None:
+        if severity is not None:
+            self._bus.record("alarm", severity, text, alarm_id=row.id, state=row.state)
+        self._bus.publish("alarm", self.view(row))
+
+    def _level(self, row: Alarm) -> State:
+        if row.state not in ("raised", "acked"):
+            return State.OK
+        if row.packet in (LINK, CATALOGUE):
+            return State(row.worst)
+        return self._telemetry.board.counted((row.packet, row.field))
+
+    def view(self, row: Alarm) -> AlarmView:
+        """The alarm as the pages show it."""
+        field = field_of(self._dictionary, row)
+        shelved = row.shelved_until is not None and row.shelved_until > self._now()
+        words = title_of(self._dictionary, row), field.unit if field else "", text_of(self._dictionary, row)
+        return AlarmView(row, self._level(row), *words, shelved)
+
+    def get(self, alarm_id: int) -> AlarmView:
+        """The alarm of that id."""
+        with self._database.unit_of_work() as session:
+            return self.view(store.get(session, alarm_id))
+
+    def opened(self) -> list[AlarmView]:
+        """Open alarms, the worst first, then the oldest."""
+        with self._lock:
+            rows = list(self._open.values())
+        return [self.view(r) for r in sorted(rows, key=lambda r: (-ORDER[State(r.worst)], r.raised, r.id))]
+
+    def newest(self, limit: int) -> list[AlarmView]:
+        """Newest alarms first, closed ones too."""
+        with self._database.unit_of_work() as session:
+            rows = store.newest(session, limit)
+        return [self.view(row) for row in rows]
+
+    def between(self, start: datetime, end: datetime) -> list[AlarmView]:
+        """Alarms that were open at some time of a span."""
+        with self._database.unit_of_work() as session:
+            rows = store.between(session, start, end)
+        return [self.view(row) for row in rows]
+
+    def of_field(self) -> dict[Key, int]:
+        """Id of the open alarm of each field that has one."""
+        with self._lock:
+            return {key: row.id for key, row in self._open.items()}

@@ -1,0 +1,176 @@
+"""The archive of telemetry: any field over any span, in bounded memory, whole for export or thinned for a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from gss.device.dictionary import Dictionary, Group, Item, Packet, TelemetryField
+from gss.domain.errors import BadInput, NotFound
+from gss.operations.telemetry.value_words import kind, number
+from gss.store import telemetry as store
+from gss.store.engine import Database
+from gss.store.models import TelemetryPacket
+
+PLOTTED = ("number", "enum", "bool")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A field as it was asked for: ``key`` is ``name`` or ``packet.name``. A list of a packet is a column too (Group)."""
+
+    key: str
+    packet: str
+    field: Item | Group
+
+    @property
+    def is_bool(self) -> bool:
+        """Yes or no: a database without such a type gives 1 and 0 back."""
+        return isinstance(self.field, Item) and self.field.type == "bool"
+
+
+@dataclass(frozen=True)
+class Series:
+    """A field over a span: Unix seconds and values. ``samples``: how many there are; ``thinned``: not all of them are here."""
+
+    key: str
+    packet: str
+    definition: TelemetryField
+    t: list[float]
+    y: list[float | None]
+    samples: int
+    thinned: bool
+
+
+@dataclass
+class Thinner:
+    """Takes samples in time order and keeps at most ``points``: all of them while they fit, and after that the smallest and
+    the largest of each of points // 2 equal parts of the span. Memory: O(points), whatever comes."""
+
+    start_s: float
+    end_s: float
+    points: int
+    samples: int = 0
+    _whole: list[tuple[float, float | None]] | None = field(default_factory=list)
+    _bins: dict[int, tuple[tuple[float, float | None], tuple[float, float | None]]] = field(default_factory=dict)
+
+    def take(self, t: float, y: float | None) -> None:
+        """One sample more."""
+        self.samples += 1
+        if self._whole is not None:
+            self._whole.append((t, y))
+            if len(self._whole) > self.points:
+                kept, self._whole = self._whole, None
+                for sample in kept:
+                    self._bin(*sample)
+        else:
+            self._bin(t, y)
+
+    def _bin(self, t: float, y: float | None) -> None:
+        bins = max(1, self.points // 2)
+        part = (t - self.start_s) / max(self.end_s - self.start_s, 1e-9)
+        b = min(bins - 1, max(0, int(part * bins)))
+        held = self._bins.get(b)
+        if held is None or held[0][1] is None:
+            self._bins[b] = ((t, y), (t, y))
+        elif y is not None:
+            low, high = held
+            if y < low[1]:  # type: ignore[operator]  # a bin's second None is never reached: see the branch above
+                low = (t, y)
+            if y > high[1]:  # type: ignore[operator]
+                high = (t, y)
+            self._bins[b] = (low, high)
+
+    def result(self) -> tuple[list[float], list[float | None], bool]:
+        """(t, y, thinned), in time order."""
+        if self._whole is not None:
+            return [t for t, _ in self._whole], [y for _, y in self._whole], False
+        kept = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
+        return [t for t, _ in kept], [y for _, y in kept], True
+
+
+class Archive:
+    """Answers for spans of the past."""
+
+    def __init__(self, dictionary: Dictionary, database: Database) -> None:
+        self.dictionary, self.database = dictionary, database
+
+    def column(self, key: str) -> Column:
+        """The field of a key ``name`` or ``packet.name``; of a bare name the first packet that has it, housekeeping first."""
+        packet_name, _, name = key.rpartition(".")
+        packets: Sequence[Packet] = (
+            [self.dictionary.packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
+        )
+        for packet in packets:
+            for item in packet.fields:
+                if item.name == name and (packet_name or not isinstance(item, Group)):
+                    return Column(key, packet.name, item)
+        raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
+
+    def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[Series]:
+        """Each field over a span, at most ``points`` samples of it and no spike lost. Enumerations by number, yes as 1."""
+        columns = self._checked(keys, start, end)
+        for column in columns:
+            if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
+                raise BadInput("only numbers, choices and yes/no values can be plotted", got=column.key)
+        series: dict[str, Series] = {}
+        for packet in dict.fromkeys(c.packet for c in columns):
+            of_packet = [c for c in columns if c.packet == packet]
+            thinners = [Thinner(start.timestamp(), end.timestamp(), points) for _ in of_packet]
+            fields = [c.field for c in of_packet if isinstance(c.field, TelemetryField)]
+            for row in store.rows(self.database, packet, [f.name for f in fields], start, end):
+                t = row.received.timestamp()
+                for thinner, definition, value in zip(thinners, fields, row.values, strict=True):
+                    thinner.take(t, number(definition, value))
+            for column, thinner, definition in zip(of_packet, thinners, fields, strict=True):
+                t_s, y, thinned = thinner.result()
+                series[column.key] = Series(column.key, packet, definition, t_s, y, thinner.samples, thinned)
+        return [series[key] for key in keys]
+
+    def rows(
+        self, keys: Sequence[str], start: datetime, end: datetime
+    ) -> tuple[list[Column], Iterator[tuple[store.Row, list[object]]]]:
+        """The columns, and (row, a value per column) of each packet that has one of them, oldest first."""
+        columns = self._checked(keys, start, end)
+        return columns, self._merged(columns, start, end)
+
+    def _merged(
+        self, columns: Sequence[Column], start: datetime, end: datetime
+    ) -> Iterator[tuple[store.Row, list[object]]]:
+        import heapq
+
+        places: dict[str, list[int]] = {}
+        for k, column in enumerate(columns):
+            places.setdefault(column.packet, []).append(k)
+        streams = [
+            store.rows(self.database, packet, [columns[k].field.name for k in at], start, end)
+            for packet, at in places.items()
+        ]
+        for row in heapq.merge(*streams, key=lambda r: (r.received, r.id)):
+            values: list[object] = [None] * len(columns)
+            for k, value in zip(places[row.packet], row.values, strict=True):
+                values[k] = bool(value) if value is not None and columns[k].is_bool else value
+            yield row, values
+
+    def _checked(self, keys: Sequence[str], start: datetime, end: datetime) -> list[Column]:
+        if end <= start:
+            raise BadInput("the span is empty", expected="a start before the end", got=f"{start} … {end}")
+        if len(set(keys)) != len(keys) or not keys:
+            raise BadInput("each field once, and at least one", got=", ".join(keys) or "none")
+        return [self.column(key) for key in keys]
+
+    def packets(
+        self,
+        packet: str | None,
+        start: datetime | None,
+        end: datetime | None,
+        limit: int,
+        before_id: int | None,
+        contact_id: int | None = None,
+    ) -> list[TelemetryPacket]:
+        """Stored packets newest first, a page at a time."""
+        if packet is not None:
+            self.dictionary.packet(packet)
+        with self.database.unit_of_work() as session:
+            return store.page(session, packet, start, end, limit, before_id, contact_id)

@@ -1,0 +1,153 @@
+"""The latest value of everything with its state, from packets and a clock: the same board live and in a replay."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from gss.device.dictionary import Dictionary, TelemetryField
+from gss.device.session_events import Telemetry
+from gss.domain.limits import Persistence, State
+from gss.operations.telemetry.limit_book import Rule
+from gss.operations.telemetry.value_words import plain
+
+ITERATION_PAGES = ("attitude", "timing")
+Key = tuple[str, str]
+"""(packet, field)."""
+RuleOf = Callable[[str, TelemetryField], Rule]
+
+
+@dataclass(frozen=True)
+class FieldValue:
+    """Latest value of one field. ``state``: ok, watch, warning, critical as it counts, or stale, never. ``sample_state``:
+    of this sample alone, before persistence; the same words."""
+
+    definition: TelemetryField
+    packet: str
+    raw: Any
+    value: Any
+    state: str
+    at: datetime | None
+    age_s: float | None
+    sample_state: str = "never"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What one sample of a field with limits came to. ``judged`` False: its iteration is over, so nothing is held against it."""
+
+    packet: str
+    field: TelemetryField
+    value: float
+    state: State
+    rule: Rule
+    judged: bool = True
+
+
+class TelemetryBoard:
+    """Keeps the newest packet of each kind and the run of every field with limits. Any thread may ask."""
+
+    def __init__(self, dictionary: Dictionary, rule: RuleOf) -> None:
+        self._dictionary, self._rule = dictionary, rule
+        self._latest: dict[str, tuple[datetime, Telemetry]] = {}
+        self._runs: dict[Key, Persistence] = {}
+        self._samples: dict[Key, State] = {}
+        self._unjudged: set[Key] = set()
+        self._idle_iteration: Any = None
+        self._lock = threading.RLock()
+
+    def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
+        """Make a packet the latest of its kind and judge each of its fields that has limits."""
+        definition = self._dictionary.packet(packet.packet)
+        with self._lock:
+            self._latest[packet.packet] = (at, packet)
+            if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
+                self._idle_iteration = packet.values.get("iteration")
+            found = [self._judge(packet, field) for field in definition.values]
+        return [judgement for judgement in found if judgement is not None]
+
+    def _judge(self, packet: Telemetry, field: TelemetryField) -> Judgement | None:
+        key, value = (packet.packet, field.name), plain(packet.values.get(field.name))
+        rule = self._rule(packet.packet, field)
+        run = self._runs.get(key, Persistence())
+        if not rule.limits.any and run.counted is State.OK:
+            self._samples.pop(key, None)
+            return None
+        if not isinstance(value, int | float):
+            self._runs[key] = run.broken()  # sent as not-a-number: the device has not measured it
+            self._samples.pop(key, None)
+            return None
+        sample = rule.limits.state(float(value))
+        self._samples[key] = sample
+        if not self._limits_hold(field):
+            self._unjudged.add(key)
+            self._runs[key] = Persistence()
+            return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
+        self._unjudged.discard(key)
+        self._runs[key] = run = run.after(sample, rule.persistence)
+        return Judgement(packet.packet, field, float(value), run.counted, rule)
+
+    def _limits_hold(self, field: TelemetryField) -> bool:
+        """Results and timing of iterations are judged only while the cycle runs and has come to a result: a sensor at rest
+        finds no stars."""
+        if field.page not in ITERATION_PAGES:
+            return True
+        housekeeping = self.latest("housekeeping")
+        if housekeeping is None or not housekeeping[1].values.get("cycle_running"):
+            return False
+        iteration = housekeeping[1].values.get("iteration")
+        return iteration is None or iteration != self._idle_iteration
+
+    def seed(self, key: Key, counted: State) -> None:
+        """Go on from what counted before a restart."""
+        with self._lock:
+            self._runs[key] = Persistence(counted)
+
+    def limits_changed(self, key: str | None) -> None:
+        """The rule of a field ``packet.name`` (None: of all) is another: what was counted under the old one ends."""
+        with self._lock:
+            for k, run in self._runs.items():
+                if key is None or key == f"{k[0]}.{k[1]}":
+                    self._runs[k] = run.broken()
+
+    def counted(self, key: Key) -> State:
+        """The state of a field that counts now."""
+        with self._lock:
+            return self._runs.get(key, Persistence()).counted
+
+    def latest(self, packet: str) -> tuple[datetime, Telemetry] | None:
+        """(received, packet): the newest of that kind, None before the first."""
+        with self._lock:
+            return self._latest.get(packet)
+
+    def values(self, now: datetime) -> list[FieldValue]:
+        """Every field of the dictionary with its state now, in the dictionary's order."""
+        with self._lock:
+            return [
+                self._value(field, packet.name, self._latest.get(packet.name), now)
+                for packet in self._dictionary.telemetry
+                for field in packet.values
+            ]
+
+    def _value(
+        self, field: TelemetryField, packet: str, found: tuple[datetime, Telemetry] | None, now: datetime
+    ) -> FieldValue:
+        if found is None:
+            return FieldValue(field, packet, None, None, "never", None, None)
+        at, telemetry = found
+        raw, value = telemetry.raw.get(field.name), plain(telemetry.values.get(field.name))
+        age_s = (now - at).total_seconds()
+        key = (packet, field.name)
+        sample = "never" if value is None else self._samples.get(key, State.OK).value
+        if field.stale_after_s and age_s > field.stale_after_s:
+            state = "stale"
+        elif value is None:
+            state = "never"  # sent as not-a-number: the device has not measured it yet
+        elif key in self._unjudged and sample != State.OK:
+            state = "stale"  # from an iteration that is over: neither an alarm nor a good value
+        else:
+            state = self._runs.get(key, Persistence()).counted.value
+        return FieldValue(field, packet, raw, value, state, at, age_s, sample)

@@ -1,0 +1,139 @@
+"""Telemetry of any fields and span as CSV or Parquet, a block at a time: the same values that the screen shows."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from itertools import islice
+from typing import Any
+
+from gss.device.dictionary import INTEGER_RANGES, Group, TelemetryField
+from gss.domain.errors import BadInput
+from gss.operations.telemetry.archive import Archive, Column
+from gss.operations.telemetry.value_words import formatted, kind, raw_of
+from gss.store.telemetry import Row
+
+FORMATS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
+FORMS = ("converted", "raw", "formatted")
+LEADING = ("received", "device_time_s", "contact", "packet")
+BLOCK_ROWS = 4000
+
+
+def export(
+    archive: Archive, keys: Sequence[str], start: datetime, end: datetime, *, form: str, file_format: str
+) -> Iterator[bytes]:
+    """The file in pieces; at most BLOCK_ROWS rows of it are in memory. What is wrong is said before the first piece.
+
+    Columns: received (UTC), device_time_s, contact, packet, then one per key. form: converted = engineering values as stored,
+    raw = numbers of the wire, formatted = words of the screen.
+    """
+    for name, given, known in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
+        if given not in known:
+            raise BadInput(f"unknown {name}", expected=" | ".join(known), got=given)
+    columns, rows = archive.rows(keys, start, end)
+    shaped = (_shaped(columns, row, values, form) for row, values in rows)
+    return _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)
+
+
+def _shaped(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:
+    own = [_in_form(c, value, form) for c, value in zip(columns, values, strict=True)]
+    return [row.received, row.device_time_s, row.contact_id, row.packet, *own]
+
+
+def _in_form(column: Column, value: Any, form: str) -> Any:
+    if isinstance(column.field, Group):
+        return None if value is None else json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+    if value is None or form == "converted":
+        return value
+    if form == "raw":
+        return raw_of(column.field, value)
+    return formatted(value, column.field.decimals if isinstance(column.field, TelemetryField) else 0)
+
+
+def _csv(columns: Sequence[Column], rows: Iterator[list[Any]]) -> Iterator[bytes]:
+    """RFC 4180 with a header; times in ISO 8601 with Z, nothing for what is not known."""
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer)
+    writer.writerow([*LEADING, *(c.key for c in columns)])
+    while True:
+        block = list(islice(rows, BLOCK_ROWS))
+        for row in block:
+            received = row[0].astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            writer.writerow([received, *("" if v is None else _cell(v) for v in row[1:])])
+        yield buffer.getvalue().encode()
+        buffer.seek(0)
+        buffer.truncate()
+        if len(block) < BLOCK_ROWS:
+            return
+
+
+def _cell(value: Any) -> Any:
+    return {True: "true", False: "false"}[value] if isinstance(value, bool) else value
+
+
+class _Pieces(io.RawIOBase):
+    """A file that only grows: what was written is taken away piece by piece."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting = bytearray()
+        self._at = 0
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        piece = bytes(data)
+        self._waiting += piece
+        self._at += len(piece)
+        return len(piece)
+
+    def tell(self) -> int:
+        return self._at
+
+    def take(self) -> bytes:
+        """What was written since the last time."""
+        piece = bytes(self._waiting)
+        self._waiting.clear()
+        return piece
+
+
+def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
+    """One row group per block; units and titles are in each column's metadata."""
+    import pyarrow as pa
+    from pyarrow import parquet as pq
+
+    leading = [pa.timestamp("us", tz="UTC"), pa.float64(), pa.int64(), pa.string()]
+    fields = [pa.field(name, of) for name, of in zip(LEADING, leading, strict=True)]
+    fields += [pa.field(c.key, _arrow_type(pa, c, form), metadata=_metadata(c)) for c in columns]
+    schema = pa.schema(fields)
+    sink = _Pieces()
+    with pq.ParquetWriter(sink, schema, compression="snappy") as writer:
+        while block := list(islice(rows, BLOCK_ROWS)):
+            arrays = [pa.array(values, f.type) for values, f in zip(zip(*block, strict=True), schema, strict=True)]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+            yield sink.take()
+    yield sink.take()
+
+
+def _arrow_type(pa: Any, column: Column, form: str) -> Any:
+    """Type of a column: the same whatever the values are, so that files of two spans can be read as one."""
+    item = column.field
+    if isinstance(item, Group) or form == "formatted":
+        return pa.string()
+    if form == "raw" and item.type in (*INTEGER_RANGES, "enum"):
+        return pa.int64()
+    converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
+    if kind(item) == "number":
+        return pa.int64() if item.type in INTEGER_RANGES and not converted else pa.float64()
+    return pa.bool_() if item.type == "bool" else pa.string()
+
+
+def _metadata(column: Column) -> dict[str, str]:
+    item = column.field
+    if not isinstance(item, TelemetryField):
+        return {"packet": column.packet}
+    return {"packet": column.packet, "title": item.title, "unit": item.unit}

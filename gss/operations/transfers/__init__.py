@@ -1,0 +1,1 @@
+"""Files up and down, and what the sensor holds in its banks."""

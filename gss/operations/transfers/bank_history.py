@@ -1,0 +1,234 @@
+"""Which catalogue is, was and will be in which bank of which device: written from what the device reports, and kept.
+
+A row is one bank in one state with one content, from the report that first said so until one that says otherwise. What
+will be comes from uploads under way and from activations in the device's own schedule.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from gss.device.session_events import (
+    CommandStage,
+    DeviceEvent,
+    Direction,
+    HelloReceived,
+    SessionEvent,
+    Stage,
+    Telemetry,
+    TransferDone,
+)
+from gss.domain.errors import BadInput, NotFound
+from gss.operations.clock import Now
+from gss.operations.line.link import LinkService
+from gss.store import bank_history as store
+from gss.store import catalogues, commands
+from gss.store.engine import Database
+from gss.store.models import BankHistory, Catalogue, Contact, Device
+
+ACTIVE, TRIAL, HELD, LOADING, EMPTY, DAMAGED = "active", "trial", "held", "loading", "empty", "damaged"
+STATE_OF = {"empty": EMPTY, "loading": LOADING, "loaded": LOADING, "committed": HELD, "corrupt": DAMAGED}
+SPAN_MAX = timedelta(days=3660)
+NAME_LENGTH, HOW_LENGTH = 60, 20
+
+
+@dataclass(frozen=True)
+class Stay:
+    """A row of the record with the catalogue that the ground knows under the same hash."""
+
+    row: BankHistory
+    catalogue: Catalogue | None
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Something that will be in a bank. ``kind``: upload or activation; ``at`` None: as soon as it has arrived."""
+
+    bank: str
+    kind: str
+    at: datetime | None
+    sha256: str
+    name: str
+    catalogue_id: int | None
+    valid_from: datetime | None
+    valid_to: datetime | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The banks of one device over a span, and the contacts with it."""
+
+    device: Device
+    devices: Sequence[Device]
+    start: datetime
+    end: datetime
+    stays: Sequence[Stay]
+    planned: Sequence[Planned]
+    contacts: Sequence[Contact]
+
+
+class BankHistoryService:
+    """Follows the device's reports on the link thread; request and status threads read."""
+
+    def __init__(self, link: LinkService, database: Database, now: Now) -> None:
+        self._link, self._database, self._now = link, database, now
+        self._device_id: int | None = None
+        self._trial = False
+        self._cause = ("", "")
+        self._lock = threading.Lock()
+        self.planners: list[Callable[[Mapping[str, Stay]], list[Planned]]] = []
+
+    # --- what the device tells ----------------------------------------------------------------------------------
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Look at each event once, in order."""
+        for event in events:
+            if isinstance(event, HelloReceived):
+                self._met()
+            elif isinstance(event, Telemetry) and event.packet == "bank_info":
+                self._told(event.values)
+            elif isinstance(event, Telemetry) and event.packet == "housekeeping":
+                left_s = event.values.get("confirm_left_s")
+                self._tried(isinstance(left_s, int | float) and left_s > 0, "confirmed")
+            elif isinstance(event, DeviceEvent):
+                self._happened(event)
+            elif isinstance(event, TransferDone) and event.direction is Direction.UP and event.kind == "catalogue":
+                self._cause = ("upload", "")
+            elif isinstance(event, CommandStage) and event.stage is Stage.COMPLETED:
+                self._completed(event)
+
+    def _met(self) -> None:
+        contact_id = self._link.contact_id
+        with self._database.unit_of_work() as session:
+            device_id = None if contact_id is None else store.device_of_contact(session, contact_id)
+        with self._lock:
+            self._device_id, self._trial, self._cause = device_id, False, ("", "")
+
+    def _happened(self, event: DeviceEvent) -> None:
+        if event.name == "BANK_FELL_BACK":
+            self._cause = ("fell back", "")
+            self._tried(False, "fell back")
+        elif event.name == "BANK_ACTIVATED":
+            self._cause, self._trial = ("ACTIVATE_BANK", self._who(event.request_id)), True
+        elif event.name == "BANK_CONFIRMED":
+            self._cause = ("CONFIRM_BANK", self._who(event.request_id))
+            self._tried(False, "CONFIRM_BANK")
+
+    def _who(self, request_id: int) -> str:
+        with self._database.unit_of_work() as session:
+            row = commands.by_request(session, request_id) if request_id else None
+        return row.user if row else self._cause[1]
+
+    def _completed(self, event: CommandStage) -> None:
+        """The next reports are what this command has brought about."""
+        if event.name == "LIST_BANKS":
+            self._cause = ("", "")
+        elif event.name.endswith("_BANK"):
+            self._cause = (event.name, self._who(event.request_id))
+            if event.name == "CONFIRM_BANK":
+                self._tried(False, event.name)
+            elif event.name == "ACTIVATE_BANK":
+                self._trial = True
+
+    def _tried(self, trial: bool, how: str) -> None:
+        """A bank that is tried is confirmed or not; the reports of the banks do not say which."""
+        if trial == self._trial or self._device_id is None:
+            return
+        self._trial = trial
+        with self._lock, self._database.unit_of_work() as session:
+            for row in store.still_so(session, self._device_id):
+                if row.state == (ACTIVE if trial else TRIAL) and how != "fell back":
+                    again = {"bank": row.bank, "state": TRIAL if trial else ACTIVE, "sha256": row.sha256}
+                    cause = ("ACTIVATE_BANK" if trial else how, self._cause[1])
+                    store.add(session, self._next(row, **again, cause=cause))
+
+    def _told(self, info: Mapping[str, Any]) -> None:
+        if self._device_id is None:
+            return
+        bank, word = str(info["bank"]), str(info["state"])
+        held = word in ("loaded", "committed")
+        sha256 = _hex(info.get("sha256")) if held else ""
+        state = STATE_OF.get(word, word)
+        if held and info["active"]:
+            state = TRIAL if self._trial else ACTIVE
+        with self._lock, self._database.unit_of_work() as session:
+            rows = {row.bank: row for row in store.still_so(session, self._device_id)}
+            row = rows.get(bank)
+            if row is not None and (row.state, row.sha256) == (state, sha256):
+                row.told = self._now()
+                return
+            made = self._next(row, bank=bank, state=state, sha256=sha256, cause=self._cause)
+            known = catalogues.by_sha256(session, sha256) if sha256 else None
+            if known:
+                made.catalogue_id, made.name = known.id, known.name[:NAME_LENGTH]
+            store.add(session, made)
+
+    def _next(
+        self, row: BankHistory | None, *, bank: str, state: str, sha256: str, cause: tuple[str, str]
+    ) -> BankHistory:
+        """The row that follows ``row``, which ends."""
+        now = self._now()
+        if row is not None:
+            row.ended = now
+        same = row is not None and row.sha256 == sha256
+        return BankHistory(
+            device_id=self._device_id,
+            bank=bank,
+            state=state,
+            sha256=sha256,
+            name=row.name if row is not None and same else "",
+            catalogue_id=row.catalogue_id if row is not None and same else None,
+            began=now,
+            told=now,
+            ended=None,
+            how=(cause[0] or "reported")[:HOW_LENGTH],
+            user=cause[1],
+            note="",
+        )
+
+    # --- what is known ------------------------------------------------------------------------------------------
+
+    def timeline(self, start: datetime, end: datetime, device_id: int | None = None) -> Timeline:
+        """The banks of a device, of the one that answered last where none is named."""
+        if not timedelta(0) < end - start <= SPAN_MAX:
+            raise BadInput(
+                "the span is impossible", expected="an end after the start, at most 10 years", got=f"{start} to {end}"
+            )
+        with self._database.unit_of_work() as session:
+            devices = store.devices(session)
+            device = next((d for d in devices if device_id in (None, d.id)), None)
+            if device is None:
+                raise NotFound(
+                    "no banks are on record",
+                    expected="a device that reported its banks",
+                    got="none" if device_id is None else f"device {device_id}",
+                    hint="open the line to a device",
+                )
+            stays = [self._stay(session, row) for row in store.between(session, device.id, start, end)]
+            contacts = store.contacts_between(session, device.id, start, end)
+        now_held = {stay.row.bank: stay for stay in stays if stay.row.ended is None}
+        present = device.id == self._device_id
+        planned = [plan for planner in self.planners for plan in planner(now_held)] if present else []
+        return Timeline(device, devices, start, end, stays, planned, contacts)
+
+    def active(self) -> Stay | None:
+        """What the device that answered last matches from, as it last said; None while nothing is known."""
+        with self._database.unit_of_work() as session:
+            device_id = self._device_id or next((d.id for d in store.devices(session)), None)
+            rows = [] if device_id is None else store.still_so(session, device_id)
+            row = next((r for r in rows if r.state in (ACTIVE, TRIAL)), None)
+            return None if row is None else self._stay(session, row)
+
+    @staticmethod
+    def _stay(session: Any, row: BankHistory) -> Stay:
+        """A bank that was read back later is known only now."""
+        return Stay(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
+
+
+def _hex(value: Any) -> str:
+    return value.hex() if isinstance(value, bytes) else str(value or "")

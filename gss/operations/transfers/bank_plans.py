@@ -1,0 +1,114 @@
+"""What will be in the banks, and whether the sky to come is covered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from gss.domain.limits import State
+from gss.operations.commanding.schedule import ScheduleService
+from gss.operations.transfers.bank_history import ACTIVE, TRIAL, Planned, Stay
+from gss.operations.transfers.banks import days_left
+from gss.operations.transfers.transfers import TransferService
+from gss.store import catalogues
+from gss.store.engine import Database
+
+WATCHED_TRANSFERS = 20
+WARNING_DAYS = 1.0
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Is there a catalogue for the sky to come? ``until`` None: without end, or unknown."""
+
+    state: State
+    text: str
+    until: datetime | None
+
+
+def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping[str, Stay]], list[Planned]]:
+    """Catalogues on their way up."""
+
+    def planned(_held: Mapping[str, Stay]) -> list[Planned]:
+        found = []
+        for view in transfers.newest(WATCHED_TRANSFERS):
+            row = view.row
+            if row.direction != "up" or row.kind != "catalogue" or row.finished is not None or row.catalogue_id is None:
+                continue
+            with database.unit_of_work() as session:
+                c = catalogues.get(session, row.catalogue_id)
+            bank = str(row.options.get("name") or row.target)
+            found.append(
+                Planned(
+                    bank, "upload", None, c.sha256, c.name, c.id, c.valid_from, c.valid_to, f"{c.name}, {row.state}"
+                )
+            )
+        return found
+
+    return planned
+
+
+def activations(schedule: ScheduleService) -> Callable[[Mapping[str, Stay]], list[Planned]]:
+    """Banks that the device's own schedule will activate."""
+
+    def planned(held: Mapping[str, Stay]) -> list[Planned]:
+        found = []
+        for entry in schedule.state().entries:
+            if entry.command != "ACTIVATE_BANK" or entry.state != "waiting":
+                continue
+            bank = str(entry.arguments.get("bank", ""))
+            stay = held.get(bank)
+            c = stay.catalogue if stay else None
+            name = c.name if c else (stay.row.name if stay else "")
+            sha256 = stay.row.sha256 if stay else ""
+            text = f"activate {bank} planned"
+            span = (c.valid_from, c.valid_to) if c else (None, None)
+            found.append(Planned(bank, "activation", entry.at, sha256, name, c.id if c else None, *span, text))
+        return found
+
+    return planned
+
+
+def cover(stays: Sequence[Stay], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
+    """A sentence about the active catalogue and what follows it."""
+    active = next((s for s in stays if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
+    if active is None:
+        return Cover(State.WATCH, "no bank is reported active", None)
+    if active.catalogue is None:
+        return Cover(State.WATCH, f"the content of bank {active.row.bank} is not known on the ground", None)
+    until = active.catalogue.valid_to
+    if until is None:
+        return Cover(State.OK, "the active bank does not expire", None)
+    switches = [p for p in planned if p.kind == "activation" and p.at is not None and p.bank != active.row.bank]
+    for plan in sorted(switches, key=lambda p: p.at or now):
+        begins = max(filter(None, (plan.at, plan.valid_from)))
+        if begins <= until and (plan.valid_to is None or plan.valid_to > until):
+            until = plan.valid_to
+            if until is None:
+                return Cover(State.OK, f"bank {plan.bank} follows and does not expire", None)
+    state = expiry_state(until, now, watch_days)
+    if until <= now:
+        return Cover(state, f"no cover since {until:%m-%d %H:%M}", until)
+    ready = next((s for s in stays if _follows(s, until, now)), None)
+    if state is State.OK:
+        return Cover(state, f"cover until {until:%Y-%m-%d}", until)
+    words = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds what follows"
+    return Cover(state, f"no cover from {until:%m-%d %H:%M} {words}", until)
+
+
+def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) -> State:
+    """How urgent the end of validity is."""
+    left = days_left(valid_to, now)
+    if left is None or left > watch_days:
+        return State.OK
+    return State.CRITICAL if left <= 0 else State.WARNING if left <= WARNING_DAYS else State.WATCH
+
+
+def _follows(stay: Stay, until: datetime, now: datetime) -> bool:
+    """Does an inactive bank hold a catalogue for the time after?"""
+    c = stay.catalogue
+    if c is None or stay.row.ended is not None or stay.row.state != "held":
+        return False
+    begins_in_time = c.valid_from is None or c.valid_from <= until + timedelta(days=1)
+    return begins_in_time and (c.valid_to is None or c.valid_to > max(until, now))

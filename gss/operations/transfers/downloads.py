@@ -1,0 +1,74 @@
+"""Bringing things down on an operator's word: which kind, from which memory or bank, which part of an image."""
+
+from __future__ import annotations
+
+from gss.device.protocol.windows import SIDE_RANGE_PX
+from gss.device.session import Part
+from gss.domain.errors import BadInput
+from gss.operations.line.link import LinkService
+from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.transfers import TransferService
+
+IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
+BANK_KINDS = ("catalogue", "star_list", "distance_table")
+TABLE_KINDS = ("triplets", "calibration", "parameters")
+DEFAULT_SIDE_PX = 11
+LISTED_BY = {"bank": "VERIFY_BANK", "table": "VERIFY_TABLE"}
+
+
+class Downloads:
+    """Checks what is asked for before the device is bothered with it."""
+
+    def __init__(self, link: LinkService, transfers: TransferService) -> None:
+        self._link, self._transfers = link, transfers
+
+    def start(
+        self,
+        kind: str,
+        *,
+        slot: int | None = None,
+        bank: str | None = None,
+        region: Part | None = None,
+        side_px: int | None = None,
+    ) -> TransferView:
+        """Queue a download. BadInput where the kind and the rest do not go together."""
+        if (region is None) == (kind == "region"):
+            raise BadInput("a region goes with kind region, and only there", got=kind)
+        if side_px is not None and kind != "star_windows":
+            raise BadInput("a side goes with kind star_windows only", got=kind)
+        words = kind.replace("_", " ")
+        if kind in IMAGE_KINDS:
+            number = self._slot(kind, slot, bank)
+            part = self._part(kind, region, side_px)
+            return self._transfers.download(kind, number, f"{words} of slot {number}", part=part)
+        name, number = self._bank(kind, slot, bank)
+        return self._transfers.download(kind, number, f"{words} of bank {name}", target=name)
+
+    def _slot(self, kind: str, slot: int | None, bank: str | None) -> int:
+        if slot is None or bank is not None:
+            raise BadInput(f"{kind} comes from an image memory", expected="slot", got=f"bank {bank}" if bank else "")
+        hello = self._link.hello
+        if hello is not None and slot >= hello.image_slots:
+            raise BadInput("no such image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
+        return slot
+
+    def _part(self, kind: str, region: Part | None, side_px: int | None) -> Part | None:
+        if kind == "star_windows":
+            side, (low, high) = side_px or DEFAULT_SIDE_PX, SIDE_RANGE_PX
+            if side % 2 == 0 or not low <= side <= high:
+                raise BadInput("side of star windows", expected=f"odd, {low} – {high} px", got=str(side))
+            return Part(columns=side)
+        hello = self._link.hello
+        if region is not None and hello is not None:
+            fits = region.col_px + region.columns <= hello.columns and region.row_px + region.rows <= hello.rows
+            if not fits or region.columns < 1 or region.rows < 1:
+                got = f"{region.columns} x {region.rows} at {region.col_px}, {region.row_px}"
+                raise BadInput("the region leaves the detector", expected=f"{hello.columns} x {hello.rows} px", got=got)
+        return region
+
+    def _bank(self, kind: str, slot: int | None, bank: str | None) -> tuple[str, int]:
+        """Name and number on the wire."""
+        if bank is None or slot is not None:
+            raise BadInput(f"{kind} comes from a bank", expected="bank", got=f"slot {slot}" if slot is not None else "")
+        command = LISTED_BY["bank" if kind in BANK_KINDS else "table"]
+        return bank, self._link.dictionary.command(command).argument("bank").choice(bank).value

@@ -1,0 +1,52 @@
+"""The active catalogue's validity, told as an alarm before it ends."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from gss.domain.limits import State
+from gss.operations.clock import Now
+from gss.operations.telemetry.alarm_words import CATALOGUE
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry_board import Key
+from gss.operations.transfers.bank_history import BankHistoryService
+from gss.operations.transfers.bank_plans import expiry_state
+from gss.operations.transfers.banks import days_left
+from gss.store.models import Catalogue
+
+NAME_LENGTH = 60
+
+
+class ExpiryWatch:
+    """Judges what the device matches from, also while the line is closed: time goes on without it."""
+
+    def __init__(self, history: BankHistoryService, alarms: AlarmService, now: Now, watch_days: float) -> None:
+        self._history, self._alarms, self._now, self._watch_days = history, alarms, now, watch_days
+
+    def tick(self) -> None:
+        """Raise, follow or end the alarm; another active catalogue ends the one of the catalogue before."""
+        stay, now = self._history.active(), self._now()
+        catalogue = stay.catalogue if stay else None
+        mine = _key(catalogue) if catalogue else None
+        for key in self._alarms.of_field():
+            if key[0] == CATALOGUE and key != mine:
+                self._alarms.watch(key, State.OK, 0.0, "", "")
+        if catalogue is None or mine is None:
+            return
+        state, limit = _judged(catalogue, now, self._watch_days)
+        left = days_left(catalogue.valid_to, now)
+        self._alarms.watch(mine, state, round(left or 0.0, 2), f"Catalogue {catalogue.name} {limit}", limit)
+
+
+def _key(catalogue: Catalogue) -> Key:
+    return CATALOGUE, catalogue.name[:NAME_LENGTH]
+
+
+def _judged(catalogue: Catalogue, now: datetime, watch_days: float) -> tuple[State, str]:
+    state = expiry_state(catalogue.valid_to, now, watch_days)
+    if state is not State.OK and catalogue.valid_to is not None:
+        word = "expired" if state is State.CRITICAL else "expires"
+        return state, f"{word} {catalogue.valid_to:%Y-%m-%d %H:%M} UTC ({state})"
+    if catalogue.valid_from is not None and catalogue.valid_from > now:
+        return State.WATCH, f"is valid only from {catalogue.valid_from:%Y-%m-%d %H:%M} UTC (watch)"
+    return State.OK, ""

@@ -1,0 +1,130 @@
+"""What a table holds, as values a person edits, and as bytes for the sensor. Pure but for the star list it is handed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gss.catalogue_tools.onboard import decode as decode_bank
+from gss.catalogue_tools.onboard import read_header
+from gss.catalogue_tools.tables.triplets import HEADER_VERSION as TRIPLET_FORMAT
+from gss.catalogue_tools.tables.triplets import decode_triplets, encode_triplets, figures, triplets_of
+from gss.device.table_use import MODELS, calibrated, calibration_values, check_parameters, parameter_values
+from gss.device.tables import TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.domain.errors import BadInput
+from gss.domain.profiles import CameraProfile, profile
+from gss.domain.stars import StarTable
+from gss.domain.triplets import TripletClasses
+
+CHAIN_KINDS = ("calibration", "parameters")
+KINDS = (*CHAIN_KINDS, "triplets")
+TRIPLET_LIMITS = {
+    "uncertainty_arcsec": (1.0, 3600.0),
+    "limit_mag": (0.0, 10.0),
+    "max_deg": (0.5, 45.0),
+    "brightness_error": (0.0, 0.9),
+}
+BRIGHTNESS_ERROR = 0.25
+FORMATS = {"calibration": TABLE_FORMAT, "parameters": TABLE_FORMAT, "triplets": TRIPLET_FORMAT}
+
+
+def defaults(kind: str, profile_name: str) -> dict[str, Scalar]:
+    """What a new table holds before anybody changes it."""
+    known = profile(profile_name)
+    if kind == "calibration":
+        return calibration_values(known)
+    if kind == "parameters":
+        return parameter_values(known)
+    if kind == "triplets":
+        return _triplet_defaults(known)
+    raise BadInput("unknown kind of table", expected=" | ".join(KINDS), got=kind)
+
+
+def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
+    """Liebe's 3′ and 25 %; as faint as a whole list to the camera's limit allows; neighbours within half the field."""
+    deepest_mag = known.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
+    return {
+        "uncertainty_arcsec": 180.0,
+        "limit_mag": round(deepest_mag - 0.05, 1),
+        "max_deg": round(math.degrees(min(known.camera.fov_rad)) / 2, 1),
+        "brightness_error": BRIGHTNESS_ERROR,
+    }
+
+
+def table_bytes(kind: str, profile_name: str, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
+    """Bytes and values of a calibration or a parameter set: the defaults with ``changes``. BadInput names what is wrong."""
+    known, values = profile(profile_name), _changed(kind, defaults(kind, profile_name), changes)
+    if kind == "calibration":
+        calibrated(known, values)
+    else:
+        check_parameters(known, values)
+    return encode_table(kind, profile_name, values), values
+
+
+def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
+    # Another distortion model or chain has other values: then all of them must be given.
+    word = {"calibration": "distortion", "parameters": "chain"}.get(kind, "")
+    if word in changes and changes[word] != values[word]:
+        values = {} if kind == "parameters" else {k: v for k, v in values.items() if k not in _model_values()}
+    return values | dict(changes)
+
+
+def _model_values() -> set[str]:
+    """Names that belong to one distortion model only."""
+    return {name for _, names in MODELS.values() for name in names}
+
+
+def triplet_bytes(stars: StarTable, image: bytes, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
+    """Bytes and figures of the triplet table of a bank image, whose star list is ``stars``."""
+    wanted = _triplet_defaults(profile(read_header(image).profile_name)) | dict(changes)
+    unknown = set(wanted) - set(TRIPLET_LIMITS)
+    if unknown:
+        raise BadInput("unknown value", expected=", ".join(TRIPLET_LIMITS), got=", ".join(sorted(unknown)))
+    numbers = {name: _within(name, wanted[name]) for name in TRIPLET_LIMITS}
+    table = triplets_of(
+        stars,
+        TripletClasses.of(math.radians(numbers["uncertainty_arcsec"] / 3600)),
+        numbers["limit_mag"],
+        math.radians(numbers["max_deg"]),
+        brightness_error=numbers["brightness_error"],
+    )
+    data = encode_triplets(table, read_header(image).body_crc32)
+    return data, {**numbers, **_triplet_figures(data)}
+
+
+def _within(name: str, value: object) -> float:
+    low, high = TRIPLET_LIMITS[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise BadInput(f"{name} is out of range", expected=f"{low:g} – {high:g}", got=str(value))
+    return float(value)
+
+
+def _triplet_figures(data: bytes) -> dict[str, Scalar]:
+    f = figures(decode_triplets(data))
+    told: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
+    return told | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
+
+
+def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
+    """Profile ("" where the bytes do not say), format and values of bytes that came from a device. CorruptData or BadInput
+    where they are no such table."""
+    if kind in CHAIN_KINDS:
+        profile_name, values = decode_table(kind, data)
+        return profile_name, TABLE_FORMAT, values
+    if kind == "triplets":
+        return "", TRIPLET_FORMAT, _triplet_figures(data)
+    return "", 0, {"bytes": len(data)}
+
+
+def star_list(image: bytes, stars: StarTable, hips: list[int]) -> StarTable:
+    """The stars of a bank image in its rows' order, with the positions the bank holds and the magnitudes of the ground."""
+    bank = decode_bank(image)
+    unknown = [hip for hip in hips if hip not in stars.row_of_hip]
+    if unknown or len(hips) != len(bank):
+        raise BadInput("the ground does not know every star of this catalogue", got=f"{len(unknown)} unknown")
+    chosen = stars.take(np.array([stars.row_of_hip[hip] for hip in hips], np.intp))
+    return replace(chosen, icrs=np.asarray(bank.icrs, float))

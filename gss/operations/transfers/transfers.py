@@ -1,0 +1,298 @@
+"""Files on their way: frames down, catalogues, tables and images up. Progress shown is what the receiving side says it stored.
+
+What is needed to go on after a crash is stored before anything is sent: the content of an upload as a blob, what a download
+has brought as a part on disk, and everything else in the row's options.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from gss.device.session import Compatibility, HeldPart, Part
+from gss.device.session_events import Direction, SessionEvent, TransferDone, TransferState, TransferUpdate
+from gss.domain.errors import Conflict, GssError, StoreDown
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.operations.transfers.transfer_parts import PartStore
+from gss.operations.transfers.transfer_rows import TransferRows, TransferView, begin, words_of
+from gss.store import transfers as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Transfer
+
+PUBLISH_EVERY_S = 0.25
+KEEP_PART_EVERY_S = 2.0
+
+RESTARTED = "the server restarted"
+ENDS = tuple(map(TransferState, ("verified", "committed", "active", "failed", "aborted")))
+BROKEN = (TransferState.FAILED, TransferState.LINK_LOST, TransferState.ABORTED)
+AT_REST = (*ENDS, TransferState.PAUSED)
+RESUMABLE = ("paused", "link_lost", "failed", "aborted")
+
+DoneHook = Callable[[Transfer, TransferDone], dict[str, Any]]
+BrokenHook = Callable[[Transfer, bytes, Sequence[tuple[int, int]], TransferUpdate], dict[str, Any]]
+
+
+class TransferService:
+    """Starts, follows and ends transfers; what arrives is handed to the hook of its kind."""
+
+    def __init__(
+        self, link: LinkService, database: Database, bus: EventBus, now: Now, blobs: BlobStore, parts: PartStore
+    ) -> None:
+        self._link, self._database, self._bus, self._now = link, database, bus, now
+        self._rows = TransferRows(database, bus, now)
+        self._blobs, self._parts = blobs, parts
+        self._row_of: dict[int, int] = {}
+        self._session_of: dict[int, int] = {}
+        self._live: dict[int, TransferUpdate] = {}
+        self._next_publish_s: dict[int, float] = {}
+        self._next_part_s: dict[int, float] = {}
+        self.done_hooks: dict[tuple[Direction, str], DoneHook] = {}
+        self.broken_hooks: dict[str, BrokenHook] = {}
+
+    def start(self) -> None:
+        """Transfers that the last server left open come back paused and go on when the device has answered; what an
+        operator had paused stays paused."""
+        self._parts.prune()
+        with self._database.unit_of_work() as session:
+            rows = store.unfinished(session)
+        for row in rows:
+            by_operator = row.state == "paused" and row.reason == ""
+            try:
+                self._enter(row, "" if by_operator else RESTARTED)
+            except GssError as error:
+                reason = f"{RESTARTED}, and this cannot go on: {error}"
+                self._rows.note(row.id, state="failed", reason=reason, finished=self._now())
+                continue
+            self._rows.note(row.id, state="paused", reason="" if by_operator else RESTARTED)
+
+    # --- orders -------------------------------------------------------------------------------------------------
+
+    def download(
+        self,
+        kind: str,
+        slot: int,
+        subject: str,
+        *,
+        part: Part | None = None,
+        facts: Mapping[str, Any] | None = None,
+        target: str = "",
+    ) -> TransferView:
+        """Bring content down. ``slot``: number of the image memory or bank, ``target``: its name where it has one.
+        ``facts``: what will be needed to store it, JSON values."""
+        self._check_line()
+        options = {"slot": slot, "part": asdict(part) if part else None, "facts": dict(facts or {})}
+        return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {})
+
+    def upload(
+        self,
+        kind: str,
+        target: int,
+        data: bytes,
+        compatibility: Compatibility,
+        *,
+        name: str,
+        subject: str,
+        options: Mapping[str, Any] | None = None,
+        **links: int | None,
+    ) -> TransferView:
+        """Send data to a bank or a slot; verify and commit follow by themselves. ``links``: catalogue_id, frame_id, table_id."""
+        self._check_line()
+        facts = asdict(compatibility) | {"dictionary_hash": compatibility.dictionary_hash.hex()}
+        kept = {"slot": target, "content": self._blobs.put(data), "compatibility": facts, **(options or {})}
+        return self._add(Direction.UP, kind, name, subject, kept, links)
+
+    def pause(self, transfer_id: int) -> TransferView:
+        """Stop sending; what is stored stays stored."""
+        return self._control(transfer_id, self._link.session.pause_transfer)
+
+    def resume(self, transfer_id: int) -> TransferView:
+        """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
+        if transfer_id in self._session_of:
+            return self._control(transfer_id, self._link.session.resume_transfer)
+        row = self.get(transfer_id).row
+        if row.state not in RESUMABLE:
+            raise Conflict("this transfer cannot go on", expected=" or ".join(RESUMABLE), got=row.state)
+        self._enter(row, None)
+        self._rows.note(row.id, state="queued", reason="", finished=None)
+        return self.get(transfer_id)
+
+    def abort(self, transfer_id: int) -> TransferView:
+        """Give it up on both sides."""
+        return self._control(transfer_id, self._link.session.abort_transfer)
+
+    def _control(self, transfer_id: int, action: Callable[[int, float], None]) -> TransferView:
+        view = self.get(transfer_id)
+        if transfer_id not in self._session_of:
+            raise Conflict("this transfer is not under way", got=view.row.state)
+        with self._link.lock:
+            action(self._session_of[transfer_id], self._link.monotonic_s())
+        return self.get(transfer_id)
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def get(self, transfer_id: int) -> TransferView:
+        """The transfer of that id."""
+        with self._database.unit_of_work() as session:
+            row = store.get(session, transfer_id)
+        return TransferView(row, self._live.get(row.id))
+
+    def newest(self, limit: int) -> list[TransferView]:
+        """Newest first."""
+        with self._database.unit_of_work() as session:
+            return [TransferView(row, self._live.get(row.id)) for row in store.newest(session, limit)]
+
+    def busy(self, direction: Direction) -> bool:
+        """Is one of that direction under way?"""
+        return any(update.direction is direction and update.state not in AT_REST for update in self._live.values())
+
+    def in_use(self, kind: str, sha256: str) -> None:
+        """The device works with that content now: the upload that brought it counts as active, others as committed."""
+        with self._database.unit_of_work() as session:
+            changed = store.mark_active(session, kind, sha256)
+        for row in changed:
+            self._bus.publish("transfer", TransferView(row, None))
+
+    # --- into the session ---------------------------------------------------------------------------------------
+
+    def _add(
+        self,
+        direction: Direction,
+        kind: str,
+        target: str,
+        subject: str,
+        options: dict[str, Any],
+        links: Mapping[str, int | None],
+    ) -> TransferView:
+        row = Transfer(
+            contact_id=self._link.contact_id,
+            direction=str(direction),
+            kind=kind,
+            target=target,
+            subject=subject,
+            state="queued",
+            created=self._now(),
+            stored=[],
+            options=options,
+            log=[],
+            **links,
+        )
+        now_s = self._link.monotonic_s()
+        with self._link.lock:
+            session_id = begin(self._link.session, row, self._blobs, now_s)
+            try:
+                with self._database.unit_of_work() as session:
+                    store.add(session, row)
+            except StoreDown:
+                # What cannot be recorded is not sent.
+                self._link.session.abort_transfer(session_id, self._link.monotonic_s())
+                raise
+            self._row_of[session_id], self._session_of[row.id] = row.id, session_id
+        view = TransferView(row, None)
+        self._bus.publish("transfer", view)
+        return view
+
+    def _enter(self, row: Transfer, paused: str | None) -> None:
+        """Give a stored transfer to the session again; ``paused``: "" until an operator resumes it, a reason until the device
+        answers, None not at all."""
+        now_s = self._link.monotonic_s()
+        with self._link.lock:
+            session_id = begin(self._link.session, row, self._blobs, now_s, self._parts.load(row.id), paused)
+            if paused == "":
+                self._link.session.pause_transfer(session_id, now_s)
+            self._row_of[session_id], self._session_of[row.id] = row.id, session_id
+
+    def _check_line(self) -> None:
+        if not self._link.connected:
+            raise Conflict("the line is down", got=self._link.reason, hint="open the port first")
+
+    # --- what happens -------------------------------------------------------------------------------------------
+
+    def handle(self, events: Sequence[SessionEvent]) -> None:
+        """Follow the transfers among these events. What arrived is stored before its transfer is said to be over."""
+        known = [e for e in events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of]
+        arrived = [event for event in known if isinstance(event, TransferDone)]
+        for done in arrived:
+            self._deliver(self._row_of[done.transfer_id], done)
+        for update in known:
+            if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
+                self._update(self._row_of[update.transfer_id], update)
+        for done in arrived:
+            self._parts.drop(self._row_of[done.transfer_id])
+            self._forget(self._row_of[done.transfer_id], done.transfer_id)
+
+    def _update(self, row_id: int, update: TransferUpdate) -> None:
+        before = self._live.get(row_id)
+        self._live[row_id] = update
+        changed = before is None or (before.state, before.reason) != (update.state, update.reason)
+        now_s = self._link.monotonic_s()
+        if changed or now_s >= self._next_part_s.get(row_id, 0.0):
+            self._next_part_s[row_id] = now_s + KEEP_PART_EVERY_S
+            self._keep_part(row_id, update)
+        if not changed and now_s < self._next_publish_s.get(row_id, 0.0):
+            return
+        self._next_publish_s[row_id] = now_s + PUBLISH_EVERY_S
+        row = self._store(row_id, update, changed)
+        if changed and update.state in BROKEN:
+            self._bus.record("transfer", "warning", f"{row.subject}: {words_of(update)}", transfer_id=row_id)
+            self._broken(row, update)
+        if update.state in (TransferState.FAILED, TransferState.ABORTED):
+            self._forget(row_id, update.transfer_id)
+        elif update.state in ENDS:
+            self._live.pop(row_id, None)
+
+    def _keep_part(self, row_id: int, update: TransferUpdate) -> None:
+        if update.direction is not Direction.DOWN or not update.stored or update.state is TransferState.VERIFIED:
+            return
+        with self._link.lock:
+            data, held = self._link.session.partial(update.transfer_id)
+        try:
+            self._parts.keep(row_id, HeldPart(update.sha256, update.chunk_size, data, held))
+        except OSError as error:
+            self._bus.record("transfer", "watch", f"what has arrived could not be kept: {error}", transfer_id=row_id)
+
+    def _store(self, row_id: int, update: TransferUpdate, changed: bool) -> Transfer:
+        values: dict[str, Any] = {
+            "state": str(update.state),
+            "reason": update.reason,
+            "size": update.size,
+            "chunk_size": update.chunk_size,
+            "resent": update.resent,
+            "stored": [list(r) for r in update.stored],
+            "sha256": update.sha256,
+        }
+        if update.state in ENDS:
+            values["finished"] = self._now()
+        return self._rows.note(row_id, words_of(update) if changed else "", update, **values)
+
+    def _deliver(self, row_id: int, done: TransferDone) -> None:
+        row = self.get(row_id).row
+        try:
+            hook = self.done_hooks.get((done.direction, done.kind))
+            links = hook(row, done) if hook else {}
+            if links:
+                self._rows.note(row_id, **links)
+        except GssError as error:
+            text = f"{row.subject} came, but cannot be used: {error}"
+            self._bus.record("transfer", "warning", text, transfer_id=row_id)
+            self._rows.note(row_id, text)
+
+    def _broken(self, row: Transfer, update: TransferUpdate) -> None:
+        hook = self.broken_hooks.get(row.kind)
+        if hook is None or update.direction is not Direction.DOWN or not update.stored:
+            return
+        with self._link.lock:
+            data, held = self._link.session.partial(update.transfer_id)
+        links = hook(row, data, held, update)
+        if links:
+            self._rows.note(row.id, **links)
+
+    def _forget(self, row_id: int, session_id: int) -> None:
+        with self._link.lock:
+            self._link.session.forget_transfer(session_id)
+        self._row_of.pop(session_id, None)
+        for memory in (self._session_of, self._live, self._next_publish_s, self._next_part_s):
+            memory.pop(row_id, None)

@@ -1,0 +1,120 @@
+"""A stored frame into image memory and, if asked, through the sensor's own chain: what it says is laid beside that frame."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from typing import Any
+
+from gss.device.session import Compatibility
+from gss.device.session_events import HelloReceived, TransferDone
+from gss.domain.errors import BadInput, Conflict, GssError
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.events import EventBus
+from gss.operations.frames.frames import FrameService
+from gss.operations.line.link import LinkService
+from gss.operations.transfers.device_frames import Shape, wire_bytes
+from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.transfers import TransferService
+from gss.store.models import Frame, Transfer
+
+REMEMBERED = 64
+SOFTWARE = "gss"
+CHAIN = ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE")
+
+
+class UploadedImages:
+    """Sends frames up, follows the commands of their solution, and knows which stored frame an image on board is."""
+
+    def __init__(
+        self,
+        link: LinkService,
+        commands: CommandService,
+        transfers: TransferService,
+        frames: FrameService,
+        bus: EventBus,
+    ) -> None:
+        self._link, self._commands, self._bus = link, commands, bus
+        self._transfers, self._frames = transfers, frames
+        self._frame_of: OrderedDict[str, int] = OrderedDict()
+        self._waiting: deque[int] = deque()
+        self._searched_slot: int | None = None
+        self._found_in: int | None = None
+
+    def upload(self, frame_id: int, slot: int, *, solve: bool) -> TransferView:
+        """Send a complete frame of the detector's size to an image memory; Conflict or BadInput says why not."""
+        frame, hello = self._frames.get(frame_id), self._link.hello
+        if hello is None:
+            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
+        if not 0 <= slot < hello.image_slots:
+            raise BadInput("no such image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
+        if not frame.complete:
+            raise BadInput("the frame is not complete", expected="an image without gaps", got=frame.name)
+        if solve:
+            self._check_idle()
+        data = wire_bytes(self._frames.pixels(frame), Shape(hello.columns, hello.rows, hello.bits))
+        self._remember(hashlib.sha256(data).hexdigest(), frame.id)
+        return self._transfers.upload(
+            "image",
+            slot,
+            data,
+            _described(hello, self._link.dictionary.hash),
+            name=str(slot),
+            subject=f"frame {frame.id} to image memory {slot}",
+            options={"solve": solve},
+            frame_id=frame.id,
+        )
+
+    def _check_idle(self) -> None:
+        for name in CHAIN:
+            unmet = [s for s in self._commands.preconditions(self._link.dictionary.command(name)) if s.met is False]
+            if unmet:
+                raise Conflict(f"{name} is not allowed now", expected=unmet[0].text.lower(), got=unmet[0].value)
+
+    def _remember(self, sha256: str, frame_id: int) -> None:
+        self._frame_of[sha256] = frame_id
+        self._frame_of.move_to_end(sha256)
+        while len(self._frame_of) > REMEMBERED:
+            self._frame_of.popitem(last=False)
+
+    # --- what happens -------------------------------------------------------------------------------------------
+
+    def sent(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
+        """An image is in image memory: learn its number there, then have it solved if that was asked for."""
+        if transfer.frame_id is not None:
+            self._remember(done.sha256, transfer.frame_id)
+        if transfer.options.get("solve"):
+            self._waiting.append(int(transfer.options["slot"]))
+        self._send("LIST_FRAMES", {})
+        return {}
+
+    def frame_of(self, info: Mapping[str, Any]) -> Frame | None:
+        """The stored frame that an image on board was sent from; None for any other image."""
+        sha256 = info.get("sha256")
+        key = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
+        if str(info.get("source")) != "uploaded" or key not in self._frame_of:
+            return None
+        return self._frames.get(self._frame_of[key])
+
+    def completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+        """A command completed: send the next one of a solution that is under way. Where one fails the solution ends there."""
+        if name == "LIST_FRAMES" and self._waiting:
+            self._searched_slot = self._waiting.popleft()
+            self._send("FIND_CENTROIDS", {"slot": self._searched_slot})
+        elif name == "FIND_CENTROIDS" and arguments.get("slot", 0) == self._searched_slot:
+            self._searched_slot, self._found_in = None, int(values["frame_number"])
+            self._send("MATCH_STARS", {})
+        elif name == "MATCH_STARS" and values.get("frame_number") == self._found_in:
+            self._found_in = None
+            self._send("CALCULATE_ATTITUDE", {})
+
+    def _send(self, name: str, arguments: Mapping[str, Any]) -> None:
+        try:
+            self._commands.send(name, arguments, confirm="", user=SOFTWARE, source="server")
+        except GssError as error:
+            self._bus.record("command", "warning", f"{name} was not sent: {error}")
+
+
+def _described(hello: HelloReceived, dictionary_hash: bytes) -> Compatibility:
+    return Compatibility(device_model=hello.device_model, profile=hello.profile, dictionary_hash=dictionary_hash)
