@@ -17,6 +17,11 @@ export function fixed(value: number | null | undefined, decimals = 0, sign = fal
   return (value < 0 && !zero ? MINUS : sign && !zero ? '+' : '') + text;
 }
 
+/** "1 frame", "1 012 frames": a count with its word. */
+export function counted(n: number, one: string, many = `${one}s`): string {
+  return `${fixed(n)} ${n === 1 ? one : many}`;
+}
+
 /** A number as short as it can be written. */
 export function short(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
