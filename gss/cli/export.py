@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,11 @@ def register(subparsers: Subparsers) -> None:
     rerun.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
     rerun.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
     rerun.set_defaults(run=export_rerun)
+    fits = kinds.add_parser("fits", help="stored frames as FITS files with the coordinates of their solution")
+    fits.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
+    fits.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for frame-N.fits")
+    fits.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    fits.set_defaults(run=export_fits)
     solutions = kinds.add_parser("solutions", help="results on stored frames as a table")
     solutions.add_argument("--out", required=True, type=Path, help="file to write")
     solutions.add_argument("--format", default="parquet", choices=("csv", "parquet"), help="default parquet")
@@ -70,6 +76,25 @@ def export_solutions(arguments: argparse.Namespace) -> int:
     data = solution_export.export_solutions(services.database, arguments.format, arguments.chain)
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes")
+    return 0
+
+
+def export_fits(arguments: argparse.Namespace) -> int:
+    """Write one file per frame; frames with missing rows are left out and named."""
+    from gss.cli.records import services_of
+    from gss.operations.frames.fits_export import fits_file
+
+    services, written = services_of(arguments), 0
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for frame_id in _ids(arguments.frames):
+        detail = services.frames.detail(frame_id)
+        if not detail.frame.complete:
+            print(f"frame {frame_id} has missing rows and was left out", file=sys.stderr)
+            continue
+        data = fits_file(services.frames.pixels(detail.frame), detail.frame, detail.ground)
+        (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)
+        written += 1
+    print(f"{arguments.out}: {written} files")
     return 0
 
 

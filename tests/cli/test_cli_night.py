@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from gss.domain.profiles import profile
 from gss.operations.frames.solve import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
+from gss.settings import Settings
+from gss.wiring import build
 
 KNOWN = profile("cubestar")
 TRUE = replace(
@@ -83,3 +86,49 @@ def test_what_cannot_be_is_said(night: list[str], tmp_path: Path, capsys: pytest
     for arguments, words in wrong:
         assert main(arguments) == 2, arguments
         assert words in capsys.readouterr().err
+
+
+def test_stored_frames_go_out_as_fits_and_say_what_their_sky_is_without(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A simulated frame leaves the store as FITS; read again, nothing is taken out of a sky that was drawn without aberration."""
+    services = build(Settings(data=tmp_path / "store"))
+    attitude = cam_from_icrs(1.4, 0.2, 0.5)
+    image = render(
+        SolverCache().stars(2026.5).brighter_than(6.0),
+        KNOWN.camera,
+        KNOWN.sensor,
+        attitude,
+        0.25,
+        np.random.default_rng(1),
+    )
+    services.frames._add(
+        image.pixels,
+        source="device",
+        taken=datetime(2026, 7, 1, tzinfo=UTC),
+        bits=8,
+        exposure_s=0.25,
+        profile="cubestar",
+        truth=[float(v) for v in image.truth.quaternion],
+    )
+    services.frames.stop()
+    services.database.close()
+    folder = tmp_path / "out"
+    assert main(["export", "fits", "--frames", "1", "--out", str(folder), "--data", str(tmp_path / "store")]) == 0
+    capsys.readouterr()
+    assert (
+        main(
+            [
+                "solve",
+                str(folder / "frame-1.fits"),
+                "--camera",
+                "cubestar",
+                "--truth",
+                "80.2141,11.4592,28.6479",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    record = json.loads(capsys.readouterr().out)
+    assert record["truth"]["error_arcsec"] < 8
