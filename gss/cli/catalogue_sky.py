@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from gss.catalogue_tools.selection.screening import ACTIONS, ScreeningRules
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.sources import SOURCES, Source, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
-from gss.catalogue_tools.sources.star_lists import read_star_list, require_camera
+from gss.catalogue_tools.sources.star_lists import ImportedList, read_star_list, require_camera
 from gss.catalogue_tools.tables.terms import occultation_of, orbital_velocity, pole_of
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
@@ -33,6 +34,7 @@ SWITCHES = (
 )
 MARKS = ("doubles", "variables", "fast")
 OWN = -1.0
+SHOWN_ROWS = 10
 
 
 def register(p: argparse.ArgumentParser) -> None:
@@ -95,7 +97,16 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
         raise BadInput("the star list cannot be read", got=str(error)) from None
     read = read_star_list(data, kind_of(a.list), mapping)
     require_camera(read.camera, request.profile_name)
+    _tell_dropped(read)
     return of_list(read.stars, a.list)
+
+
+def _tell_dropped(read: ImportedList) -> None:
+    """Every row that was left out is a star that somebody meant to have."""
+    for row in read.dropped[:SHOWN_ROWS]:
+        print(f"gss: row {row.row} was left out: {row.column}: {row.reason} ({row.value})", file=sys.stderr)
+    if read.dropped_count > SHOWN_ROWS:
+        print(f"gss: {read.dropped_count} rows were left out in all", file=sys.stderr)
 
 
 def corrections(

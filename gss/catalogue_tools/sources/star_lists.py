@@ -120,7 +120,7 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
         raise BadInput(
             "the star list does not state its epoch",
             expected="the year of the places",
-            hint="give epoch_jyear, as 2000.0",
+            hint="say it with the list: --list-epoch 2000 in the shell, Epoch on the page",
         )
     if stated is not None and told is not None and not abs(stated - told) < 0.01:
         raise BadInput(
@@ -142,7 +142,10 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
         stated = frame_word(raw.frame)
         if stated is None and mapping.frame is None:
             raise BadInput(
-                "the star list's frame is unknown", expected="ICRS | FK5 | FK4", got=raw.frame, hint="give frame"
+                "the star list's frame is unknown",
+                expected="ICRS | FK5 | FK4",
+                got=raw.frame,
+                hint="say it with the list: --list-frame in the shell, axes on the page",
             )
     if stated is None:
         name = columns["ra"].lower()
@@ -155,7 +158,11 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
         )
     frame = stated or mapping.frame
     if frame is None:
-        raise BadInput("the star list does not state its frame", expected="icrs | fk5 | b1950", hint="give frame")
+        raise BadInput(
+            "the star list does not state its frame",
+            expected="icrs | fk5 | b1950",
+            hint="say it with the list: --list-frame in the shell, axes on the page",
+        )
     return frame
 
 
