@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -73,10 +74,11 @@ def _table(optics: Optics, count: int) -> Table:
     if optics.name == "cubestar":
         solvers["cubestar"] = _replica(sky, optics)
     skipped: list[str] = []
-    try:
-        solvers["tetra3rs"] = _tetra3rs(sky, optics)
-    except ImportError as error:
-        skipped.append(f"{error.name} is not installed")
+    for name, make in (("tetra3rs", _tetra3rs), ("cedar-solve", _cedar)):
+        try:
+            solvers[name] = make(sky, optics)
+        except ImportError:
+            skipped.append(f"{name} is not installed")
     rows: list[tuple[str, dict[str, Value]]] = []
     for false_stars in FALSE_STARS:
         scenes = star_lists(sky, optics, count, false_stars, NOISE_PX, SEED + false_stars)
@@ -189,6 +191,60 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
         return duration_ms, np.array([flat * np.cos(ra_rad), flat * np.sin(ra_rad), np.sin(dec_rad)])
 
     return solve
+
+
+def _cedar(sky: Sky, optics: Optics) -> Solver:
+    """The peer takes square pixels only: rows are stretched for it. Its data base holds the same stars."""
+    import tetra3  # type: ignore[import-not-found, unused-ignore]
+
+    logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)
+    wide_deg, high_deg = (float(a) for a in np.degrees(optics.fov_rad))
+    peer = tetra3.Tetra3(load_database=None)
+    with tempfile.TemporaryDirectory() as folder:
+        catalogue, database = Path(folder) / "hip_main.dat", Path(folder) / "stars.npz"
+        catalogue.write_text(_hipparcos_lines(sky))
+        peer.generate_database(
+            star_catalog=str(catalogue),
+            save_as=str(database),
+            max_fov=wide_deg,
+            min_fov=high_deg,
+            star_max_magnitude=optics.faint_mag + 0.01,
+            epoch_proper_motion=None,
+        )
+        peer = tetra3.Tetra3(load_database=None)
+        peer.load_database(str(database))
+    stretch = optics.pitch_row_mm / optics.pitch_col_mm
+    size = optics.rows * stretch, optics.columns
+    middle = np.array([size[0] / 2, size[1] / 2])
+
+    def solve(scene: StarList) -> tuple[float, Array | None]:
+        brightest = np.argsort(scene.magnitude, kind="stable")
+        places = scene.offset_px[brightest][:, ::-1] * [stretch, 1.0] + middle
+        duration_ms, result = timed_ms(
+            lambda: peer.solve_from_centroids(
+                places, size, fov_estimate=wide_deg, fov_max_error=0.02 * wide_deg, solve_timeout=1000
+            )
+        )
+        if result.get("RA") is None:
+            return duration_ms, None
+        ra_rad, dec_rad = np.radians([result["RA"], result["Dec"]])
+        flat = np.cos(dec_rad)
+        return duration_ms, np.array([flat * np.cos(ra_rad), flat * np.sin(ra_rad), np.sin(dec_rad)])
+
+    return solve
+
+
+def _hipparcos_lines(sky: Sky) -> str:
+    """The columns of the catalogue's main file that the peer reads; positions are at the epoch already, so no motion."""
+    x, y, z = sky.icrs.T
+    ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z))
+    lines = []
+    for hip, ra, dec, v_mag in zip(sky.hip, ra_deg, dec_deg, sky.v_mag, strict=True):
+        fields = [""] * 20
+        fields[0], fields[1], fields[5] = "H", str(int(hip)), f"{v_mag:.2f}"
+        fields[8], fields[9], fields[12], fields[13] = f"{ra:.8f}", f"{dec:.8f}", "0.0", "0.0"
+        lines.append("|".join(fields))
+    return "\n".join(lines) + "\n"
 
 
 def _gaia_records(sky: Sky) -> bytes:

@@ -101,7 +101,7 @@ def spread(durations_ms: Sequence[float]) -> dict[str, Value]:
 
 def machine() -> dict[str, Any]:
     """Where and with what the figures were measured."""
-    packages = ("numpy", "scipy", "sep", "tetra3rs")
+    packages = ("numpy", "scipy", "numba", "sep", "tetra3rs", "cedar-solve")
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
