@@ -112,7 +112,8 @@ class ReprocessService:
                 for rows in _in_batches(pool, order, tasks, self._pool.workers * AHEAD):
                     self._keep(rows)
                     for row in rows:
-                        for key in (row["outcome"], row.get("verdict")):
+                        # The verdict "none" says no more than the outcome "none".
+                        for key in {row["outcome"], row.get("verdict")}:
                             if key:
                                 counts[key] = counts.get(key, 0) + 1
                     done += len(rows)
