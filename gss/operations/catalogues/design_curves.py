@@ -56,7 +56,7 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
             "diameter of the field, °",
             SHARE,
             by_circle,
-            [_upright("equal area", circle)],
+            [_upright("equal circle on the sky", circle)],
             log_y=True,
         ),
         _curve(

@@ -103,7 +103,9 @@ def _optics(r: DesignReport) -> list[dict[str, Any]]:
         _figure(
             g, "fov_diagonal_deg", "field diagonal", 2 * math.degrees(c.half_diagonal_rad), "°", "Jacobs 1995 eq. 7.23"
         ),
-        _figure(g, "fov_circle_deg", "circle of equal area", math.degrees(circle), "°", "Erlank 2013 eq. 3.5.4"),
+        _figure(
+            g, "fov_circle_deg", "circle of equal area, as if flat", math.degrees(circle), "°", "Erlank 2013 eq. 3.5.4"
+        ),
         _figure(g, "pixel_arcsec", "pixel", c.camera.pixel_rad / ARCSEC_RAD, "″", "pitch over focal length"),
         _figure(g, "pupil_mm", "entrance pupil", c.pupil_mm, "mm", "Jacobs 1995 eq. 9.2"),
         _figure(g, "aperture_cm2", "area of the pupil", c.aperture_cm2, "cm²", "Jacobs 1995 eq. 9.5"),
