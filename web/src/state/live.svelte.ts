@@ -61,7 +61,7 @@ class Live {
       case 'telemetry': return this.putTelemetry(data as T.Latest);
       case 'command': return this.putCommand(data as T.Command);
       case 'transfer': this.transfers = unlessEnded(this.transfers, data as T.Transfer); return;
-      case 'job': this.jobs = unlessEnded(this.jobs, data as T.Job); return;
+      case 'job': this.jobs = unlessEnded(this.jobs, data as T.Job, false); return;
       case 'cycle': this.putCycle(data as T.Cycle); return;
       case 'event': this.lastEvent = data as T.EventRow; return;
       case 'authority': this.authority = data as T.Authority; return;
@@ -186,9 +186,9 @@ function ends(c: T.Command): boolean {
 }
 
 /** The answer to a request may come after the stream has told the end: the end stands. A transfer that goes on starts a new life. */
-function unlessEnded<R extends { id: number; finished: string | null; state: string }>(list: R[], item: R): R[] {
+function unlessEnded<R extends { id: number; finished: string | null; state: string }>(list: R[], item: R, revives = true): R[] {
   const before = list.find((x) => x.id === item.id);
-  const stale = before !== undefined && before.finished !== null && item.finished === null && item.state === 'queued';
+  const stale = before !== undefined && before.finished !== null && item.finished === null && (!revives || item.state === 'queued');
   return stale ? list : upsert(list, item);
 }
 
