@@ -64,7 +64,7 @@ export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, s
     ctx.stroke();
     ctx.setLineDash([]);
     const p = visible(projection, scene, body.ra_deg, body.dec_deg);
-    if (p) bodyMark(ctx, p, body.name, ink, colour);
+    if (p) bodyMark(ctx, p, body.name, ink, colour, w);
   }
   if (scene.trail.length > 1) {
     ctx.setLineDash([2, 2.5]);
@@ -113,7 +113,7 @@ function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: C
   ctx.globalAlpha = 1;
 }
 
-function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string, colour: Colour): void {
+function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string, colour: Colour, width: number): void {
   ctx.fillStyle = ink;
   ctx.strokeStyle = ink;
   ctx.beginPath();
@@ -128,9 +128,11 @@ function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name:
   ctx.font = "11.5px 'IBM Plex Sans'";
   ctx.lineWidth = 3;
   ctx.strokeStyle = colour('chart');
-  ctx.strokeText(name, x + 8, y + 4);
+  const wide = ctx.measureText(name).width;
+  const left = x + 8 + wide > width - 2 ? x - 8 - wide : x + 8;
+  ctx.strokeText(name, left, y + 4);
   ctx.fillStyle = name === 'Sun' ? ink : colour('tx2');
-  ctx.fillText(name, x + 8, y + 4);
+  ctx.fillText(name, left, y + 4);
   ctx.lineWidth = 1;
 }
 
