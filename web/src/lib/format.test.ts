@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { clock, daysLeft, degrees, fixed, pairs, scientific, shortHash, span } from './format';
+import { clock, counted, daysLeft, degrees, fixed, pairs, scientific, shortHash, span } from './format';
 
 describe('numbers', () => {
   it('writes a true minus and a thin group space', () => {
@@ -33,5 +33,8 @@ describe('times and bytes', () => {
   it('groups hex in bytes and shortens hashes', () => {
     expect(pairs('184dc020')).toBe('18 4d c0 20');
     expect(shortHash('7f21aaaaaaaa09c0')).toBe('7f21…09c0');
+  });
+  it('counts one thing in the singular', () => {
+    expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual(['1 frame', '0 frames', '1\u2009200 frames']);
   });
 });
