@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Header, Path, Query, Request
 from pydantic import AfterValidator
 
+from gss.api.schemas.base import LARGEST_ID
 from gss.operations.commanding.authority import checked_user
 from gss.wiring import Services
 
@@ -22,7 +23,6 @@ def _user(app: Annotated[Services, Depends(_services)], x_gss_user: Annotated[st
     return checked_user(x_gss_user or app.settings.user)
 
 
-LARGEST_ID = 2**31 - 1
 RowId = Annotated[int, Path(ge=1, le=LARGEST_ID)]
 """Id in an address."""
 ContactId = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
+from fastapi.testclient import TestClient
 
 from gss.api.loopback import check_host
 from gss.domain.errors import BadInput
@@ -52,3 +55,33 @@ def test_other_addresses_may_not(host):
     """There is no sign-in yet."""
     with pytest.raises(BadInput, match="loopback only"):
         check_host(host)
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("campaigns/reprocess", {"frame_ids": [10**30]}),
+        ("campaigns/reprocess", {"contact": 10**20}),
+        ("calibrations", {"kind": "detector", "profile": "cubestar", "dark_ids": [1], "flat_pairs": [[10**20, 1]]}),
+        ("calibrations", {"kind": "bench-centre", "profile": "cubestar", "dots_px": [[1e308, -1e308]] * 8}),
+        ("calibrations", {"kind": "bench-focus", "profile": "cubestar", "widths": [[1, 1e300]] * 8}),
+        ("catalogues/preview", {"orbit": "elements", "raan_deg": [-1e300, 1e300]}),
+        ("catalogues/preview", {"orbit": "elements", "mounting_deg": [1e308, 0, 0]}),
+    ],
+)
+def test_numbers_beyond_any_use_are_refused_by_the_schema(
+    client: TestClient, path: str, body: dict[str, object]
+) -> None:
+    """Ids that no row can have, and sizes and angles that nothing has, are a 422 that names the field."""
+    reply = client.post(f"/api/{path}", json=body)
+    assert reply.status_code == 422, reply.text
+
+
+def test_every_id_in_a_request_has_an_end(client: TestClient) -> None:
+    """No integer that travels in is without a largest value: the database counts in 32 bits."""
+    schemas = client.get("/openapi.json").json()["components"]["schemas"]
+    for name, schema in schemas.items():
+        if name.endswith("In"):
+            for field, rule in schema.get("properties", {}).items():
+                if field.endswith(("_id", "_ids", "contact", "star_list", "flat_pairs")):
+                    assert '"maximum"' in json.dumps(rule), f"{name}.{field}"

@@ -277,3 +277,10 @@ def test_impossible_limits_are_named(make, text):
     """Each kind of nonsense is bad input that says what is wrong."""
     with pytest.raises(BadInput, match=text):
         make()
+
+
+def test_a_mounting_that_mirrors_is_refused():
+    """Rows of unit length at right angles are not enough: a mirror is no rotation."""
+    with pytest.raises(BadInput, match="it mirrors"):
+        AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, 1.0, 0, 0, 0, -1.0))
+    assert AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, -1.0, 0, 0, 0, -1.0)).cam_from_body[2, 2] == -1

@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.base import Id, In, Out, Utc
 from gss.api.schemas.reports import ReportViewOut
 
-ManyIds = Annotated[list[Annotated[int, Field(ge=1, le=2**31 - 1)]], Field(max_length=5000)]
+ManyIds = Annotated[list[Id], Field(max_length=5000)]
 
 
 class FrameAnalysisIn(In):
@@ -29,7 +29,7 @@ class TelemetryAnalysisIn(In):
     """Performance from the attitudes of a contact."""
 
     kind: Literal["telemetry"]
-    contact: int = Field(ge=1, le=2**31 - 1)
+    contact: Id
     title: str = Field(default="", max_length=120)
 
 

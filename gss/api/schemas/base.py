@@ -5,7 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, PlainSerializer, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_validator
+
+LARGEST_ID = 2**31 - 1
+"""The database counts rows in 32 bits."""
 
 
 class In(BaseModel):
@@ -44,6 +47,8 @@ def _iso_z(value: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
+Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
+"""A row's id in a request body."""
 Utc = Annotated[datetime, PlainSerializer(_iso_z, return_type=str)]
 """UTC, ISO 8601 with Z, milliseconds."""
 

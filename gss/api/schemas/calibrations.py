@@ -6,10 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.base import Id, In, Out, Utc
 from gss.api.schemas.reports import ReportViewOut
 
-FrameIds = Annotated[list[Annotated[int, Field(ge=1, le=2**31 - 1)]], Field(max_length=2000)]
+FrameIds = Annotated[list[Id], Field(max_length=2000)]
+
+LARGEST = 1e6
+Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+"""A reading of the bench; NaN and infinity lie in no range."""
 
 
 class StarCalibrationIn(In):
@@ -22,7 +26,7 @@ class StarCalibrationIn(In):
     photometry: bool = True
     psf: bool = True
     fov_deg: float | None = Field(default=None, gt=0.5, lt=120)
-    prior_ids: list[Annotated[int, Field(ge=1, le=2**31 - 1)]] = Field(
+    prior_ids: list[Id] = Field(
         default=[], max_length=10, description="Calibrations of the bench that say something beforehand."
     )
     name: str = Field(default="", max_length=80)
@@ -35,9 +39,7 @@ class DetectorCalibrationIn(In):
     kind: Literal["detector"]
     profile: str = Field(max_length=40)
     dark_ids: FrameIds
-    flat_pairs: list[Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)]] = Field(
-        default=[], max_length=200
-    )
+    flat_pairs: list[Annotated[list[Id], Field(min_length=2, max_length=2)]] = Field(default=[], max_length=200)
     name: str = Field(default="", max_length=80)
     note: str = Field(default="", max_length=2000)
 
@@ -51,7 +53,7 @@ class _BenchIn(In):
 
 
 def _rows(columns: int, words: str) -> Any:
-    row = Annotated[list[float], Field(min_length=columns, max_length=columns)]
+    row = Annotated[list[Measured], Field(min_length=columns, max_length=columns)]
     return Annotated[list[row], Field(min_length=1, max_length=5000, description=words)]
 
 
@@ -106,9 +108,9 @@ class BenchFocusIn(_BenchIn):
     """The best focus: from pictures at several settings of the lens, or from widths measured already."""
 
     kind: Literal["bench-focus"]
-    frame_ids: list[Annotated[int, Field(ge=1, le=2**31 - 1)]] = Field(default=[], max_length=2000)
-    positions: list[float] = Field(default=[], max_length=2000)
-    widths: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = Field(
+    frame_ids: list[Id] = Field(default=[], max_length=2000)
+    positions: list[Measured] = Field(default=[], max_length=2000)
+    widths: list[Annotated[list[Measured], Field(min_length=2, max_length=2)]] = Field(
         default=[], max_length=5000, description="[setting, σ in px]"
     )
     wished_sigma_px: float = Field(default=0.45, gt=0, lt=50)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out
+from gss.api.schemas.base import Id, In, Out
 
 
 class ExperimentOut(Out):
@@ -28,9 +28,9 @@ class ReprocessIn(In):
     this chain and version have solved."""
 
     chain: str = Field(min_length=1, max_length=30)
-    frame_ids: list[int] = Field(default_factory=list, max_length=100_000)
+    frame_ids: list[Id] = Field(default_factory=list, max_length=100_000)
     source: str = Field(default="", max_length=10)
-    contact: int | None = Field(default=None, ge=1)
+    contact: Id | None = None
     profile: str | None = Field(default=None, max_length=40)
     again: bool = False
 

@@ -6,12 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.base import Id, In, Out, Utc
 
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
+"""Degrees; NaN and infinity lie in no range."""
+Range = Annotated[list[Angle], Field(min_length=2, max_length=2)]
 """Smallest and largest, degrees."""
-Mounting = Annotated[list[float], Field(min_length=9, max_length=9)]
-Turns = Annotated[list[float], Field(min_length=3, max_length=3)]
+Mounting = Annotated[list[Annotated[float, Field(ge=-1.1, le=1.1)]], Field(min_length=9, max_length=9)]
+Turns = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
 
 
@@ -100,7 +102,7 @@ class CatalogueIn(In):
     margin_deg: float = Field(default=0.5, ge=0, le=20)
     method: Literal["exact", "blocks"] = "exact"
     source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
-    star_list: int | None = Field(default=None, ge=1, le=2**31 - 1)
+    star_list: Id | None = None
     corrections: CorrectionsIn = CorrectionsIn()
     occultation: OccultationIn = OccultationIn()
     epoch_jyear: float | None = Field(default=None, ge=1800, le=2200)
@@ -116,6 +118,17 @@ class CatalogueIn(In):
     pair_max_deg: float | None = Field(default=None, gt=0, le=120)
     bank_bytes: int | None = Field(default=None, ge=64, le=1 << 30)
     k_vector: bool = False
+
+
+class ListMappingIn(In):
+    """How a star list is read, JSON in a form field: see ``ListMapping``, which knows the words."""
+
+    columns: dict[str, str] = {}
+    units: dict[str, str] = {}
+    epoch_jyear: float | None = Field(default=None, allow_inf_nan=False)
+    frame: str | None = None
+    pm_ra_has_cos_dec: bool = True
+    bad_rows: str = "drop"
 
 
 class FunnelOut(Out):

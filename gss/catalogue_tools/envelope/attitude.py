@@ -78,6 +78,13 @@ class AttitudeLimits:
                 raise BadInput(
                     "the mounting is no rotation", expected="nine numbers, rows of unit length at right angles"
                 )
+            if np.linalg.det(m.reshape(3, 3)) < 0:
+                raise BadInput(
+                    "the mounting is no rotation: it mirrors",
+                    expected="determinant 1",
+                    got="determinant −1",
+                    hint="one axis has the wrong sign",
+                )
 
     @property
     def low(self) -> Array:
