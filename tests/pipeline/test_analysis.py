@@ -128,6 +128,18 @@ def test_a_slew_gives_its_rate_back() -> None:
         slew_test(run(rate), 3.0)
 
 
+def test_attitudes_that_are_no_slew_are_severely_told() -> None:
+    """Random attitudes are no rate: axes, speed and scatter are each told, severely; a true slew far off its command only as
+    a rate."""
+    series = run(POLE, n=40, step_s=1.0)
+    wild = replace(series, quaternion=Rotation.random(40, random_state=4).as_quat())
+    found = slew_test(wild, float(np.radians(0.5)))
+    assert {w.code for w in found.warnings if w.severe} >= {"rate", "axes", "scatter"}
+    true = run(np.array([0.0, np.radians(0.1333), 0.0]), n=40, step_s=1.0)
+    assert {w.code for w in slew_test(true, float(np.radians(0.2))).warnings if w.severe} == {"rate"}
+    assert not any(w.severe for w in slew_test(true, float(np.radians(0.1333))).warnings)
+
+
 def test_the_detection_limit_is_found() -> None:
     """A logistic camera of limit 5.2 gives 5.2 ± its σ; a bright half hidden gives a ceiling and says so."""
     rng = np.random.default_rng(5)

@@ -15,6 +15,9 @@ from gss.pipeline.calibration.robust import robust_sigma
 LARGEST_TURN_RAD = 3.0
 OFF_SIGMAS = 5.0
 OFF_SHARE = 0.02
+FAR_OFF_SHARE = 0.2
+FEWEST_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for axes at random
+OVER_CLAIM = 10.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,11 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     claimed = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)) / 3))
     mean_sigma = float(sigma[0] / np.sqrt(len(along)))
     found = float(along.mean())
-    warnings = [*check_series(series), *_said(found, mean_sigma, commanded_rad_s, axis, rate)]
+    warnings = [
+        *check_series(series),
+        *_said(found, mean_sigma, commanded_rad_s, axis, rate),
+        *_doubts(rate, sigma, claimed),
+    ]
     return SlewTest(
         (good.times_s[:-1] + good.times_s[1:]) / 2,
         rate,
@@ -95,7 +102,16 @@ def _scatter(rate: Array, axis: Array) -> Array:
 
 def _said(found: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
     said: list[Advice] = []
-    if abs(found - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
+    speed = float(np.median(np.linalg.norm(rate, axis=1)))
+    far = max(abs(found - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
+    if far:
+        text = (
+            f"measured {np.degrees(found):.5g}°/s along the mean axis, {np.degrees(speed):.5g}°/s from frame to frame, "
+            f"where {np.degrees(commanded):.5g}°/s were commanded"
+        )
+        hint = "other frames, other times, or another command: this is no run at that rate"
+        said.append(Advice("rate", text, hint, severe=True))
+    elif abs(found - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
         text = f"measured {np.degrees(found):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
         said.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
     along = rate @ axis
@@ -103,4 +119,20 @@ def _said(found: float, sigma: float, commanded: float, axis: Array, rate: Array
     changing = float(np.ptp(np.polyval(np.polyfit(np.arange(len(along)), along, 1), [0, len(along) - 1])))
     if len(along) >= 10 and changing > max(6 * spread / np.sqrt(len(along)) * 3.5, 0.05 * commanded):
         said.append(Advice("unsteady", "the rate changes over the run", "leave out the start and the end of the slew"))
+    return said
+
+
+def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
+    """Signs that the attitudes are of no steady turn at all."""
+    said: list[Advice] = []
+    speed = np.linalg.norm(rate, axis=1)
+    moving = rate[speed > 0] / speed[speed > 0, None]
+    agree = float(np.linalg.norm(moving.mean(axis=0))) if len(moving) else 0.0
+    if agree < FEWEST_AGREE:
+        text = f"the intervals turn about different axes: their mean unit axis is {agree:.2f} long, one axis gives 1"
+        said.append(Advice("axes", text, "frames of one slew, in the order they were taken", severe=True))
+    scatter = float(np.sqrt(np.mean(sigma**2)))
+    if scatter > OVER_CLAIM * claimed > 0:
+        text = f"the rates scatter {scatter / claimed:.0f} times as much as the attitudes claim"
+        said.append(Advice("scatter", text, "wrong attitudes, wrong times, or a mount that shakes", severe=True))
     return said
