@@ -31,8 +31,8 @@ DAMPED, EASED = 10.0, 0.2
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter beforehand, for example from the bench. ``sigma`` in the parameter's unit (relative for
-    the focal length and the aspect)."""
+    """What is known of a parameter beforehand, for example from the bench. ``sigma`` in the parameter's own unit: pixels
+    for the focal length and the centre, radians for tilts."""
 
     value: float
     sigma: float

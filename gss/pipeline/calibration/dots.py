@@ -18,6 +18,8 @@ FEWEST_TURNS = 6
 ROUND = 5.0  # a cloud of places without a circle has a radius of about twice its scatter
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
+LARGEST_PX = 1e6
+SHORTEST_ARM_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -93,12 +95,25 @@ class DetectorTilt:
 def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: float) -> DetectorTilt:
     """Least squares of eq. 6.15 on the distance between a dot near the optical centre and one far out, from (n, 2) places of both
     while the camera is turned. ``camera``: centre and plate scale; ``focal_mm``: its focal length."""
-    inner, outer = _checked(inner_px), _checked(outer_px)
+    inner, outer = _checked(inner_px, still=True), _checked(outer_px)
     if inner.shape != outer.shape:
         raise BadInput("dots come in pairs", expected=f"{len(inner)} places of both", got=str(len(outer)))
     pitch_mm = focal_mm / np.array([camera.focal_col_px, camera.focal_row_px])
     arm = (outer - inner) * pitch_mm
     angle, distance = np.arctan2(arm[:, 1], arm[:, 0]), np.hypot(arm[:, 0], arm[:, 1])
+
+    if np.hypot(*(outer - inner).T).min() < SHORTEST_ARM_PX:
+        raise BadInput(
+            "the two dots are one", expected="one dot near the centre, one far out", got="places less than 1 px apart"
+        )
+
+    if np.ptp(outer - inner, axis=0).max() < 1e-6:
+        raise BadInput(
+            "the dots never moved",
+            expected="places that change as the camera turns",
+            got=f"{len(inner)} times the same places",
+            hint="measure both dots anew at each turn",
+        )
 
     def model(p: Array) -> Array:
         # Tilt as a vector: no angle without meaning when it is small.
@@ -127,7 +142,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
     )
 
 
-def _checked(dots_px: Array) -> Array:
+def _checked(dots_px: Array, *, still: bool = False) -> Array:
     dots = np.asarray(dots_px, float)
     if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < FEWEST_TURNS or not np.isfinite(dots).all():
         raise BadInput(
@@ -135,5 +150,15 @@ def _checked(dots_px: Array) -> Array:
             expected=f"{FEWEST_TURNS} or more places (col, row), one per turn",
             got=f"{dots.shape}",
             hint="Jacobs took 36, every 10°",
+        )
+    if np.abs(dots).max() > LARGEST_PX:
+        got = f"{np.abs(dots).max():g} px"
+        raise BadInput("a dot lies on no detector", expected=f"within {LARGEST_PX:g} px", got=got)
+    if not np.ptp(dots, axis=0).any() and not still:
+        raise BadInput(
+            "the dot never moved",
+            expected="places that change as the camera turns",
+            got=f"{len(dots)} times the same place",
+            hint="measure the dot anew at each turn",
         )
     return dots

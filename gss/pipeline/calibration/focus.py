@@ -15,6 +15,8 @@ MONITEQ_GOOD = (2.0, 2.5)  # pixel over σ, with a window of three pixels
 WIDTH_SIGMAS = 4.0  # Huffman's width of a spot in σ
 NOISE_FACTOR_N3 = 8.6
 WINDOWS = (3, 5, 7, 9)
+WIDEST_PX = 1000.0
+FARTHEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -104,10 +106,12 @@ class BestFocus:
 
 def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) -> BestFocus:
     """From (n,) settings of the lens and measured widths, four or more on both sides of the focus: σ² is a parabola there."""
-    x, s2 = np.asarray(position, float), np.asarray(sigma_px, float) ** 2
-    if len(x) < 4 or len(x) != len(s2):
+    x, width = np.asarray(position, float), np.asarray(sigma_px, float)
+    if len(x) < 4 or len(x) != len(width):
         raise BadInput("too few settings of the focus", expected="4 or more with their widths", got=str(len(x)))
-    middle, reach = float(x.mean()), float(np.ptp(x)) or 1.0
+    _check_run(x, width)
+    s2 = width**2
+    middle, reach = float(x.mean()), float(np.ptp(x))
     u = (x - middle) / reach
     fit = fit_linear(np.column_stack([np.ones(len(u)), u, u * u]), s2)
     c, b, a = (float(k) for k in fit.coefficients)
@@ -128,3 +132,23 @@ def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) 
     return BestFocus(
         at, sigma, float(np.sqrt(max(least, 0.0))), wished_sigma_px, (at - reach * side, at + reach * side)
     )
+
+
+def _check_run(position: Array, sigma_px: Array) -> None:
+    ok = np.isfinite(sigma_px) & (sigma_px > 0) & (sigma_px <= WIDEST_PX)
+    if not ok.all():
+        expected = f"σ above 0 px, at most {WIDEST_PX:g} px"
+        raise BadInput("this is no width of a star", expected=expected, got=f"{sigma_px[~ok][0]:g} px")
+    if not (np.abs(position) <= FARTHEST).all():
+        raise BadInput("this is no setting of a lens", expected=f"within ±{FARTHEST:g}", got=f"{position}")
+    if len(np.unique(position)) < 3:
+        raise BadInput(
+            "too few different settings of the focus", expected="3 or more", got=str(len(np.unique(position)))
+        )
+    if np.ptp(sigma_px) <= 1e-9 * sigma_px.max():
+        raise BadInput(
+            "the widths are all equal",
+            expected="widths that change with the setting",
+            got=f"{sigma_px[0]:g} px at every setting",
+            hint="go further out on both sides of the focus",
+        )

@@ -17,6 +17,7 @@ from gss.pipeline.calibration import checkerboard
 from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
 from gss.pipeline.calibration.dots import detector_tilt, optical_centre
 from gss.pipeline.calibration.focal_pairs import focal_from_pair, focal_from_pairs
+from gss.pipeline.calibration.focus import best_focus
 from gss.pipeline.calibration.radial import radial_polynomial
 from gss.pipeline.calibration.record import as_record, camera_from_record, camera_record
 from gss.pipeline.calibration.sightings import FrameStars
@@ -224,3 +225,33 @@ def test_cameras_survive_being_written_down(name: str, known: Known) -> None:
     assert record["a"] == [1.0, None]
     assert record["b"][1]["columns"] == camera.columns
     assert record["image"] == {"shape": [300, 300]}
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [[[5, 5, 5, 5]] * 10, [[5, 5, 90, 90]] * 10, [[1e300, 5, -1e300, k] for k in range(10)], [[np.nan, 1, 2, 3]] * 10],
+)
+def test_dots_that_say_nothing_of_a_tilt_are_refused(pairs: list[list[float]], known: Known) -> None:
+    """Two dots in one, dots that never move, places on no detector and NaN give no tilt with σ 0, but a refusal."""
+    rows = np.array(pairs, float)
+    with pytest.raises(BadInput):
+        detector_tilt(rows[:, :2], rows[:, 2:], known("cubestar").camera, 35.0)
+
+
+@pytest.mark.parametrize("dots", [[[5, 5]] * 10, [[1e308 * (-1) ** k, 1e300 * k] for k in range(10)]])
+def test_a_dot_that_says_nothing_of_a_centre_is_refused(dots: list[list[float]]) -> None:
+    """A place that never changes and places on no detector are refused before anything is solved."""
+    with pytest.raises(BadInput):
+        optical_centre(np.array(dots, float))
+
+
+@pytest.mark.parametrize(
+    "sigma",
+    [[-1, -2, -1, -1, 5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0], [3, 1, np.nan, 1, 3], [1e300, 1, 0.5, 1, 1e300]],
+)
+def test_widths_that_no_focus_gives_are_refused(sigma: list[float]) -> None:
+    """Negative, equal, zero, absurd and missing widths have no best focus."""
+    with pytest.raises(BadInput):
+        best_focus(np.arange(5.0), np.array(sigma, float))
+    with pytest.raises(BadInput, match="different settings"):
+        best_focus(np.ones(4), np.array([1.0, 2.0, 3.0, 4.0]))
