@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.catalogue_tools.sources.star_list_guards import check_ecsv_header, check_quotes, check_votable
 from gss.domain.errors import BadInput
 
 MOST_ROWS = 5_000_000
@@ -80,7 +81,15 @@ def frame_word(text: str) -> str | None:
 
 def _stated(meta: Mapping[str, Any], keys: Iterable[str]) -> str | None:
     plain = {str(k).lower(): v for k, v in meta.items()}
-    return next((str(plain[k]) for k in keys if plain.get(k) not in (None, "")), None)
+    for key in keys:
+        value = plain.get(key)
+        if isinstance(value, list | tuple | set | dict):
+            raise BadInput(
+                f"{key} of the star list is not one value", expected="a word or a number", got="a collection"
+            )
+        if value is not None and str(value) != "":
+            return str(value)
+    return None
 
 
 def _csv(data: bytes) -> RawList:
@@ -116,6 +125,7 @@ def _ecsv(data: bytes) -> RawList:
         end = len(text) if end < 0 else end
         lines.append(text[start + 2 : end].rstrip("\r"))
         start = end + 1
+    check_ecsv_header(lines)
     header = astropy_meta.get_header_from_yaml(lines)
     raw = _delimited(text[start:], header.get("delimiter", " "))
     raw.units = {c["name"]: str(c["unit"]) for c in header.get("datatype", []) if c.get("unit")}
@@ -146,6 +156,7 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise BadInput("two columns of the star list have one name", expected="each name once", got=", ".join(twice))
+    check_quotes(text, mark)
     broken: list[tuple[int, str, str]] = []
 
     def note(row: Any) -> str:
@@ -210,6 +221,7 @@ def _fits(data: bytes) -> RawList:
 def _votable(data: bytes) -> RawList:
     from astropy.io import votable
 
+    check_votable(data)
     file = votable.parse(io.BytesIO(data), verify="ignore")
     first = next(file.iter_tables(), None)
     if first is None:
@@ -236,6 +248,6 @@ def _of_astropy(table: Any) -> RawList:
             plain = np.where(mask, np.nan, plain.astype(float))
         elif plain.dtype.kind == "S":
             plain = np.array([text.decode("utf-8", "replace") for text in plain], object)
-        columns[name] = plain if plain.dtype.kind in "iufb" else plain.astype(object)
+        columns[name] = plain if plain.dtype.kind in "iufbc" else plain.astype(object)
     units = {name: str(table[name].unit) for name in columns if table[name].unit is not None}
     return RawList(columns, np.arange(1, len(table) + 1), units)

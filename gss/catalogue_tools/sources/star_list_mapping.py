@@ -93,6 +93,7 @@ class ListMapping:
     bad_rows: str = "drop"
 
     def __post_init__(self) -> None:
+        self._check_types()
         for name, known in (("columns", FIELDS), ("units", tuple(UNITS_OF))):
             if unknown := set(getattr(self, name)) - set(known):
                 raise BadInput(
@@ -104,6 +105,29 @@ class ListMapping:
             raise BadInput("unknown frame of a star list", expected=" | ".join(LIST_FRAMES), got=str(self.frame))
         if self.bad_rows not in BAD_ROWS:
             raise BadInput("unknown way with bad rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
+
+    def _check_types(self) -> None:
+        """What comes from JSON may be anything; "no" must not count as true."""
+        for name in ("columns", "units"):
+            held = getattr(self, name)
+            if not isinstance(held, Mapping) or not all(isinstance(t, str) for pair in held.items() for t in pair):
+                raise BadInput(
+                    f"{name} of a star list is not understood", expected="a word for each field", got=_short(held)
+                )
+        epoch = self.epoch_jyear
+        if epoch is not None and (isinstance(epoch, bool) or not isinstance(epoch, int | float)):
+            raise BadInput("epoch_jyear of a star list is not understood", expected="a number", got=_short(epoch))
+        if not isinstance(self.pm_ra_has_cos_dec, bool):
+            got = _short(self.pm_ra_has_cos_dec)
+            raise BadInput("pm_ra_has_cos_dec is not understood", expected="true or false", got=got)
+        for name in ("frame", "bad_rows"):
+            if not isinstance(getattr(self, name), str | None):
+                got = _short(getattr(self, name))
+                raise BadInput(f"{name} of a star list is not understood", expected="a word", got=got)
+
+
+def _short(value: object) -> str:
+    return repr(value)[:60]
 
 
 def plain_unit(name: str, unit: str) -> str:
@@ -142,6 +166,7 @@ def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
             hit = next((plain[name] for name in usual if name in plain), None)
             if hit is not None:
                 found[ours] = _only(ours, hit)
+    _each_once(found)
     missing = [name for name in REQUIRED if name not in found]
     if missing:
         raise BadInput(
@@ -151,6 +176,19 @@ def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
             hint="name them: columns = {" + ", ".join(f'"{name}": "…"' for name in missing) + "}",
         )
     return found
+
+
+def _each_once(found: Mapping[str, str]) -> None:
+    """A number that is the name too is no mistake; a place that is its own magnitude is."""
+    for ours, theirs in found.items():
+        others = [name for name, column in found.items() if column == theirs and "name" not in (name, ours)]
+        if len(others) > 1:
+            raise BadInput(
+                f"column {theirs!r} is used twice",
+                expected="a column for each field",
+                got=" and ".join(others),
+                hint="name another column for one of them",
+            )
 
 
 def unit_in_name(ours: str, column: str) -> str | None:

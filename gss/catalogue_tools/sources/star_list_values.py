@@ -76,6 +76,18 @@ class BadRows:
         return tuple(sorted(found, key=lambda row: row.row)[:most])
 
 
+def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
+    """Refuses truth values and complex numbers where a star has numbers; text may be one and is looked at row by row."""
+    for name, column in columns.items():
+        kind = raw.columns[column].dtype.kind
+        if name != "name" and kind in "bc":
+            raise BadInput(
+                f"column {column} cannot be {name}",
+                expected="numbers or text",
+                got="truth values" if kind == "b" else "complex numbers",
+            )
+
+
 def unit_of(name: str, column: str, raw: RawList, mapping: ListMapping) -> str:
     """As told, else as the file states, else as the name of the column says, else the usual one."""
     told = mapping.units.get(name) or raw.units.get(column)
@@ -106,7 +118,7 @@ def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) ->
         return values.astype(np.float64) * factor_of(name, unit)
     try:
         return values.astype(np.float64) * factor_of(name, unit)
-    except ValueError:
+    except (ValueError, TypeError):
         numbers = np.array([number_of(v) for v in values])
         empty = np.array(
             [not str(v).strip() or str(v).strip().lower() in ("nan", "null", "none", "--") for v in values]

@@ -21,6 +21,7 @@ from gss.catalogue_tools.sources.star_list_values import (
     number_of,
     numbering_of,
     numbers_of,
+    require_numbers,
     unit_of,
 )
 from gss.domain.angles import Array, unit_from_ra_dec
@@ -64,8 +65,17 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     mapping = mapping or ListMapping()
     raw = read_columns(data, kind)
     columns = columns_of(list(raw.columns), mapping)
+    if not len(raw.rows) and raw.broken:
+        number, reason, text = raw.broken[0]
+        raise BadInput(
+            "no row of the star list can be used",
+            expected="as many values in a row as the header names",
+            got=f"row {number}: {reason}: {text}",
+            hint="look for a comma at the end of the rows, or a decimal comma",
+        )
     if not len(raw.rows):
         raise BadInput("the star list is empty", expected="a row for each star", got="a header without rows")
+    require_numbers(raw, columns)
     notes: list[str] = []
     units = {name: unit_of(name, column, raw, mapping) for name, column in columns.items() if name in USUAL_UNITS}
     epoch, frame = _epoch(raw, mapping), _frame(raw, columns, mapping)

@@ -1,0 +1,174 @@
+"""Star lists that somebody made to do harm, or by mistake: refused with words before any library reads them."""
+
+from __future__ import annotations
+
+import builtins
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.table import Table
+
+from gss.catalogue_tools.sources.star_list_guards import ECSV_HEADER_BYTES
+from gss.catalogue_tools.sources.star_list_mapping import ListMapping
+from gss.catalogue_tools.sources.star_lists import read_star_list
+from gss.domain.errors import BadInput
+
+SAID = ListMapping(epoch_jyear=2000.0, frame="icrs")
+FIELDS = "".join(f'<FIELD name="{n}" datatype="unsignedByte"/>' for n in ("ra", "dec", "v"))
+GOOD = "".join(f"{i},{i * 12},{i},3,star {i}\n" for i in range(1, 30))
+HEAD = "id,ra,dec,v,name\n"
+
+
+def votable(data: str, prologue: str = "") -> bytes:
+    return (
+        f'<?xml version="1.0"?>{prologue}<VOTABLE version="1.3"><RESOURCE><TABLE>{FIELDS}<DATA>{data}</DATA>'
+        "</TABLE></RESOURCE></VOTABLE>"
+    ).encode()
+
+
+@pytest.mark.parametrize("scheme", ["file", "http"])
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<BINARY><STREAM href="{0}"/></BINARY>',
+        '<BINARY2><STREAM HREF="{0}"/></BINARY2>',
+        '<FITS><STREAM href="{0}"/></FITS>',
+        '<v:BINARY xmlns:v="u" xmlns:x="w"><v:STREAM x:Href="{0}"/></v:BINARY>',
+        '<fits extnum="1"/>',
+    ],
+)
+def test_a_votable_that_points_elsewhere_opens_nothing(
+    element: str, scheme: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No file and no address that a VOTable names is opened, nothing of it is in the message."""
+    secret = tmp_path / "secret.txt"
+    secret.write_text("swordfish" * 10)
+    address = secret.as_uri() if scheme == "file" else "http://127.0.0.1:9/s.bin"
+    opened: list[str] = []
+    true_open = builtins.open
+
+    def watched(file: object, *more: object, **named: object) -> object:
+        opened.append(str(file))
+        return true_open(file, *more, **named)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(builtins, "open", watched)
+    monkeypatch.setattr("urllib.request.urlopen", lambda *a, **k: opened.append("an address"))
+    with pytest.raises(BadInput) as refused:
+        read_star_list(votable(element.format(address)), "votable", SAID)
+    assert not [name for name in opened if "secret" in name or name == "an address"]
+    assert "swordfish" not in str(refused.value)
+    assert "VOTable" in refused.value.message
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize(
+    "prologue",
+    [
+        '<!DOCTYPE x [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]>',
+        '<!DOCTYPE x [<!ENTITY xx SYSTEM "file:///etc/hostname">]>',
+        '<!DOCTYPE x SYSTEM "http://127.0.0.1:9/x.dtd">',
+        '<!DOCTYPE x [<!ENTITY % p SYSTEM "file:///etc/hostname"> %p;]>',
+    ],
+)
+def test_entities_and_document_types_are_refused(prologue: str, encoding: str) -> None:
+    """Entities, in the file or outside, and document types are refused in every encoding that the reader knows."""
+    data = votable("<TABLEDATA><TR><TD>1</TD><TD>2</TD><TD>3</TD></TR></TABLEDATA>", prologue).decode().encode(encoding)
+    with pytest.raises(BadInput, match="document type or entities"):
+        read_star_list(data, "votable", SAID)
+
+
+def test_a_votable_with_a_link_for_people_is_read() -> None:
+    """LINK, which no reader follows and archives write, is no reason to refuse a list."""
+    rows = "<TABLEDATA><TR><TD>1</TD><TD>2</TD><TD>3</TD></TR></TABLEDATA>"
+    data = votable(rows).replace(b"</TABLE>", b'<LINK href="http://example.org/"/></TABLE>', 1)
+    data = data.replace(b"<DATA>", b'<LINK href="http://example.org/about"/><DATA>', 1).replace(
+        b'<LINK href="http://example.org/"/></TABLE>', b"</TABLE>"
+    )
+    assert len(read_star_list(data, "votable", SAID).stars) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (HEAD + GOOD.replace("star 5\n", '"open\n'), "row 5: a quote is opened"),
+        (HEAD + GOOD.replace("star 7\n", '"a\nb"\n'), "row 7: a quote is opened"),
+        (HEAD + GOOD.replace("star 29\n", '"open'), "row 29: a quote is opened"),
+        (HEAD.replace("name", '"name') + GOOD, "the header: a quote is opened"),
+        ((HEAD + GOOD.replace("star 5\n", '"open\n')).replace("\n", "\r\n"), "row 5: a quote is opened"),
+        ("id,ra,dec,v\n" + "".join(f"{i},{i},2,3,\n" for i in range(1, 5)), "row 1: 5 values, the header names 4"),
+    ],
+)
+def test_no_row_vanishes_in_a_quote(text: str, words: str) -> None:
+    """A quote that is not closed on its line is refused with its row; rows with a value too many say so."""
+    with pytest.raises(BadInput, match=words):
+        read_star_list(text.encode(), "csv", SAID)
+
+
+def test_quotes_that_belong_there_are_read() -> None:
+    """A quoted comma, a doubled quote and the mark of a second of arc hold no row up."""
+    rows = '1,12,1°2\'3",3,"a, b"\n2,24,2°2\'3",3,"say ""x"""\n3,36,3°2\'3",3,\n'
+    found = read_star_list((HEAD + rows).encode(), "csv", SAID)
+    assert (len(found.stars), found.dropped_count) == (3, 0)
+    assert found.stars.names[1] == "a, b"
+
+
+def ecsv(meta: str) -> bytes:
+    columns = "".join(f"# - {{name: {n}, datatype: float64}}\n" for n in ("ra", "dec", "v"))
+    return f"# %ECSV 1.0\n# ---\n{meta}# datatype:\n{columns}# schema: astropy-2.0\nra dec v\n1 2 3\n".encode()
+
+
+@pytest.mark.parametrize(
+    ("meta", "words"),
+    [
+        ("# a: &a [x,x]\n# meta: {frame: *a, epoch: 2000}\n", "anchors or aliases"),
+        ("# meta: {frame: [icrs, fk5], epoch: 2000}\n", "frame of the star list is not one value"),
+        ("# meta: {frame: icrs, epoch: {a: 1}}\n", "epoch of the star list is not one value"),
+        ("# meta: {note: " + "x" * ECSV_HEADER_BYTES + "}\n", "too long"),
+    ],
+)
+def test_an_ecsv_header_holds_plain_values(meta: str, words: str) -> None:
+    """Aliases, collections for frame or epoch and headers without end are refused; plain ones are read."""
+    assert len(read_star_list(ecsv("# meta: {frame: icrs, epoch: 2000}\n"), "ecsv").stars) == 1
+    with pytest.raises(BadInput, match=words):
+        read_star_list(ecsv(meta), "ecsv")
+
+
+@pytest.mark.parametrize("column", ["id", "ra", "v"])
+@pytest.mark.parametrize("kind", [complex, bool])
+def test_a_star_has_numbers(column: str, kind: type) -> None:
+    """Complex numbers and truth values are no places, magnitudes or numbers."""
+    columns = {name: np.arange(1.0, 30) for name in ("id", "ra", "dec", "v")}
+    file = io.BytesIO()
+    Table(columns | {column: (np.arange(29) % 3).astype(kind)}).write(file, format="fits")
+    with pytest.raises(BadInput, match=f"column {column} cannot be"):
+        read_star_list(file.getvalue(), "fits", SAID)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"pm_ra_has_cos_dec": "no"}, "pm_ra_has_cos_dec"),
+        ({"epoch_jyear": "2000"}, "epoch_jyear"),
+        ({"epoch_jyear": True}, "epoch_jyear"),
+        ({"columns": {"ra": ["ra"]}}, "columns"),
+        ({"columns": 5}, "columns"),
+        ({"units": {"ra": None}}, "units"),
+        ({"frame": ["icrs"]}, "frame"),
+        ({"bad_rows": []}, "bad_rows"),
+    ],
+)
+def test_a_mapping_has_the_types_it_says(values: dict[str, object], words: str) -> None:
+    """Values of another type are refused and never converted."""
+    with pytest.raises(BadInput, match=words):
+        ListMapping(**values)  # type: ignore[arg-type]
+
+
+def test_one_column_is_one_thing() -> None:
+    """A column cannot be both right ascension and declination; the number may be the name too."""
+    mapping = ListMapping(columns={"ra": "dec"}, epoch_jyear=2000.0, frame="icrs")
+    with pytest.raises(BadInput, match="'dec' is used twice"):
+        read_star_list((HEAD + GOOD).encode(), "csv", mapping)
+    named = ListMapping(columns={"name": "id"}, epoch_jyear=2000.0, frame="icrs")
+    assert len(read_star_list((HEAD + GOOD).encode(), "csv", named).stars) == 29
