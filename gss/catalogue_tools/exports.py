@@ -7,6 +7,7 @@ byte, is :func:`export_table` and :func:`import_table`; as C source :mod:`gss.ca
 from __future__ import annotations
 
 import io
+import unicodedata
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from gss.domain.stars import OnboardCatalogue
 __all__ = ["export", "export_table", "import_table"]
 
 UNITS = {"ra": "deg", "dec": "deg", "v": "mag", "distance": "deg"}
+LATIN = str.maketrans({"ß": "ss", "æ": "ae", "Æ": "AE", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "–": "-", "—": "-"})
 
 
 def export(catalogue: OnboardCatalogue, manifest: Manifest, kind: str) -> bytes:
@@ -90,6 +92,15 @@ def _parquet(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
     return file.getvalue()
 
 
+def _card(value: Any) -> Any:
+    """FITS headers hold printable ASCII only: accents fall off, ß is ss, what has no such form is a question mark."""
+    if not isinstance(value, str):
+        return value
+    plain = unicodedata.normalize("NFKD", value.translate(LATIN))
+    kept = "".join(c for c in plain if not unicodedata.combining(c))
+    return "".join(c if " " <= c <= "~" else "?" for c in kept)
+
+
 def _fits(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
     from astropy.io import fits
 
@@ -103,7 +114,7 @@ def _fits(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
         return fits.BinTableHDU.from_columns(made, name=name)
 
     primary = fits.PrimaryHDU()
-    primary.header.update(_facts(manifest))
+    primary.header.update({name: _card(value) for name, value in _facts(manifest).items()})
     file = io.BytesIO()
     fits.HDUList([primary, table("STARS", _stars(catalogue)), table("DISTANCES", _pairs(catalogue))]).writeto(
         file, checksum=False

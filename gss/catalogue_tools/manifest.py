@@ -73,7 +73,7 @@ def read_manifest(text: str) -> Manifest:
     try:
         content = json.loads(text)
         claimed = content.pop("manifest_sha256")
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise CorruptData("not a catalogue manifest", expected="JSON with manifest_sha256", got=str(error)) from None
     found = hashlib.sha256(_canonical(content)).hexdigest()
     if claimed != found:

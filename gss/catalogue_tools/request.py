@@ -96,6 +96,12 @@ class BuildRequest:
     def __post_init__(self) -> None:
         check_format(self.format_name)
         profile(self.profile_name)
+        if not (self.name.isprintable() and self.author.isprintable()):
+            raise BadInput(
+                "name or author of the catalogue holds control characters",
+                expected="letters, digits and signs on one line",
+                got=repr(f"{self.name} {self.author}")[:80],
+            )
         if not 0 <= self.margin_rad < np.radians(30):
             raise BadInput("margin is out of range", expected="0° to 30°", got=f"{np.degrees(self.margin_rad):g}°")
         if not (np.isfinite(self.days) and 0 < self.days <= 3660):

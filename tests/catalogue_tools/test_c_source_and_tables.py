@@ -1,6 +1,7 @@
 """A bank image as C source and as tables of other programs, and back to the very same bytes."""
 
 import io
+import json
 import shutil
 import subprocess
 import zipfile
@@ -173,6 +174,14 @@ def rezipped(data, name, change):
         ("pairs.csv", lambda b: None, "a table is missing"),
         ("stars.csv", lambda b: b.replace(b"\n0,", b"\n99999,", 1), "does not fit its type|damaged"),
         ("layout.json", lambda b: b[:-2], "layout of the table file is damaged"),
+        ("layout.json", lambda b: json.dumps(json.loads(b) * 2).encode(), "not one image"),
+        ("layout.json", lambda b: b"[" * 100_000, "layout of the table file is damaged"),
+        ("layout.json", lambda b: b.replace(b'"bits": []', b'"bits": ["x"]', 1), "layout of the table file is damaged"),
+        ("layout.json", lambda b: b.replace(b'"bits": []', b'"bits": [3]', 1), "damaged|not whole|does not fit"),
+        ("layout.json", lambda b: b.replace(b'"rows": ', b'"rows": -', 1), "layout of the table file is damaged"),
+        ("bytes_header.csv", lambda b: b.replace(b"\n0\n", b"\nnan\n"), "does not fit its type"),
+        ("bytes_header.csv", lambda b: b.replace(b"\n0\n", b"\n256\n", 1), "does not fit its type"),
+        ("bytes_header.csv", lambda b: b.replace(b"\n0\n", b"\n0.5\n", 1), "does not fit its type"),
     ],
 )
 def test_a_changed_table_is_found(name, change, words):
@@ -202,3 +211,16 @@ def test_star_list_for_people_in_parquet():
     table = pq.read_table(io.BytesIO(export(decode(image_of("aim"), stars.hip), manifest, "parquet")))
     assert table.column_names == ["row", "hip", "ra_deg", "dec_deg", "v_mag"]
     assert table["hip"].to_pylist() == stars.hip.tolist()
+
+
+def test_any_name_goes_into_a_fits_card():
+    """Accents fall off, what has no ASCII form is a question mark, line breaks too; a long name keeps its length."""
+    names = [f.name for f in fields(Manifest) if f.type == "str"]
+    empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
+    given_name = "Nächte 2026 – Straße\n星" + "x" * 90
+    texts = dict.fromkeys(names, "x") | {"name": given_name}
+    manifest = Manifest(**texts, **empty, epoch_jyear=2026.5, hip=())
+    with fits.open(io.BytesIO(export(decode(image_of("cubestar")), manifest, "fits"))) as hdus:
+        hdus.verify("exception")
+        assert hdus[0].header["NAME"] == "Nachte 2026 - Strasse??" + "x" * 90
+    assert manifest.name == given_name

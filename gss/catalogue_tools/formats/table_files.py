@@ -47,6 +47,9 @@ def import_table(data: bytes, kind: str) -> bytes:
         columns = read(name)
         image += _bytes_of(name, block, columns)
     decode(image)
+    held = sum(len(data) for _, data in blocks_of(image))
+    if held != len(image):
+        raise CorruptData("the table file is not one image", expected=f"{held} bytes", got=f"{len(image)} bytes")
     return image
 
 
@@ -92,13 +95,19 @@ def _block(entry: Mapping[str, Any]) -> tuple[str, Block]:
         if isinstance(described, str)
         else np.dtype([(str(n), str(t)) for n, t in described])
     )
-    return str(entry["table"]), Block("", dtype, int(entry["rows"]), str(entry["name"]), tuple(entry["bits"]))
+    rows, bits = entry["rows"], tuple(entry["bits"])
+    if not all(type(number) is int and number > 0 for number in (rows, *bits)) or len(bits) not in (
+        0,
+        len(str(entry["name"]).split()),
+    ):
+        raise ValueError(f"a block of {rows!r} rows with bits {bits!r}"[:200])
+    return str(entry["table"]), Block("", dtype, rows, str(entry["name"]), bits)
 
 
 def _parsed_layout(text: str) -> list[tuple[str, Block]]:
     try:
         return [_block(entry) for entry in json.loads(text)]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise CorruptData("the layout of the table file is damaged", expected="its JSON", got=str(error)) from None
 
 
@@ -109,10 +118,27 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
     if missing or lengths - {block.count}:
         got = f"no {', '.join(missing)}" if missing else f"{sorted(lengths)} rows"
         raise CorruptData(f"table {name} is not whole", expected=f"{', '.join(names)}, {block.count} rows", got=got)
+    for i, column in enumerate(names):
+        target = block.dtype[column] if block.dtype.names else block.dtype.base
+        if target.kind in "iu":
+            limits = np.iinfo(target)
+            low, high = (0, 2 ** block.bits[i] - 1) if block.bits else (int(limits.min), int(limits.max))
+            _require_whole(f"column {column} of table {name}", columns[column], low, high)
     try:
         return to_bytes([block], columns)
     except (ValueError, OverflowError) as error:
         raise CorruptData(f"table {name} holds what does not fit its type", got=str(error)) from None
+
+
+def _require_whole(what: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
+    """A whole number of the device must come as one that fits: NaN would quietly become 0, and 256 in a byte too."""
+    whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
+    if len(values) and not (whole and low <= values.min() and values.max() <= high):
+        raise CorruptData(
+            f"{what} holds what does not fit its type",
+            expected=f"whole numbers of {low} to {high}",
+            got=f"{values.min()} to {values.max()}",
+        )
 
 
 # --- FITS -----------------------------------------------------------------------------------------------------------
