@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 NEED = 3
 SPAN = timedelta(days=60)
+MOST_DAYS = 36525
 WHICH = "bank image with its manifest in IMAGE.json, or the number of a stored catalogue"
 
 
@@ -175,6 +176,8 @@ def run_report(arguments: argparse.Namespace) -> int:
 
 def run_timeline(arguments: argparse.Namespace) -> int:
     """What the store's device reports say."""
+    if not 0 <= arguments.days <= MOST_DAYS:
+        raise BadInput("so many days cannot be shown", expected=f"0 to {MOST_DAYS}", got=f"{arguments.days:g}")
     from gss.api.present.catalogues import timeline
     from gss.operations.clock import utc_now
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.profiles import PROFILES
@@ -114,7 +115,7 @@ def _worst(codes: Sequence[int]) -> int:
 
 def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frames.frame_files import read_frame
+    from gss.operations.frames.frame_files import LONGEST_EXPOSURE_S, read_frame
     from gss.operations.frames.observer import observer_at
     from gss.operations.frames.sequence import truth_record
     from gss.operations.frames.solve import SolveRequest
@@ -125,8 +126,9 @@ def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, 
     seen = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
-    if exposure_s is not None and not exposure_s > 0:
-        raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s:g} s")
+    if exposure_s is not None and not 0 < exposure_s <= LONGEST_EXPOSURE_S:
+        expected = f"more than 0, at most {LONGEST_EXPOSURE_S:g} s"
+        raise BadInput("exposure is impossible", expected=expected, got=f"{exposure_s:g} s")
     request = SolveRequest(
         chain=arguments.chain,
         profile=arguments.camera,
@@ -203,20 +205,24 @@ def _moment(text: str) -> datetime:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise BadInput("unreadable time", expected="ISO 8601, such as 2026-11-21T18:05:00Z", got=text) from None
+    low, high = EPOCH_RANGE_JYEAR
+    # Beyond them neither the Earth's motion nor proper motions are known, and the calendar's ends overflow.
+    if not low <= moment.year < high:
+        raise BadInput("time is out of range", expected=f"the years {low:g} to {high:g}", got=text[:40])
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
 def _tle(name: str | None) -> str | None:
-    return None if name is None else _bytes_of(name).decode("ascii", "replace")
+    return None if name is None else _bytes_of(name, "a two-line element set").decode("ascii", "replace")
 
 
-def _bytes_of(name: str) -> bytes:
+def _bytes_of(name: str, what: str = "an image file") -> bytes:
     try:
         return Path(name).read_bytes()
     except IsADirectoryError:
-        raise BadInput(f"{name} is a directory", expected="an image file", got="a directory") from None
+        raise BadInput(f"{name} is a directory", expected=what, got="a directory") from None
     except FileNotFoundError:
-        raise BadInput(f"{name} does not exist", expected="an image file", got="nothing at that place") from None
+        raise BadInput(f"{name} does not exist", expected=what, got="nothing at that place") from None
     except OSError as error:
         raise BadInput(f"{name} cannot be read", expected="a readable file", got=str(error.strerror or error)) from None
 

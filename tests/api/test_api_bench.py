@@ -33,8 +33,10 @@ def test_a_dot_on_the_bench_becomes_a_version_with_a_report(client: TestClient) 
     assert made["report"]["sections"][0]["drawings"][0]["kind"] == "plot"
     for kind in ("json", "html", "pdf"):
         assert client.get(f"/api/calibrations/{made['id']}/export?kind={kind}").status_code == 200
-    assert client.post(f"/api/calibrations/{made['id']}/use").status_code == 400
-    assert client.post(f"/api/calibrations/{made['id']}/table").status_code == 400
+    for action in ("use", "table"):
+        refused = client.post(f"/api/calibrations/{made['id']}/{action}")
+        assert refused.status_code == 400
+        assert "prior" in refused.json()["hint"]
     other = calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": (DOTS + 1).tolist()})
     reply = client.get(f"/api/calibrations/diff?older={made['id']}&newer={other['id']}")
     assert reply.status_code == 400

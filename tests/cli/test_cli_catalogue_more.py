@@ -14,7 +14,7 @@ from gss.catalogue_tools.manifest import read_manifest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.star_list_export import write_star_list
 from gss.cli.catalogue import register, run_build
-from gss.domain.errors import BadInput, GssError
+from gss.domain.errors import BadInput, CorruptData, GssError
 
 BAND = "--profile sunsat --inclination-deg 97 --raan-deg 133:149 --mag-limit 5"
 TLE = (
@@ -155,3 +155,25 @@ def test_bad_rows_of_a_list_end_the_build_where_asked(tmp_path, rows, words):
     path.write_text("id,ra_deg,dec_deg,v_mag\n" + rows)
     with pytest.raises(BadInput, match=words):
         do("build", "--list", path, "--list-epoch", "2000", "--list-frame", "icrs", "--refuse-bad-rows")
+
+
+@pytest.mark.parametrize("days", ["nan", "inf", "1e300", "-1"])
+def test_a_timeline_has_believable_days(days):
+    """Days that no calendar has are refused with the range, before any store is opened."""
+    with pytest.raises(BadInput, match="0 to 36525"):
+        do("timeline", f"--days={days}")
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[31m", "a\x00"])
+def test_a_name_is_on_one_line(name):
+    """Control characters in the name of a catalogue are refused."""
+    with pytest.raises(BadInput, match="control characters"):
+        do("build", "--name", name, "--mag-limit", "2")
+
+
+def test_a_manifest_nested_without_end_is_no_manifest(tmp_path):
+    """A hundred thousand brackets are refused with words."""
+    (tmp_path / "a.bin").write_bytes(b"x")
+    (tmp_path / "a.bin.json").write_text("[" * 100_000)
+    with pytest.raises(CorruptData, match="not a catalogue manifest"):
+        do("show", tmp_path / "a.bin")

@@ -227,3 +227,24 @@ def test_bad_hints_and_truths_are_told(options: list[str], tmp_path: Path, capsy
     """Exit code 2 and a sentence."""
     assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", *options]) == 2
     assert "expected" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--exposure", "inf"), "exposure is impossible"),
+        (("--exposure", "1e308"), "at most 86400 s"),
+        (("--utc", "9999-12-31T23:59:59"), "time is out of range"),
+        (("--utc", "0001-01-01"), "time is out of range"),
+        (("--utc", "2026-12-01", "--tle", "no-such.tle"), "expected a two-line element set"),
+        (("--utc", "2026-12-01", "--tle", "."), "expected a two-line element set"),
+    ],
+)
+def test_impossible_circumstances_are_named(
+    sky_file: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
+) -> None:
+    """Exposures and times that no image has and a missing element set: one sentence, exit code 2."""
+    assert gss(str(sky_file), "--camera", "cubestar", *more) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert len(told.splitlines()) == 1

@@ -114,11 +114,12 @@ class ListMapping:
                 raise BadInput(
                     f"{name} of a star list is not understood", expected="a word for each field", got=_short(held)
                 )
-        epoch = self.epoch_jyear
+        epoch: object = self.epoch_jyear
         if epoch is not None and (isinstance(epoch, bool) or not isinstance(epoch, int | float)):
             raise BadInput("epoch_jyear of a star list is not understood", expected="a number", got=_short(epoch))
-        if not isinstance(self.pm_ra_has_cos_dec, bool):
-            got = _short(self.pm_ra_has_cos_dec)
+        has_cos_dec: object = self.pm_ra_has_cos_dec
+        if not isinstance(has_cos_dec, bool):
+            got = _short(has_cos_dec)
             raise BadInput("pm_ra_has_cos_dec is not understood", expected="true or false", got=got)
         for name in ("frame", "bad_rows"):
             if not isinstance(getattr(self, name), str | None):

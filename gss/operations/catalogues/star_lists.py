@@ -55,7 +55,9 @@ class StarListService:
         if profile:
             require_camera(read.camera, profile)
         row = StarList(
-            name=(name or filename or "star list")[:80],
+            name="".join(
+                c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name or filename or "star list"
+            )[:80],
             created=self._now(),
             author=user,
             format=kind,

@@ -37,6 +37,8 @@ KINDS = (
     "bench-dark-law",
     "bench-focus",
 )
+PRIOR_KINDS = ("bench-centre", "bench-tilt", "bench-focal", "bench-checkerboard")
+"""These say something of a camera's geometry beforehand."""
 Rows = Sequence[Sequence[float]]
 MOST_ROWS = 5000
 MOST_POINTS = 2000
@@ -213,7 +215,7 @@ def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Pri
         else:
             raise BadInput(
                 "this calibration says nothing beforehand of a camera",
-                expected="bench-centre | bench-tilt | bench-focal | bench-checkerboard",
+                expected=" | ".join(PRIOR_KINDS),
                 got=kind,
             )
     return out

@@ -190,7 +190,7 @@ class CalibrationService:
         """Rerun frames with this camera from now on."""
         row = self.get(calibration_id)
         if not row.values:
-            raise BadInput("this camera has no profile", hint="name the calibration when you run a frame")
+            raise _no_values(row)
         self.book.use(calibration_id, user=user)
         self._bus.record("calibration", "ok", f"{row.profile}: calibration {row.id} is used for reruns, by {user}")
         return row
@@ -206,11 +206,31 @@ class CalibrationService:
         if row.table_id is not None:
             return self._tables.get(row.table_id)
         if not row.values:
-            raise BadInput("this camera has no profile", expected="a calibration of a sensor's camera", got=row.profile)
+            raise _no_values(row)
         table = self._tables.create("calibration", row.name, row.profile, row.values, user=user)
         with self._database.unit_of_work() as session:
             store.calibration(session, calibration_id).table_id = table.id
         return table
+
+
+def _no_values(row: Calibration) -> BadInput:
+    """Why a calibration changes no camera's parameters."""
+    if row.kind in bench.KINDS and row.profile != FOREIGN:
+        prior = row.kind in bench.PRIOR_KINDS
+        return BadInput(
+            "a bench result is one part of a camera, no camera of its own",
+            expected="a calibration from stars or darks",
+            got=row.kind,
+            hint="use it as a prior: calibrate from stars and name it there"
+            if prior
+            else "its report says what it found",
+        )
+    return BadInput(
+        "this camera has no profile",
+        expected="a calibration of a sensor's camera",
+        got=row.profile,
+        hint="name the calibration when you run a frame",
+    )
 
 
 def camera_of(row: Calibration) -> Camera:
