@@ -157,6 +157,38 @@ def test_each_bad_list_is_refused_with_words(
     assert len(client.get("/api/catalogues/sources").json()) == before
 
 
+@pytest.mark.parametrize(
+    "mapping",
+    [
+        "[]",
+        "[1]",
+        "[" * 3000,
+        "null",
+        '{"pm_ra_has_cos_dec": "no", "epoch_jyear": 2000, "frame": "icrs"}',
+        '{"epoch_jyear": "2000", "frame": "icrs"}',
+        '{"epoch_jyear": NaN, "frame": "icrs"}',
+        '{"columns": {"ra": "dec_deg"}, "epoch_jyear": 2000, "frame": "icrs"}',
+        '{"bogus": 1}',
+    ],
+)
+def test_each_bad_mapping_is_refused_with_words(client: TestClient, mapping: str) -> None:
+    """Another shape or type, a column used twice, endless nesting: 400 with what was expected, and nothing is kept."""
+    before = len(client.get("/api/catalogues/sources").json())
+    rows = "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n"
+    reply = client.post("/api/catalogues/sources", files={"file": ("a.csv", rows.encode())}, data={"mapping": mapping})
+    assert reply.status_code == 400, reply.text
+    assert reply.json()["expected"]
+    assert len(client.get("/api/catalogues/sources").json()) == before
+
+
+def test_a_name_with_a_line_break_is_no_name(client: TestClient) -> None:
+    """Control characters in a catalogue's name are refused, letters of any alphabet are not."""
+    reply = client.post("/api/catalogues", json={"name": "a\nb"})
+    assert reply.status_code in (400, 422)
+    assert "name" in reply.json()["message"]
+    assert client.post("/api/catalogues/preview", json={"name": "Nächte 2026", "faint_mag": 2.5}).status_code == 200
+
+
 def test_a_list_for_another_camera_is_refused(client: TestClient) -> None:
     """A list that was brought for one camera is not for another."""
     data = write_star_list(load_stars(3.0), "csv")

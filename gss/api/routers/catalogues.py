@@ -8,13 +8,21 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 from fastapi.responses import HTMLResponse
+from pydantic import ValidationError
 
 from gss.api import present, security
 from gss.api.catalogue_words import request_of
 from gss.api.deps import LARGEST_ID, App, Moment, RowId, User
 from gss.api.present.catalogue_page import catalogue_page
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
-from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueIn, CatalogueOut, PreviewOut, UploadIn
+from gss.api.schemas.catalogues import (
+    CatalogueDetailOut,
+    CatalogueIn,
+    CatalogueOut,
+    ListMappingIn,
+    PreviewOut,
+    UploadIn,
+)
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
@@ -154,11 +162,12 @@ def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User) -> Transfe
 
 def _mapping(text: str) -> ListMapping:
     try:
-        values = json.loads(text or "{}")
-        return ListMapping(**values)
-    except (ValueError, TypeError) as error:
+        return ListMapping(**ListMappingIn.model_validate_json(text or "{}").model_dump())
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
         raise BadInput(
             "the mapping of the columns cannot be read",
             expected='JSON, for example {"columns": {"ra": "RAJ2000"}, "epoch_jyear": 2000.0}',
-            got=str(error)[:200],
+            got=f"{where}: {first['msg']}".removeprefix(": ")[:200],
         ) from None

@@ -123,8 +123,8 @@ class CatalogueIn(In):
 class ListMappingIn(In):
     """How a star list is read, JSON in a form field: see ``ListMapping``, which knows the words."""
 
-    columns: dict[str, str] = {}
-    units: dict[str, str] = {}
+    columns: dict[str, str] = Field(default_factory=dict)
+    units: dict[str, str] = Field(default_factory=dict)
     epoch_jyear: float | None = Field(default=None, allow_inf_nan=False)
     frame: str | None = None
     pm_ra_has_cos_dec: bool = True
