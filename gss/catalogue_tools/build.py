@@ -11,6 +11,7 @@ import numpy as np
 
 from gss import __version__
 from gss.catalogue_tools.corrections.sky_source import CorrectedSky, corrected
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope
 from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.manifest import Manifest, profile_sha256
 from gss.catalogue_tools.onboard import (
@@ -30,7 +31,7 @@ from gss.catalogue_tools.selection.assessment import MAP_NSIDE as MAP_NSIDE
 from gss.catalogue_tools.selection.assessment import Assessment, ambiguity, assess_catalogue, envelope_map
 from gss.catalogue_tools.selection.assessment import EnvelopeMap as EnvelopeMap
 from gss.catalogue_tools.selection.quality import Quality
-from gss.catalogue_tools.selection.selection import Fate, Selection, screening_facts, select
+from gss.catalogue_tools.selection.selection import Fate, Selection, frame_looks, screening_facts, select
 from gss.catalogue_tools.size_estimate import estimate_pairs as estimate_pairs
 from gss.catalogue_tools.size_estimate import estimated, frame_for, searched
 from gss.catalogue_tools.sources.sources import Source, hipparcos_of
@@ -42,6 +43,8 @@ from gss.domain.stars import DistanceTable, StarTable
 FEWEST_STARS = 2
 # Coarser than the build's own maps, so that the page follows the hand.
 MISTAKES_NSIDE = 8
+# What a preview does at most: fields of stepped blocks, and stars looked at in frames.
+MOST_FIELDS, MOST_LOOKS = 2_000, 2_000_000
 # Room for the sampling error of the pair estimate before a build is refused without making the table.
 SURE_OVERFLOW = 1.25
 
@@ -99,10 +102,12 @@ class Prepared:
     selection: Selection
 
 
-def prepare(request: BuildRequest, source: Source | StarTable) -> Prepared:
-    """Work out and choose; BadInput for everything that cannot be built, as far as that shows before the tables are made."""
-    p, origin = plan(request), _source(source)
-    sky, selection = _select(p, origin, p.envelope)
+def prepare(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> Prepared:
+    """Work out and choose; BadInput for everything that cannot be built, as far as that shows before the tables are made.
+    ``progress`` as for :func:`build`, up to 0.3."""
+    told = progress or (lambda stage, share: None)
+    p, origin = plan(request, lambda share: told("envelope", 0.2 * share)), _source(source)
+    sky, selection = _select(p, origin, p.envelope, lambda share: told("thinning", 0.2 + 0.1 * share))
     _check_kept(p, selection)
     return Prepared(p, origin, sky, selection)
 
@@ -110,9 +115,11 @@ def prepare(request: BuildRequest, source: Source | StarTable) -> Prepared:
 def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool = False) -> Preview:
     """Counts, funnel and map of a request, for a page that answers while parameters change. ``mistakes``: with a coarse map
     of where stars can be mistaken."""
-    p = plan(request)
+    p, origin = plan(request), _source(source)
+    if (reason := too_heavy(p, origin)) is not None:
+        raise reason
     look = QuickLook(p)
-    _, selection = _select(p, _source(source), look)
+    _, selection = _select(p, origin, look)
     kept = selection.kept
     pairs, size = estimated(p, kept)
     coarse = ambiguity(p, look, searched(p, kept), MISTAKES_NSIDE) if mistakes else None
@@ -124,7 +131,7 @@ def build(request: BuildRequest, source: Source | StarTable, progress: Progress 
     stage and may raise to cancel; nothing is left behind then."""
     tell = progress or (lambda stage, share: None)
     tell("envelope", 0.0)
-    return finish(prepare(request, source), tell)
+    return finish(prepare(request, source, tell), tell)
 
 
 def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
@@ -155,7 +162,29 @@ def _source(source: Source | StarTable) -> Source:
     return hipparcos_of(source) if isinstance(source, StarTable) else source
 
 
-def _select(p: Plan, source: Source, envelope: Envelope) -> tuple[CorrectedSky, Selection]:
+def too_heavy(p: Plan, source: Source | StarTable) -> BadInput | None:
+    """Why a request is no matter of a moment, counted and not tried; None when it is one."""
+    base = p.base
+    fields = base.looked_at if isinstance(base, BlockEnvelope) else 0
+    stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
+    stars_looked_at = round(frame_looks(stars, p.request.rules, p.shape))
+    for count, most, what in (
+        (fields, MOST_FIELDS, "fields of the blocks"),
+        (stars_looked_at, MOST_LOOKS, "stars in frames"),
+    ):
+        if count > most:
+            return BadInput(
+                f"too many combinations for a preview: {count}",
+                expected=f"at most {most} {what}",
+                got=str(count),
+                hint="build it as a job, or choose narrower limits, fewer stars or the exact method",
+            )
+    return None
+
+
+def _select(
+    p: Plan, source: Source, envelope: Envelope, tell: Callable[[float], None] = lambda share: None
+) -> tuple[CorrectedSky, Selection]:
     rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
     if rules.faint_mag > source.faintest_v_mag:
         raise BadInput(
@@ -167,7 +196,7 @@ def _select(p: Plan, source: Source, envelope: Envelope) -> tuple[CorrectedSky, 
     if p.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
     sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
-    selection = select(sky.icrs_stars, envelope, rules, p.shape)
+    selection = select(sky.icrs_stars, envelope, rules, p.shape, tell)
     blends = int(np.count_nonzero(sky.rejected.v_mag <= rules.faint_mag))
     return sky, selection.from_source(source.title, source.count, blends)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, sun_longitude_rad
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
-from gss.catalogue_tools.envelope.blocks import BlockEnvelope
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope, Tell
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
 from gss.catalogue_tools.envelope.field import FieldShape, widened
 from gss.catalogue_tools.envelope.lifetime import Lifetime, lifetime
@@ -66,13 +66,15 @@ class Plan:
         return lifetime(self.base, self.drift_rad_day, self.valid_to)
 
 
-def plan(request: BuildRequest) -> Plan:
-    """Work a request out. Fails on anything that cannot be built."""
+def plan(request: BuildRequest, tell: Tell | None = None) -> Plan:
+    """Work a request out. Fails on anything that cannot be built. ``tell`` gets the share done while blocks are stepped, later."""
     chosen = profile(request.profile_name)
     planes = planes_of(request.orbit, request.start, request.days)
-    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes)
+    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes, tell)
     hidden = request.occultation
     limits = request.attitude
+    longest = chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad
+    _check_distances(request.pair_min_rad, longest)
     drifts = (
         isinstance(base, BandEnvelope | BlockEnvelope)
         or (limits is not None and limits.pointing in SUN_LAWS)
@@ -89,9 +91,19 @@ def plan(request: BuildRequest) -> Plan:
         epoch_of(request),
         request.start,
         request.end if drifts else None,
-        chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad,
+        longest,
         BANK_BYTES.get(request.format_name, OTHER_BANK_BYTES) if request.bank_bytes is None else request.bank_bytes,
     )
+
+
+def _check_distances(shortest_rad: float, longest_rad: float) -> None:
+    if not 0 <= shortest_rad < longest_rad:
+        raise BadInput(
+            "the shortest distance is not below the longest",
+            expected=f"0° to less than {np.degrees(longest_rad):.4g}°",
+            got=f"{np.degrees(shortest_rad):.4g}°",
+            hint="without a longest distance the field's diagonal counts",
+        )
 
 
 def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, days: float) -> OrbitRanges | None:
@@ -118,7 +130,7 @@ def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> Orbit
     return OrbitRanges(first.inclination_rad, raan, middle, middle + (low + high) / 2)
 
 
-def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None) -> Envelope:
+def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None, tell: Tell | None) -> Envelope:
     limits = request.attitude
     if limits is None:
         if planes is None:
@@ -133,7 +145,7 @@ def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | No
                 hint="leave the attitude limits away for the whole sky",
             )
         if request.method == "blocks":
-            return BlockEnvelope(shape, limits, planes)
+            return BlockEnvelope(shape, limits, planes, **({} if tell is None else {"tell": tell}))
         return BandEnvelope(shape, limits, planes)
     if request.method == "blocks":
         raise BadInput(

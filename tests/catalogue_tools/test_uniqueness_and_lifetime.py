@@ -276,7 +276,7 @@ def test_blocks_are_those_of_stepping_every_field(rule):
     blocks = BlockEnvelope(SUNSAT, LIMITS, orbit, steps, rule)
     marked = np.zeros((180, 360), bool)
     for node in stepped(orbit.raan_rad, steps.raan_rad):
-        for cam in blocks._attitudes(float(node)):
+        for cam in np.concatenate(list(blocks._attitudes(float(node)))):
             marked |= _blocks_of(SUNSAT, cam, rule)
     assert marked.any()
     assert np.mean(marked != blocks.marked) < 2e-4

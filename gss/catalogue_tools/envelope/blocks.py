@@ -6,7 +6,8 @@ A replica, kept beside the exact envelope to show what it misses. The document g
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +26,15 @@ RA_BLOCKS, DEC_BLOCKS = 360, 180
 BLOCK_RAD = float(np.radians(1.0))
 # Points of a block that stand for it: its middle, its corners, or a grid over it.
 TOUCH_GRID = 5
+TURN: Range = (0.0, 2 * np.pi - 1e-6)
+# Fields worked out at one time: bounds the memory, some 100 bytes each.
+CHUNK = 1000
+
+Tell = Callable[[float], None]
+
+
+def _silent(share: float) -> None:
+    """Nobody listens."""
 
 
 def _deg(value: float) -> float:
@@ -59,13 +69,15 @@ def stepped(limits: Range, step_rad: float) -> Array:
 @dataclass(frozen=True)
 class BlockEnvelope:
     """An envelope made of marked blocks. ``rule``: a block is marked when its centre, the whole of it or any part of it is in
-    the field. Edges, shares of time and attitudes are those of the exact band."""
+    the field. ``tell`` gets the share done while blocks are marked, and may raise to cancel. Edges, shares of time and attitudes
+    are those of the exact band."""
 
     shape: FieldShape
     limits: AttitudeLimits
     orbit: OrbitRanges
     steps: BlockSteps = BlockSteps()
     rule: str = "centre"
+    tell: Tell = field(default=_silent, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.rule not in RULES:
@@ -89,10 +101,16 @@ class BlockEnvelope:
         whose distance from it is whole; the others are stepped.
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
-        nodes = stepped(self.orbit.raan_rad, self.steps.raan_rad)
-        rest = np.round(np.mod(np.degrees(nodes), 1.0), 6) % 1.0
+        nodes, rest = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
+        done, whole = 0, self.looked_at
+
+        def count(fields: int) -> None:
+            nonlocal done
+            done += fields
+            self.tell(done / whole)
+
         for part in np.unique(rest):
-            own = self._marked_at(_deg(float(part)))
+            own = self._marked_at(_deg(float(part)), count)
             for node in np.unique(np.round(np.degrees(nodes[rest == part]) - part).astype(int) % RA_BLOCKS):
                 blocks |= np.roll(own, node, axis=1)
         return blocks
@@ -124,25 +142,51 @@ class BlockEnvelope:
     @property
     def fields(self) -> int:
         """How many fields the stepping looks at."""
-        return len(self._attitudes(0.0)) * len(stepped(self.orbit.raan_rad, self.steps.raan_rad))
+        return self._fields_at_node * len(stepped(self.orbit.raan_rad, self.steps.raan_rad))
 
-    def _attitudes(self, raan_rad: float) -> Array:
-        """(n, 3, 3) cam_from_icrs of every combination at one node."""
+    @property
+    def looked_at(self) -> int:
+        """How many fields are really worked out: a node a whole degree from another needs none of its own."""
+        return self._fields_at_node * len(np.unique(self._node_parts))
+
+    @property
+    def _node_parts(self) -> Array:
+        """(n,) what each node has beyond whole degrees."""
+        nodes = stepped(self.orbit.raan_rad, self.steps.raan_rad)
+        return np.asarray(np.round(np.mod(np.degrees(nodes), 1.0), 6) % 1.0)
+
+    @property
+    def _fields_at_node(self) -> int:
+        latitudes = len(stepped(TURN, self.steps.latitude_rad))
+        inclinations = len(stepped(self.orbit.inclination_rad, self.steps.inclination_rad))
+        return int(np.prod([len(box) for box in self._boxes])) * latitudes * inclinations
+
+    @property
+    def _boxes(self) -> list[Array]:
+        """Steps of roll, pitch and yaw."""
+        s = self.steps
+        steps = zip(self.limits.low, self.limits.high, (s.roll_rad, s.pitch_rad, s.yaw_rad), strict=True)
+        return [stepped((float(a), float(b)), step) for a, b, step in steps]
+
+    def _attitudes(self, raan_rad: float) -> Iterator[Array]:
+        """(n, 3, 3) cam_from_icrs of every combination at one node, at most CHUNK at a time."""
         s, o = self.steps, self.orbit
-        low, high = self.limits.low, self.limits.high
-        steps = zip(low, high, (s.roll_rad, s.pitch_rad, s.yaw_rad), strict=True)
-        boxes = [stepped((float(a), float(b)), step) for a, b, step in steps]
+        boxes = self._boxes
         angles = np.stack(np.meshgrid(*boxes, indexing="ij"), axis=-1).reshape(-1, 3)
-        latitude = stepped((0.0, 2 * np.pi - 1e-6), s.latitude_rad)
-        orbits = [
-            orbit_axes(np.full(len(latitude), raan_rad), np.full(len(latitude), i), latitude)
-            for i in stepped(o.inclination_rad, s.inclination_rad)
-        ]
-        cam = self.limits.cam_from_body @ euler_123(angles)
-        return np.asarray((cam[:, None] @ np.concatenate(orbits)[None]).reshape(-1, 3, 3))
+        latitude = stepped(TURN, s.latitude_rad)
+        orbits = np.concatenate(
+            [
+                orbit_axes(np.full(len(latitude), raan_rad), np.full(len(latitude), i), latitude)
+                for i in stepped(o.inclination_rad, s.inclination_rad)
+            ]
+        )
+        per_chunk = max(1, CHUNK // len(orbits))
+        for start in range(0, len(angles), per_chunk):
+            cam = self.limits.cam_from_body @ euler_123(angles[start : start + per_chunk])
+            yield (cam[:, None] @ orbits[None]).reshape(-1, 3, 3)
 
-    def _marked_at(self, raan_rad: float) -> NDArray[np.bool_]:
-        attitudes = self._attitudes(raan_rad)
+    def _marked_at(self, raan_rad: float, tell: Callable[[int], None]) -> NDArray[np.bool_]:
+        """``tell`` gets the number of fields after each chunk of them."""
         offsets = {"centre": [0.5], "whole": [0.0, 1.0], "touched": list(np.linspace(0, 1, TOUCH_GRID))}[self.rule]
         dec = np.arange(DEC_BLOCKS) - 90.0
         ra = np.arange(RA_BLOCKS) + 0.0
@@ -152,17 +196,24 @@ class BlockEnvelope:
                 d, r = np.meshgrid(np.radians(dec + up), np.radians(ra + across), indexing="ij")
                 unit = unit_from_ra_dec(r.ravel(), d.ravel())
                 points.append(unit)
-        if self.rule == "whole":
-            return self._whole(attitudes, points)
-        seen = [fields_per_star(unit, attitudes, self.shape) > 0 for unit in points]
-        return np.asarray(np.logical_or.reduce(seen).reshape(DEC_BLOCKS, RA_BLOCKS))
-
-    def _whole(self, attitudes: Array, corners: list[Array]) -> NDArray[np.bool_]:
-        """Blocks with all corners in one and the same field."""
         blocks = np.zeros(DEC_BLOCKS * RA_BLOCKS, bool)
+        for attitudes in self._attitudes(raan_rad):
+            if blocks.all():
+                pass  # nothing more to find; the count goes on to its end
+            elif self.rule == "whole":
+                self._mark_whole(blocks, attitudes, points)
+            else:
+                for unit in points:
+                    # What is marked already need not be looked at again.
+                    left = np.flatnonzero(~blocks)
+                    blocks[left[fields_per_star(unit[left], attitudes, self.shape) > 0]] = True
+            tell(len(attitudes))
+        return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)
+
+    def _mark_whole(self, blocks: NDArray[np.bool_], attitudes: Array, corners: list[Array]) -> None:
+        """Mark blocks with all corners in one and the same field."""
         for cam in attitudes:
             near = np.flatnonzero(corners[0] @ cam[2] >= np.cos(self.shape.half_diagonal_rad + BLOCK_RAD))
             near = near[~blocks[near]]
             inside = np.logical_and.reduce([self.shape.inside(c[near] @ cam.T) for c in corners])
             blocks[near[inside]] = True
-        return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)

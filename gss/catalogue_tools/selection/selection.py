@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -14,7 +15,7 @@ from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.healpix import centres
 from gss.catalogue_tools.selection.screening import Screened, ScreeningRules, screened
-from gss.catalogue_tools.selection.uniform_density import reduce_catalogue, survey_attitudes
+from gss.catalogue_tools.selection.uniform_density import looks, reduce_catalogue, survey_attitudes
 from gss.catalogue_tools.sources.hipparcos import HIP2_STARS
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
@@ -170,8 +171,15 @@ def screening_facts(selection: Selection) -> dict[str, Any] | None:
     }
 
 
-def select(stars: StarTable, envelope: Envelope, rules: Rules, shape: FieldShape) -> Selection:
-    """Apply the rules to ``stars``. ``shape``: the field, for the thinning."""
+def select(
+    stars: StarTable,
+    envelope: Envelope,
+    rules: Rules,
+    shape: FieldShape,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Selection:
+    """Apply the rules to ``stars``. ``shape``: the field, for the thinning; ``tell`` gets the share of the frames of a thinning
+    by frames, and may raise to cancel."""
     _check_stars(stars)
     candidates = stars.brighter_than(rules.faint_mag)
     if not len(candidates):
@@ -194,7 +202,7 @@ def select(stars: StarTable, envelope: Envelope, rules: Rules, shape: FieldShape
     if rules.brightest_per_field:
         usable = np.flatnonzero(fate == Fate.KEPT)
         if rules.thinning == "frames":
-            kept = _in_frames(candidates.take(usable), envelope, rules.brightest_per_field, shape)
+            kept = _in_frames(candidates.take(usable), envelope, rules.brightest_per_field, shape, tell)
         else:
             kept = _brightest(candidates.icrs[usable], envelope, rules.brightest_per_field, shape.equal_circle_rad)
         fate[usable[~kept]] = Fate.THINNED
@@ -241,15 +249,27 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
     return chosen
 
 
-def _in_frames(stars: StarTable, envelope: Envelope, count: int, shape: FieldShape) -> NDArray[np.bool_]:
+def frame_looks(stars: int, rules: Rules, shape: FieldShape) -> float:
+    """How often a thinning by frames over the whole sky looks at a star; 0 for other thinnings."""
+    if rules.thinning != "frames" or not rules.brightest_per_field:
+        return 0.0
+    return looks(stars, shape, round(4 * np.pi / _frame_step_rad(shape) ** 2), rules.brightest_per_field)
+
+
+def _frame_step_rad(shape: FieldShape) -> float:
+    return float(np.clip(FRAME_STEP * min(shape.camera.fov_rad), *FRAME_STEPS_RAD))
+
+
+def _in_frames(
+    stars: StarTable, envelope: Envelope, count: int, shape: FieldShape, tell: Callable[[float], None]
+) -> NDArray[np.bool_]:
     """Stars that are among the ``count`` brightest of some upright frame of the field's own shape, of those whose boresight
     the envelope shows (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
-    step_rad = float(np.clip(FRAME_STEP * min(shape.camera.fov_rad), *FRAME_STEPS_RAD))
-    attitudes = survey_attitudes(step_rad)
+    attitudes = survey_attitudes(_frame_step_rad(shape))
     inside = attitudes[envelope.contains(attitudes[:, 2])]
     if not len(inside) or not len(stars):
         return np.zeros(len(stars), bool)
-    return reduce_catalogue(stars, shape, inside, count).kept
+    return reduce_catalogue(stars, shape, inside, count, tell).kept
 
 
 def _grid_nside(radius_rad: float) -> int:

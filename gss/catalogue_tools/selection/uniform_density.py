@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 
 BLOCK = 2048
+# Stars near fields held at one time: bounds the memory, some 200 bytes each.
+MOST_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,15 @@ def square_field(side_rad: float) -> FieldShape:
     return FieldShape(Camera.from_fov(1000, 1000, side_rad))
 
 
-def reduce_catalogue(stars: StarTable, shape: FieldShape | Disc, attitudes: Array, brightest: int = 8) -> Reduced:
-    """The stars that are among the ``brightest`` of some field, and how the fields fare with them."""
+def reduce_catalogue(
+    stars: StarTable,
+    shape: FieldShape | Disc,
+    attitudes: Array,
+    brightest: int = 8,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Reduced:
+    """The stars that are among the ``brightest`` of some field, and how the fields fare with them. ``tell`` gets the share of
+    the fields done after each block of them, and may raise to cancel."""
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
     kept = np.zeros(len(stars), bool)
@@ -72,36 +82,56 @@ def reduce_catalogue(stars: StarTable, shape: FieldShape | Disc, attitudes: Arra
             rank = np.arange(len(field)) - np.searchsorted(field, field)
             kept[order[star[rank < brightest]]] = True
             short.append(np.bincount(field, minlength=n) < brightest)
+            tell(1 - (len(pending) - sum(map(len, short))) / len(attitudes))
         if depth >= len(unit):
             break
         pending, depth = pending[np.concatenate(short)], 3 * depth
-    counts = np.concatenate(
-        [np.bincount(field, minlength=n) for field, _, n in _blocks(stars.icrs[kept], shape, attitudes)]
-    )
-    return Reduced(kept, counts, len(attitudes))
+    counts = []
+    for field, _, n in _blocks(stars.icrs[kept], shape, attitudes):
+        counts.append(np.bincount(field, minlength=n))
+        tell(1.0)
+    return Reduced(kept, np.concatenate(counts), len(attitudes))
+
+
+def looks(stars: int, shape: FieldShape | Disc, fields: int, brightest: int) -> float:
+    """About how often :func:`reduce_catalogue` looks at a star of a field, with ``stars`` evenly over the sky."""
+    return fields * min(2.0 * brightest / _share(shape), float(stars)) * _reach_share(shape)
 
 
 def _depth(shape: FieldShape | Disc, brightest: int) -> int:
     """So many stars of the whole sky hold twice ``brightest`` in an average field."""
-    share = (1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi)
-    return int(2 * brightest / share) + 1
+    return int(2 * brightest / _share(shape)) + 1
+
+
+def _share(shape: FieldShape | Disc) -> float:
+    """Of the sky in one field."""
+    return float((1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi))
+
+
+def _reach(shape: FieldShape | Disc) -> float:
+    return float(min(shape.half_diagonal_rad if isinstance(shape, FieldShape) else shape.radius_rad, np.pi))
+
+
+def _reach_share(shape: FieldShape | Disc) -> float:
+    """Of the sky in the circle round a field."""
+    return float((1 - np.cos(_reach(shape))) / 2)
 
 
 def _blocks(
     unit: Array, shape: FieldShape | Disc, attitudes: Array
-) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
     """Per block of attitudes: field numbers, ascending, the rows of ``unit`` inside, ascending in each, and how many fields."""
-    tree, found = cKDTree(unit), []
-    reach = 2 * np.sin(min(shape.half_diagonal_rad if isinstance(shape, FieldShape) else shape.radius_rad, np.pi) / 2)
-    for start in range(0, len(attitudes), BLOCK):
-        block = attitudes[start : start + BLOCK]
+    tree = cKDTree(unit)
+    reach = 2 * np.sin(_reach(shape) / 2)
+    size = int(np.clip(MOST_AT_ONCE / max(len(unit) * _reach_share(shape), 1), 1, BLOCK))
+    for start in range(0, len(attitudes), size):
+        block = attitudes[start : start + size]
         near = cKDTree(block[:, 2]).sparse_distance_matrix(tree, reach * (1 + 1e-9), output_type="ndarray")
         field, star = near["i"].astype(np.intp), near["j"].astype(np.intp)
         seen = shape.inside(np.einsum("nij,nj->ni", block[field], unit[star]))
         field, star = field[seen], star[seen]
         sort = np.lexsort((star, field))
-        found.append((field[sort], star[sort], len(block)))
-    return found
+        yield field[sort], star[sort], len(block)
 
 
 def merge_doubles(stars: StarTable, separation_rad: float) -> StarTable:

@@ -1,0 +1,94 @@
+"""Requests that take long: counted before they are tried, told as they go on, ended when somebody cancels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.build import build, plan, preview, too_heavy
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope
+from gss.catalogue_tools.request import BuildRequest, ElementsOrbit
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.domain.errors import BadInput
+
+
+def deg(*values: float) -> tuple[float, ...]:
+    return tuple(float(np.radians(v)) for v in values)
+
+
+TURN = (-np.pi, np.pi)
+ORBIT = ElementsOrbit((deg(97)[0], deg(97)[0]), (0.0, 0.1))
+BLOCKS = BuildRequest(
+    "cubestar",
+    "cubestar",
+    Rules(3.8),
+    orbit=ORBIT,
+    attitude=AttitudeLimits("zenith", TURN, TURN, TURN),
+    start=datetime(2026, 12, 1, tzinfo=UTC),
+    method="blocks",
+    pointings=200,
+)
+
+
+class Stopped(Exception):
+    """As a job is cancelled."""
+
+
+def test_blocks_over_all_attitudes_are_counted_and_not_previewed() -> None:
+    """A preview of fourteen million fields says how many there are and that a job builds them; a narrow one is shown."""
+    with pytest.raises(BadInput, match="too many combinations for a preview: 14"):
+        preview(BLOCKS, load_stars(3.8))
+    narrow = replace(BLOCKS, attitude=AttitudeLimits("zenith", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+    assert preview(narrow, load_stars(3.8)).selection.kept
+
+
+def test_the_count_of_fields_is_the_number_stepped() -> None:
+    """What is counted beforehand is what is then worked out, and the share told ends at one."""
+    told: list[float] = []
+    limits = AttitudeLimits("zenith", deg(-5, 5), deg(0, 5), deg(0, 10))  # type: ignore[arg-type]
+    p = plan(replace(BLOCKS, attitude=limits), told.append)
+    assert isinstance(p.base, BlockEnvelope)
+    assert p.base.looked_at == sum(len(a) for a in p.base._attitudes(0.0)) == 3 * 2 * 3 * 36
+    assert p.base.marked.any()
+    assert told[-1] == pytest.approx(1.0)
+
+
+def test_a_heavy_build_is_cancelled_from_within() -> None:
+    """Blocks and frames call the build's progress, which may end them."""
+
+    def stop(stage: str, share: float) -> None:
+        if share > 0:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        build(replace(BLOCKS, attitude=AttitudeLimits("zenith", yaw_rad=(0.0, 0.2))), load_stars(3.8), stop)
+    frames = BuildRequest("cubestar", "cubestar", Rules(4.5, brightest_per_field=8, thinning="frames"))
+
+    def stop_thinning(stage: str, share: float) -> None:
+        if stage == "thinning":
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        build(frames, load_stars(4.5), stop_thinning)
+
+
+def test_frames_with_many_stars_are_counted() -> None:
+    """Five hundred of the brightest to V 7 in every frame are no preview; eight to V 5 are."""
+    stars = load_stars(7.0)
+    many = BuildRequest("cubestar", "cubestar", Rules(7.0, brightest_per_field=500, thinning="frames"))
+    with pytest.raises(BadInput, match="too many combinations for a preview"):
+        preview(many, stars)
+    few = replace(many, rules=Rules(5.0, brightest_per_field=8, thinning="frames"))
+    assert too_heavy(plan(few), load_stars(5.0)) is None
+
+
+def test_the_shortest_distance_lies_below_the_longest() -> None:
+    """Turned about, or above the field's diagonal, the limits are refused before anything is counted."""
+    for limits in ({"pair_min_rad": 0.3, "pair_max_rad": 0.1}, {"pair_min_rad": 2.0}):
+        with pytest.raises(BadInput, match="not below the longest"):
+            plan(replace(BLOCKS, **limits))
