@@ -29,11 +29,18 @@ OTHERS_OF = {
     "far_mst": ("sunsat", "cubestar"),
     "aim": ("sunsat", "cubestar"),
 }
+# Read, but not matched from: Sunsat's matching needs magnitudes.
+LACKING = {"sunsat": ("cubestar",)}
 
 
 def bank_formats(profile_name: str) -> tuple[str, ...]:
     """On-board formats that a unit reads, its own first."""
     return (own_format(profile_name), *OTHERS_OF.get(profile_name, ()))
+
+
+def matching_formats(profile_name: str) -> tuple[str, ...]:
+    """Those of :func:`bank_formats` that the unit's matching finds all it needs in."""
+    return tuple(name for name in bank_formats(profile_name) if name not in LACKING.get(profile_name, ()))
 
 
 @dataclass(frozen=True)

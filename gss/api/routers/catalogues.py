@@ -63,6 +63,7 @@ def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) ->
         pairs_estimate=quick.pairs,
         bytes_estimate=quick.size,
         bank_bytes=quick.bank_bytes,
+        bank_source=quick.bank_source,
         elapsed_ms=1000 * quick.elapsed_s,
         **quick.report,
     )

@@ -237,12 +237,13 @@ class SizesOut(Out):
 
 
 class PreviewOut(Out):
-    """The builder's answer while parameters change."""
+    """The builder's answer while parameters change. ``bank_source``: whose bank ``bank_bytes`` is."""
 
     stars: int
     pairs_estimate: int
     bytes_estimate: int
     bank_bytes: int
+    bank_source: Literal["asked", "sensor", "usual"]
     funnel: list[FunnelOut]
     sky: list[SkyStarOut]
     envelope: EnvelopeOut

@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.build import BuiltCatalogue, finish, prepare, preview
+from gss.catalogue_tools.build import BuiltCatalogue, finish, prepare, preview, too_heavy
 from gss.catalogue_tools.diff import CatalogueDiff, CoverageChange, compare, coverage_change
 from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.formats.registry import base_format
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.catalogue_tools.plan import plan
 from gss.catalogue_tools.request import BuildRequest
 from gss.catalogue_tools.sources.sources import Source
 from gss.device.dictionary import Dictionary
+from gss.device.golden import matching_formats
 from gss.device.session import Compatibility
 from gss.device.session_events import HelloReceived
 from gss.domain.errors import BadInput, Conflict
@@ -41,7 +44,7 @@ STEPS = 100
 
 @dataclass(frozen=True)
 class TimedPreview:
-    """A preview's report and how long it took."""
+    """A preview's report and how long it took. ``bank_source``: whose bank it is: asked, sensor or usual."""
 
     stars: int
     pairs: int
@@ -49,6 +52,7 @@ class TimedPreview:
     bank_bytes: int
     report: dict[str, Any]
     elapsed_s: float
+    bank_source: str = "usual"
 
 
 @dataclass(frozen=True)
@@ -86,24 +90,39 @@ class CatalogueService:
     def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
         """The quick look while parameters change."""
         start_s = time.perf_counter()
+        request, source = self._with_bank(request)
         quick = preview(request, self._source(request), mistakes=mistakes)
         report = preview_report(quick)
         elapsed_s = time.perf_counter() - start_s
         return TimedPreview(
-            len(quick.selection.kept), quick.pairs, quick.bytes, quick.plan.bank_bytes, report, elapsed_s
+            len(quick.selection.kept), quick.pairs, quick.bytes, quick.plan.bank_bytes, report, elapsed_s, source
         )
 
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
         """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
         is refused at once."""
-        ready = prepare(request, self._source(request))
+        source = self._source(request)
+        # What takes long is worked out in the job, where it tells how far it is and can be cancelled.
+        ready = None if too_heavy(plan(request), source) else prepare(request, source)
 
         def work(progress: Progress) -> dict[str, Any]:
-            built = finish(ready, lambda stage, share: progress(round(share * STEPS), STEPS, stage))
+            def tell(stage: str, share: float) -> None:
+                progress(round(share * STEPS), STEPS, stage)
+
+            built = finish(prepare(request, source, tell) if ready is None else ready, tell)
             row = self._keep(built, asked, user)
             return {"catalogue_id": row.id}
 
         return self._jobs.submit("catalogue", f"build {request.name or 'catalogue'}", dict(asked), work)
+
+    def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, str]:
+        """The request with the bank of the sensor that answers, where it is of that camera; and whose bank counts."""
+        hello = self._link.hello
+        if request.bank_bytes is not None:
+            return request, "asked"
+        if hello is None or hello.profile != request.profile_name:
+            return request, "usual"
+        return replace(request, bank_bytes=hello.bank_bytes), "sensor"
 
     def _source(self, request: BuildRequest) -> Source | StarTable:
         if request.source == "hipparcos":
@@ -174,6 +193,7 @@ class CatalogueService:
             )
         image = self._blobs.get(row.sha256)
         compatibility = compatibility_of(image, hello)
+        check_matching(row.format, hello.profile)
         return self._transfers.upload(
             "catalogue",
             target,
@@ -205,6 +225,18 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
         stars=header.stars,
         pairs=header.pairs,
     )
+
+
+def check_matching(format_name: str, profile_name: str) -> None:
+    """Conflict for a bank that the unit would take and then refuse to match from."""
+    matched = matching_formats(profile_name)
+    if base_format(format_name) not in matched:
+        raise Conflict(
+            "the sensor cannot match from this catalogue: it needs what the format lacks",
+            expected=" | ".join(matched),
+            got=format_name,
+            hint="build it again in the camera's own format; the activation of this one would be refused",
+        )
 
 
 def bank_number(dictionary: Dictionary, bank: str) -> int:
