@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -145,7 +145,8 @@ def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | No
                 hint="leave the attitude limits away for the whole sky",
             )
         if request.method == "blocks":
-            return BlockEnvelope(shape, limits, planes, **({} if tell is None else {"tell": tell}))
+            blocks = BlockEnvelope(shape, limits, planes)
+            return blocks if tell is None else replace(blocks, tell=tell)
         return BandEnvelope(shape, limits, planes)
     if request.method == "blocks":
         raise BadInput(

@@ -5692,7 +5692,7 @@ export interface components {
         };
         /**
          * PreviewOut
-         * @description The builder's answer while parameters change.
+         * @description The builder's answer while parameters change. ``bank_source``: whose bank ``bank_bytes`` is.
          */
         PreviewOut: {
             /** Stars */
@@ -5703,6 +5703,11 @@ export interface components {
             bytes_estimate: number;
             /** Bank Bytes */
             bank_bytes: number;
+            /**
+             * Bank Source
+             * @enum {string}
+             */
+            bank_source: "asked" | "sensor" | "usual";
             /** Funnel */
             funnel: components["schemas"]["FunnelOut"][];
             /** Sky */
