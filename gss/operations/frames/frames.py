@@ -94,7 +94,7 @@ class FrameService:
         self._bus.record(
             "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
-        if frame.complete:
+        if frame.complete and frame.profile is not None:  # a thumbnail is no picture of a known camera
             self._pool.submit(self._solve_on_arrival, frame.id)
         return frame
 
