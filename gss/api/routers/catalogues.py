@@ -12,8 +12,9 @@ from pydantic import ValidationError
 
 from gss.api import present, security
 from gss.api.catalogue_words import request_of
-from gss.api.deps import LARGEST_ID, App, Moment, RowId, User
+from gss.api.deps import App, Moment, RowId, User
 from gss.api.present.catalogue_page import catalogue_page
+from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import (
     CatalogueDetailOut,

@@ -7,7 +7,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import LARGEST_ID, App
+from gss.api.deps import App
+from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.events import EventOut
 
 router = APIRouter(tags=["events"])

@@ -9,7 +9,8 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present, security
-from gss.api.deps import LARGEST_ID, App, ContactId, RowId, User
+from gss.api.deps import App, ContactId, RowId, User
+from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
     DownloadIn,
     FrameDetailOut,

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import LARGEST_ID, App, ContactId, Moment
+from gss.api.deps import App, ContactId, Moment
+from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry.telemetry_export import FORMATS, export
 

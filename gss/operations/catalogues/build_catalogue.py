@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,6 +41,8 @@ from gss.store.models import Catalogue, Job
 
 STEPS = 100
 
+BankSource = Literal["asked", "sensor", "usual"]
+
 
 @dataclass(frozen=True)
 class TimedPreview:
@@ -52,7 +54,7 @@ class TimedPreview:
     bank_bytes: int
     report: dict[str, Any]
     elapsed_s: float
-    bank_source: str = "usual"
+    bank_source: BankSource = "usual"
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class CatalogueService:
 
         return self._jobs.submit("catalogue", f"build {request.name or 'catalogue'}", dict(asked), work)
 
-    def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, str]:
+    def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, BankSource]:
         """The request with the bank of the sensor that answers, where it is of that camera; and whose bank counts."""
         hello = self._link.hello
         if request.bank_bytes is not None:
