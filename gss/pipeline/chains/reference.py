@@ -37,6 +37,9 @@ FIT_FLOOR_PX = 0.01
 BESIDE_RAD = 0.05  # stars so far outside the field may still lend light to it
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half as much
 DEEPER_ACCEPT = ACCEPT / 2  # a second search is a second chance of an accident
+EXPLAINED = 0.3
+"""Share of the stars that are both expected and seen in number which must be named. Chance agrees with a fourth of them once in
+some thousand lists (mirrored ones, above all), whatever the odds of the single figure say; a true place with nearly all."""
 MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
 
 
@@ -185,6 +188,10 @@ def _identify_known(
         return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
         named = _name_all(view, camera, stars, evidence, centroids, found, velocity_c)
+    seen_both = min(len(view), evidence.predicted)
+    if len(named.rows) < EXPLAINED * seen_both:
+        reason = f"the best place found explains only {len(named.rows)} of {seen_both} stars"
+        return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[named.stars]
     answer = solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
     return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
