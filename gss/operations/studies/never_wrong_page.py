@@ -20,6 +20,9 @@ MENDED = "\n".join(
         "tracked attitude by no more than the radius of capture",
         "- sunsat, focal length −1 %, tracking (attitude 1784): three stars in a corner, right names, boresight 6.4 px off; the "
         "census of focal lengths now stands in this chain too",
+        "- reference with far_mst and oersted, mirrored or with false stars, planets or doubles (nine lists, among them attitudes "
+        "3636 and 4299 of far_mst, 2389 and 3777 of oersted): a place that named a tenth to a fourth of the stars passed the odds; "
+        "three tenths must be named now",
     )
 )
 ORDER = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)
