@@ -71,7 +71,7 @@ def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
         ({"faint_mag": 9.0}, "not that deep"),
         ({"orbit": "none", "corrections": {"orbital_aberration": True}}, "needs an orbit"),
         ({"occultation": {"earth": True}}, "needs the altitude"),
-        (ORBIT | {"body_from_cam": [2.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is no rotation"),
+        (ORBIT | {"body_from_cam": [0.5, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is no rotation"),
         ({"source": "list"}, "no star list is named"),
         (STILL | {"method": "blocks"}, "turns with its orbit"),
     ],

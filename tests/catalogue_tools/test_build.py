@@ -226,7 +226,7 @@ def test_progress_rises_and_can_cancel(stars):
         ({"epoch_jyear": 1950.0}, "epoch of the positions is far"),
         ({"epoch_jyear": float("nan")}, "epoch of the positions is far"),
         ({"epoch_jyear": 1000.0, "start": None}, "is out of range"),
-        ({"pair_min_rad": 0.3}, "distance limits are impossible"),
+        ({"pair_min_rad": 0.3}, "shortest distance is not below the longest"),
         ({"bank_bytes": 10_000}, "overflows the bank"),
         ({"bank_bytes": 23_000}, "overflows the bank"),
         ({"pointings": 0}, "no pointings"),

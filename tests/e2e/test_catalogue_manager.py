@@ -92,7 +92,7 @@ def test_the_choice_of_stars_and_the_mounting_are_on_the_page(page):
     page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0")
     expect(page.get_by_text("nine numbers by rows, got 8")).to_be_visible()
     expect(page.get_by_test_id("build")).to_be_disabled()
-    page.get_by_test_id("build-matrix").fill("2 0 0 0 1 0 0 0 1")
+    page.get_by_test_id("build-matrix").fill("0.5 0 0 0 1 0 0 0 1")
     expect(page.get_by_text("the mounting is no rotation")).to_be_visible()
     page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0 1")
     expect(page.get_by_text("preview in")).to_be_visible()
