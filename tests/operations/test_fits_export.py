@@ -11,10 +11,10 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 from gss.domain.angles import ra_dec_from_unit
+from gss.domain.camera_record import camera_from, record_of
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import PROFILES
 from gss.domain.rotation import quaternion_from_matrix
-from gss.operations.frames.camera_record import camera_from, record_of
 from gss.operations.frames.fits_export import fits_file
 from gss.store.models import Frame, Solution
 

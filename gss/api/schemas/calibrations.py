@@ -61,14 +61,14 @@ class BenchCentreIn(_BenchIn):
     """The optical centre from places of one dot while the camera turns."""
 
     kind: Literal["bench-centre"]
-    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]
+    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]  # a made type
 
 
 class BenchTiltIn(_BenchIn):
     """The detector's tilt from places of two dots."""
 
     kind: Literal["bench-tilt"]
-    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]
+    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]  # a made type
 
 
 class BenchFocalIn(_BenchIn):
@@ -101,7 +101,7 @@ class BenchDarkLawIn(_BenchIn):
     """Dark current against temperature."""
 
     kind: Literal["bench-dark-law"]
-    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]
+    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a made type
 
 
 class BenchFocusIn(_BenchIn):

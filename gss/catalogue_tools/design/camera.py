@@ -219,7 +219,7 @@ class DesignCamera:
         for name in changes:
             if name not in known:
                 raise BadInput("a camera has no such part", expected=" | ".join(sorted(known)), got=name)
-        return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]
+        return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]  # names are fields
 
     def changed_from(self, other: DesignCamera) -> tuple[str, ...]:
         """Names of the fields that differ."""

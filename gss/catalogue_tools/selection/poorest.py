@@ -56,10 +56,9 @@ def _scores(
 ) -> tuple[Array, Array, Array]:
     """(n,) stars, (n,) what to make small, (n, 3, 3) attitudes."""
     moments = envelope.at(cube)
-    occulted = isinstance(envelope, OccultedEnvelope)
     shadow = envelope.shadow(moments) if isinstance(envelope, OccultedEnvelope) else None
     stars = stars_per_field(unit, moments.cam_from_icrs, shape, shadow=shadow).astype(float)
     around = stars_per_field(unit, moments.cam_from_icrs, collar, shadow=shadow)
-    if occulted:
-        stars[~envelope.usable(moments)] = BLIND  # type: ignore[attr-defined]
+    if isinstance(envelope, OccultedEnvelope):
+        stars[~envelope.usable(moments)] = BLIND
     return stars, stars + 0.01 * around, moments.cam_from_icrs

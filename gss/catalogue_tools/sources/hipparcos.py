@@ -54,7 +54,7 @@ def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
     if v_max <= FAINTEST_V_MAG:
         return load_stars(v_max)
     stars = _everything()
-    return stars.take(slice(0, int(np.searchsorted(stars.v_mag, v_max, side="right"))))  # type: ignore[arg-type]
+    return stars.take(slice(0, int(np.searchsorted(stars.v_mag, v_max, side="right"))))  # type: ignore[arg-type]  # a view
 
 
 def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:

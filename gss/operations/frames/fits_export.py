@@ -10,9 +10,9 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
+from gss.domain.camera_record import camera_from
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
-from gss.operations.frames.camera_record import camera_from
 from gss.operations.frames.pictures import Pixels
 from gss.store.models import Frame, Solution
 

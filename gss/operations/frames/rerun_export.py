@@ -11,10 +11,10 @@ import numpy as np
 from PIL import Image
 
 from gss.domain.angles import Array
+from gss.domain.camera_record import camera_from
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import pictures
-from gss.operations.frames.camera_record import camera_from
 from gss.operations.frames.frames import FrameService
 from gss.store.models import Frame, Solution
 

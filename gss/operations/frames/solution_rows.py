@@ -9,13 +9,13 @@ import numpy as np
 
 from gss import __version__
 from gss.domain.camera import Camera
+from gss.domain.camera_record import camera_from, record_of
 from gss.domain.frames import pointing_difference_rad
 from gss.domain.profiles import PROFILES, CameraProfile
 from gss.domain.results import Attitude, Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import overlay
-from gss.operations.frames.camera_record import camera_from, record_of
 from gss.operations.frames.scoring import judge
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import Any
 
 from gss import __version__
 from gss.domain.camera import Camera
+from gss.domain.camera_record import camera_from
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile, profile
 from gss.operations.clock import Now
@@ -31,7 +32,6 @@ from gss.operations.studies.night_frames import Shot, StoredShots, Tell
 from gss.operations.transfers.device_tables import DeviceTableService
 from gss.pipeline.calibration.apply import Difference, camera_difference
 from gss.pipeline.calibration.bundle import Prior
-from gss.pipeline.calibration.record import camera_from_record
 from gss.store import studies as store
 from gss.store.engine import Database
 from gss.store.models import Calibration, DeviceTable, Job
@@ -240,4 +240,4 @@ def camera_of(row: Calibration) -> Camera:
     record = row.result.get("geometry", row.result).get("camera")
     if record is None:
         raise BadInput("this calibration is not of a whole camera", expected="stars or a checkerboard", got=row.kind)
-    return camera_from_record(record)
+    return camera_from(record)

@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gss.domain.camera import Brown, Camera, RadialTilt
-from gss.domain.errors import BadInput
+from gss.domain.camera_record import camera_from, record_of
+from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import CameraProfile
 from gss.pipeline.calibration import checkerboard
 from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
@@ -19,7 +20,7 @@ from gss.pipeline.calibration.dots import detector_tilt, optical_centre
 from gss.pipeline.calibration.focal_pairs import focal_from_pair, focal_from_pairs
 from gss.pipeline.calibration.focus import best_focus
 from gss.pipeline.calibration.radial import radial_polynomial
-from gss.pipeline.calibration.record import as_record, camera_from_record, camera_record
+from gss.pipeline.calibration.record import as_record
 from gss.pipeline.calibration.sightings import FrameStars
 
 Known = Callable[[str], CameraProfile]
@@ -218,9 +219,9 @@ def test_absent_library_is_told_with_how_to_get_it(monkeypatch: pytest.MonkeyPat
 def test_cameras_survive_being_written_down(name: str, known: Known) -> None:
     """A camera's record is plain and gives the same camera; anything else is refused."""
     camera = known(name).camera
-    assert camera_from_record(camera_record(camera)) == camera
-    with pytest.raises(BadInput, match="record of a camera"):
-        camera_from_record({"columns": 3})
+    assert camera_from(record_of(camera)) == camera
+    with pytest.raises(CorruptData, match="record of a camera"):
+        camera_from({"columns": 3})
     record = as_record({"a": np.array([1.0, np.nan]), "b": (np.float64(2), camera), "image": np.zeros((300, 300))})
     assert record["a"] == [1.0, None]
     assert record["b"][1]["columns"] == camera.columns

@@ -1,20 +1,4 @@
-/** Where round numbers fall on an axis, and how they are written. */
-export function ticks(low: number, high: number, about = 5): number[] {
-  if (!Number.isFinite(low) || !Number.isFinite(high) || high <= low) return [];
-  const raw = (high - low) / Math.max(1, about);
-  const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= raw * (1 - 1e-9)) ?? 10 * power;
-  const out: number[] = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) out.push(Number((k * step).toPrecision(12)));
-  return out;
-}
-
-export function decades(low: number, high: number): number[] {
-  const out: number[] = [];
-  for (let k = Math.ceil(Math.log10(low) - 1e-9); k <= Math.floor(Math.log10(high) + 1e-9); k++) out.push(10 ** k);
-  return out;
-}
-
+/** Round moments on an axis of time, and how the numbers of any axis are written; round numbers are in plot.ts. */
 export function timeTicks(low: number, high: number): number[] {
   const step = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400].find((s) => (high - low) / s <= 6) ?? 604800;
   const out: number[] = [];

@@ -1,0 +1,32 @@
+"""A camera's geometry as plain values and back: what a stored solution was measured with, what a calibration found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from gss.domain.camera import Brown, BrownUndistort, Camera, Pinhole, RadialTilt
+from gss.domain.errors import CorruptData
+
+MODELS = {model.__name__: model for model in (Pinhole, Brown, BrownUndistort, RadialTilt)}
+
+
+def record_of(camera: Camera) -> dict[str, Any]:
+    """Plain values of a camera."""
+    values = asdict(camera)
+    values["distortion"] = {"model": type(camera.distortion).__name__, **values["distortion"]}
+    return values
+
+
+def camera_from(record: Mapping[str, Any]) -> Camera:
+    """The camera of a record; CorruptData where it is not one."""
+    try:
+        lens = dict(record["distortion"])
+        model = MODELS[lens.pop("model")]
+        values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in lens.items()}
+        return Camera(**{**record, "distortion": model(**values)})
+    except (KeyError, TypeError, ValueError) as error:
+        got = f"{type(error).__name__}: {error}"
+        expected = f"a camera's geometry, distortion {' | '.join(MODELS)}"
+        raise CorruptData("this is not the record of a camera", expected=expected, got=got) from None
