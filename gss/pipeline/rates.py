@@ -9,6 +9,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Attitude
+from gss.domain.rotation import vector_from_rotation
 
 HALF_TURN_RAD = 3.0
 
@@ -45,7 +46,7 @@ def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
             "two images at the same time have no rate", expected="an interval above 0 s", got=f"{interval_s:g} s"
         )
     second_from_first = second.cam_from_icrs @ first.cam_from_icrs.T
-    turned_rad = -_rotation_vector(second_from_first)
+    turned_rad = -vector_from_rotation(second_from_first)
     if np.linalg.norm(turned_rad) > HALF_TURN_RAD:
         raise BadInput(
             "the turn between two images is too large to have a direction",
@@ -55,11 +56,3 @@ def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
     carried = second_from_first @ first.covariance_rad2 @ second_from_first.T
     covariance = (carried + second.covariance_rad2) / interval_s**2
     return Rate(turned_rad / interval_s, covariance, interval_s)
-
-
-def _rotation_vector(matrix: Array) -> Array:
-    """(3,) vector whose active rotation is the (3, 3) matrix; good to the last digits for small turns."""
-    axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
-    sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
-    angle_rad = float(np.arctan2(sine, cosine))
-    return axis if sine < 1e-12 else axis / sine * angle_rad

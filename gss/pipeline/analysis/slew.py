@@ -8,7 +8,8 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
-from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, usable
+from gss.domain.rotation import turn_between
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, usable
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 

@@ -14,8 +14,8 @@ from scipy.stats import chi2
 
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
-from gss.domain.rotation import matrix_from_quaternion
-from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, turned, usable
+from gss.domain.rotation import matrix_from_quaternion, turn_between, turned
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, usable
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 

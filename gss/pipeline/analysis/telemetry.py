@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.pipeline.analysis.series import AttitudeSeries, check_series, turn_between, turned, usable
+from gss.domain.rotation import turn_between, turned
+from gss.pipeline.analysis.series import AttitudeSeries, check_series, usable
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
-from gss.domain.rotation import matrix_from_quaternion
-from gss.pipeline.analysis.series import FEWEST, AttitudeSeries, inverse, product, turn_between, turned
+from gss.domain.rotation import matrix_from_quaternion, quaternion_inverse, quaternion_product, turn_between, turned
+from gss.pipeline.analysis.series import FEWEST, AttitudeSeries
 from gss.pipeline.analysis.steady import AxisFigures, axis_figures
 from gss.pipeline.calibration.advice import Advice
 
@@ -36,7 +36,7 @@ class Consistency:
 def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
     """From frames that both cameras took at the same times. BadInput with fewer than five pairs."""
     a, b = _together(first.only(first.solved), second.only(second.solved))
-    mounting = product(b.quaternion, inverse(a.quaternion))
+    mounting = quaternion_product(b.quaternion, quaternion_inverse(a.quaternion))
     mean = mounting[len(mounting) // 2]
     for _ in range(10):
         mean = turned(mean, turn_between(np.broadcast_to(mean, mounting.shape), mounting).mean(axis=0))
