@@ -5,10 +5,15 @@ from __future__ import annotations
 
 import glob
 import os
+import pwd
 import shutil
+import socket
+import subprocess
+import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -41,6 +46,53 @@ def postgres_bin() -> Path | None:
     """Folder of the newest PostgreSQL server's programs."""
     found = sorted(glob.glob("/usr/lib/postgresql/*/bin/postgres"))
     return Path(found[-1]).parent if found else None
+
+
+def free_port() -> int:
+    """A loopback port that nobody listens on now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture(scope="session")
+def postgres_url() -> Iterator[str]:
+    """A PostgreSQL server of our own in a temporary folder, on a free loopback port. It refuses to run as root: then as nobody."""
+    programs = postgres_bin()
+    assert programs is not None
+    folder = Path(tempfile.mkdtemp(prefix="gss-pg-"))
+    who: dict[str, Any] = {}
+    if os.geteuid() == 0:
+        nobody = pwd.getpwnam("nobody")
+        who = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": []}
+        os.chown(folder, nobody.pw_uid, nobody.pw_gid)
+    data, port = folder / "data", free_port()
+    options = {"check": True, "capture_output": True, "cwd": folder, **who}
+    subprocess.run([programs / "initdb", "-D", data, "-A", "trust", "-U", "gss", "--no-sync"], **options)
+    settings = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off"
+    subprocess.run([programs / "pg_ctl", "-D", data, "-w", "-o", settings, "-l", folder / "log", "start"], **options)
+    yield f"postgresql+psycopg://gss@127.0.0.1:{port}/postgres"
+    subprocess.run([programs / "pg_ctl", "-D", data, "-m", "immediate", "stop"], **options)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def s3_server() -> Iterator[str]:
+    """Address of an object store of our own: moto's server as a process."""
+    pytest.importorskip("moto", reason="moto is not installed: pip install 'moto[server]'")
+    port = free_port()
+    command = [sys.executable, "-W", "ignore", "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        assert process.poll() is None, "moto's server ended at once"
+        try:
+            socket.create_connection(("127.0.0.1", port), 0.2).close()
+            break
+        except OSError:
+            time.sleep(0.05)
+    yield f"http://127.0.0.1:{port}"
+    process.terminate()
+    process.wait(10)
 
 
 @pytest.fixture(scope="session")

@@ -1,39 +1,80 @@
 """Pixels and images of flash, kept under the hash of their content: the same bytes are stored once, and no name
-that a person chose ever reaches the disk."""
+that a person chose ever reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``)."""
 
 from __future__ import annotations
 
 import hashlib
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import fsspec
+from fsspec.implementations.local import LocalFileSystem
 
-from gss.domain.errors import CorruptData, NotFound, StoreDown
+from gss.domain.errors import BadInput, CorruptData, GssError, NotFound, StoreDown
+
+TIMEOUT_S = 20.0
+"""An object store that is silent for so long is down."""
+ATTEMPTS = 2
 
 
 class BlobStore:
-    """Content-addressed bytes under an fsspec URL (a folder by default)."""
+    """Content-addressed bytes under an fsspec URL (a folder by default).
 
-    def __init__(self, url: str) -> None:
-        self._fs, self._root = fsspec.core.url_to_fs(url)
-        self._fs.makedirs(self._root, exist_ok=True)
+    An object store's credentials, region and endpoint come from the environment (``AWS_ACCESS_KEY_ID``,
+    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL: that one is shown and logged.
+    """
+
+    def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
+        if "@" in url.partition("://")[2].partition("/")[0]:
+            raise BadInput(
+                "the URL of the blobs holds credentials", expected="s3://bucket/prefix", hint="AWS_* in the environment"
+            )
+        try:
+            self._fs, root = fsspec.core.url_to_fs(url, **_options(url, timeout_s))
+        except ImportError as error:
+            raise BadInput(
+                "this kind of blob store is not installed", got=str(error), hint="pip install 'gss-startracker[s3]'"
+            ) from None
+        self._root = str(root).rstrip("/")
+        self._is_folder = isinstance(self._fs, LocalFileSystem)
+        if hasattr(self._fs, "retries"):
+            self._fs.retries = (
+                ATTEMPTS  # s3fs tries each request again itself; five times would hold a page for minutes
+            )
+        if self._is_folder:
+            self._fs.makedirs(self._root, exist_ok=True)
+        else:
+            self._reach_bucket()
+
+    def _reach_bucket(self) -> None:
+        """A wrong address is told at the start and not with the first frame; a bucket is never made by us."""
+        bucket = self._root.partition("/")[0]
+        with self._reached():
+            there = bool(self._fs.exists(bucket))
+        if not there and self._fs.protocol != "memory":
+            raise StoreDown(
+                "the blob store cannot be reached",
+                expected=f"a bucket {bucket!r} that may be listed",
+                hint="make the bucket; look at AWS_ENDPOINT_URL_S3 and the credentials in the environment",
+            )
 
     def put(self, data: bytes) -> str:
         """Keep ``data``; its SHA-256 in hex is the key."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
-        try:
-            if not self._holds(path, data):
+        with self._reached():
+            if not self._is_folder:
+                # Writing an object is atomic, and the same bytes again cost no more than reading them to compare.
+                self._fs.pipe_file(path, bytes(data))
+            elif not self._holds(path, data):
                 self._write(path, data)
-        except OSError as error:
-            raise StoreDown(
-                "the bytes cannot be stored now", got=str(error), hint="look at disk space and permissions"
-            ) from error
         return key
 
     def _holds(self, path: str, data: bytes) -> bool:
         """Is it there, and undamaged? A file that rotted is healed by the next copy of its content."""
-        if not self._fs.exists(path):
+        if not self._fs.exists(path) or self._fs.size(path) != len(data):
             return False
         with self._fs.open(path, "rb") as file:
             return bool(file.read() == data)
@@ -48,18 +89,84 @@ class BlobStore:
 
     def get(self, key: str) -> bytes:
         """The bytes of a key, checked against it."""
-        path = self._path(key)
-        if not self._fs.exists(path):
-            raise NotFound(
-                "stored bytes are missing", expected=f"a file for {key[:12]}…", hint="restore it from a backup"
-            )
-        with self._fs.open(path, "rb") as file:
-            data = bytes(file.read())
+        try:
+            with self._reached():
+                data: bytes = self._fs.cat_file(self._path(key))
+        except FileNotFoundError:
+            raise _missing(key) from None
         if hashlib.sha256(data).hexdigest() != key:
             raise CorruptData(
                 "stored bytes are damaged", expected=f"SHA-256 {key[:12]}…", hint="restore the file from a backup"
             )
         return data
 
+    def exists(self, key: str) -> bool:
+        """Is there anything under that key? Its content is not looked at."""
+        with self._reached():
+            return bool(self._fs.exists(self._path(key)))
+
+    def size(self, key: str) -> int:
+        """Bytes under a key, as the store says without reading them."""
+        try:
+            with self._reached():
+                return int(self._fs.size(self._path(key)))
+        except FileNotFoundError:
+            raise _missing(key) from None
+
+    def delete(self, key: str) -> None:
+        """Forget a key; nothing happens where it is gone already."""
+        try:
+            with self._reached():
+                self._fs.rm_file(self._path(key))
+        except FileNotFoundError:
+            return
+
+    def keys(self) -> Iterator[str]:
+        """Every key, in order; the names of one part in 256 are in memory at a time. Half-written files have no key."""
+        try:
+            with self._reached():
+                parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in self._fs.ls(self._root, detail=False)]
+        except FileNotFoundError:  # a prefix without objects
+            return
+        for part in sorted(part for part in parts if len(part) == 2):
+            with self._reached():
+                names = self._fs.find(f"{self._root}/{part}")
+            for name in sorted(names):
+                rest = name.rsplit("/", 1)[1]
+                if len(rest) == 62 and "." not in rest:
+                    yield part + rest
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """What the store cannot do becomes StoreDown; a missing object stays what it is."""
+        try:
+            yield
+        except (FileNotFoundError, GssError):
+            raise
+        except OSError as error:
+            hint = (
+                "look at disk space and permissions" if self._is_folder else "look at the store, its network and rights"
+            )
+            raise StoreDown("the bytes cannot be stored or read now", got=str(error)[:300], hint=hint) from error
+        except Exception as error:  # each object store's client brings families of its own
+            if self._is_folder:
+                raise
+            text = f"{type(error).__name__}: {error}"[:300]
+            raise StoreDown(
+                "the blob store does not answer", got=text, hint="look at the store and its network"
+            ) from error
+
     def _path(self, key: str) -> str:
         return f"{self._root}/{key[:2]}/{key[2:]}"
+
+
+def _missing(key: str) -> NotFound:
+    return NotFound("stored bytes are missing", expected=f"a file for {key[:12]}…", hint="restore it from a backup")
+
+
+def _options(url: str, timeout_s: float) -> dict[str, Any]:
+    """No listing is remembered: other processes write too. A store that is silent must not hold a request for minutes."""
+    if not url.startswith(("s3://", "s3a://")):
+        return {}
+    waits = {"connect_timeout": min(5.0, timeout_s), "read_timeout": timeout_s, "retries": {"total_max_attempts": 1}}
+    return {"use_listings_cache": False, "config_kwargs": waits}

@@ -2,49 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import pwd
-import shutil
-import socket
-import subprocess
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from gss.store.engine import Database, migrate, open_engine
-
-SERVERS = sorted(Path("/usr/lib/postgresql").glob("*/bin/postgres"))
-
-
-def _as_nobody() -> dict[str, object]:
-    """PostgreSQL refuses to run as root; then it runs as nobody."""
-    if os.geteuid() != 0:
-        return {}
-    nobody = pwd.getpwnam("nobody")
-    return {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": []}
-
-
-@pytest.fixture(scope="session")
-def postgres_url() -> Iterator[str]:
-    """A PostgreSQL server of our own in a temporary folder, on a free loopback port."""
-    programs = SERVERS[-1].parent
-    folder = Path(tempfile.mkdtemp(prefix="gss-pg-"))
-    who = _as_nobody()
-    if who:
-        os.chown(folder, who["user"], who["group"])
-    data = folder / "data"
-    options = {"check": True, "capture_output": True, "cwd": folder, **who}
-    subprocess.run([programs / "initdb", "-D", data, "-A", "trust", "-U", "gss", "--no-sync"], **options)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    settings = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off"
-    subprocess.run([programs / "pg_ctl", "-D", data, "-w", "-o", settings, "-l", folder / "log", "start"], **options)
-    yield f"postgresql+psycopg://gss@127.0.0.1:{port}/postgres"
-    subprocess.run([programs / "pg_ctl", "-D", data, "-m", "immediate", "stop"], **options)
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])

@@ -1,0 +1,140 @@
+"""Blobs in an object store: a real S3 server program on this machine (moto's), reached over HTTP as any other would be."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import pytest
+
+from gss.domain.errors import BadInput, CorruptData, NotFound, StoreDown
+from gss.store.blobs import BlobStore
+
+pytest.importorskip("s3fs")
+BUCKET = "frames-of-tests"
+
+
+@pytest.fixture
+def s3(s3_server: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """URL of an empty prefix; where the store is and who asks is in the environment only."""
+    import s3fs
+
+    for name, value in (
+        ("AWS_ENDPOINT_URL_S3", s3_server),
+        ("AWS_ACCESS_KEY_ID", "tester"),
+        ("AWS_SECRET_ACCESS_KEY", "not-in-any-url"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
+        monkeypatch.setenv(name, value)
+    s3fs.S3FileSystem.clear_instance_cache()
+    fs = s3fs.S3FileSystem()
+    if not fs.exists(BUCKET):
+        fs.mkdir(BUCKET)
+    prefix = f"{BUCKET}/{os.urandom(4).hex()}"
+    yield f"s3://{prefix}"
+    s3fs.S3FileSystem.clear_instance_cache()
+
+
+def raw(url: str, key: str) -> tuple[object, str]:
+    """The file system behind a store, and the object of a key."""
+    import s3fs
+
+    return s3fs.S3FileSystem(), f"{url.removeprefix('s3://')}/{key[:2]}/{key[2:]}"
+
+
+def test_an_object_store_keeps_what_a_folder_keeps(s3: str, tmp_path) -> None:
+    """The same bytes have the same keys in both; listing, size, presence and removal agree."""
+    stores = [BlobStore(s3), BlobStore(str(tmp_path / "blobs"))]
+    contents = [b"", b"pixels", os.urandom(300_000), b"pixels"]
+    for store in stores:
+        keys = [store.put(data) for data in contents]
+        assert keys == [hashlib.sha256(data).hexdigest() for data in contents]
+        assert [store.get(key) for key in keys] == contents
+        assert list(store.keys()) == sorted(set(keys))
+        assert [store.size(key) for key in keys] == [len(data) for data in contents]
+        store.delete(keys[1])
+        store.delete(keys[1])
+        assert [store.exists(key) for key in keys] == [True, False, True, False]
+        for look in (store.get, store.size):
+            with pytest.raises(NotFound, match="missing"):
+                look(keys[1])
+
+
+def test_damaged_objects_are_told_and_healed_by_their_next_copy(s3: str) -> None:
+    """An object of other bytes, or cut short, never comes back as pixels."""
+    store = BlobStore(s3)
+    key = store.put(b"the sky over Stellenbosch")
+    fs, path = raw(s3, key)
+    for damage in (b"the sky over Stellenbosch!", b"the sky", b""):
+        fs.pipe_file(path, damage)
+        with pytest.raises(CorruptData, match="damaged"):
+            store.get(key)
+    assert store.put(b"the sky over Stellenbosch") == key
+    assert store.get(key) == b"the sky over Stellenbosch"
+
+
+def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only whole objects have keys: nothing half-written and no temporary name is left behind."""
+    store = BlobStore(s3)
+    with monkeypatch.context() as patched:
+        patched.setattr(store._fs, "pipe_file", lambda *_: (_ for _ in ()).throw(ConnectionResetError("line cut")))
+        with pytest.raises(StoreDown, match="line cut"):
+            store.put(b"half")
+    assert list(store.keys()) == []
+    store.put(b"whole")
+    fs, _ = raw(s3, "0" * 64)
+    assert [name.rsplit("/", 1)[1] for name in fs.find(s3)] == [hashlib.sha256(b"whole").hexdigest()[2:]]
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 503 Slow Down\r\nContent-Length: 0\r\n\r\n"])
+def test_a_silent_or_busy_store_is_down_and_holds_nobody(
+    answer: bytes, s3: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A store that accepts and then says nothing, or says no, is StoreDown within its own few tries."""
+    import s3fs
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        taken: list[socket.socket] = []
+
+        def accept() -> None:
+            while True:
+                try:
+                    taken.append(listener.accept()[0])
+                    if answer:
+                        taken[-1].recv(65536)
+                        taken[-1].sendall(answer)
+                except OSError:
+                    return
+
+        thread = threading.Thread(target=accept, daemon=True)
+        thread.start()
+        store = BlobStore(s3, timeout_s=0.3)
+        key = store.put(b"there")
+        monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{listener.getsockname()[1]}")
+        s3fs.S3FileSystem.clear_instance_cache()
+        with pytest.raises(StoreDown):
+            BlobStore(s3, timeout_s=0.3).get(key)
+        for sock in taken:
+            sock.close()
+
+
+def test_a_wrong_bucket_or_address_is_told_at_the_start(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bucket that is not there is never made; credentials in the URL are refused without repeating them."""
+    import s3fs
+
+    with pytest.raises(StoreDown, match="bucket"):
+        BlobStore("s3://no-such-bucket-here/frames")
+    with pytest.raises(BadInput) as refused:
+        BlobStore("s3://tester:hunter2@bucket/frames")
+    assert "hunter2" not in str(refused.value)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{port}")
+    s3fs.S3FileSystem.clear_instance_cache()
+    with pytest.raises(StoreDown):
+        BlobStore(s3, timeout_s=0.3)
+    assert urlsplit(s3).netloc == BUCKET
