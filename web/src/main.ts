@@ -2,13 +2,11 @@ import './design/tokens.css';
 import './design/type.css';
 import './design/base.css';
 import { mount } from 'svelte';
-import App from './App.svelte';
-import { live } from './state/live.svelte';
+import Gate from './components/Gate.svelte';
 import { startRouter } from './state/router.svelte';
 import { view } from './state/view.svelte';
 
 view.setTheme(view.theme);
 startRouter();
 const target = document.getElementById('app');
-if (target) mount(App, { target });
-live.start();
+if (target) mount(Gate, { target });

@@ -1,4 +1,5 @@
 /** One door to the server: JSON in, JSON out, and errors as the problem the server described. */
+import { decode } from '../sky/decode';
 import type * as T from './types';
 
 export class ApiError extends Error {
@@ -9,6 +10,14 @@ export class ApiError extends Error {
     super(problem.message);
   }
 }
+
+/** What the session lends to every request, and whom a 401 is told (state/session.svelte.ts fills it in). */
+export const door = {
+  mark: '1',
+  refused: (): void => undefined,
+  back: (): Promise<void> => Promise.resolve(),
+};
+const OPEN = ['/session', '/setup', '/password-links'];
 
 function problemOf(status: number, body: unknown): T.Problem {
   const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
@@ -22,17 +31,32 @@ function problemOf(status: number, body: unknown): T.Problem {
   };
 }
 
-async function answer<R>(path: string, init?: RequestInit): Promise<R> {
+function gone(signal: AbortSignal | null | undefined): Promise<never> {
+  return new Promise((_, reject) => signal?.addEventListener('abort', () => reject(new DOMException('no longer wanted', 'AbortError')), { once: true }));
+}
+
+/** The answer, or the problem the server described; a read that found nobody signed in waits until somebody is. */
+async function fetched(path: string, init?: RequestInit): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(`/api${path}`, init);
-  } catch {
+  } catch (error) {
+    if (error instanceof DOMException && error.name === 'AbortError') throw error;
     throw new ApiError(0, { id: '', message: 'the server does not answer', expected: '', got: '', hint: 'Is the server running? The page keeps trying.' });
   }
-  if (!response.ok) {
-    const body: unknown = await response.json().catch(() => null);
-    throw new ApiError(response.status, problemOf(response.status, body));
+  if (response.ok) return response;
+  if (response.status === 401 && !OPEN.includes(path)) {
+    door.refused();
+    if (init?.method === undefined) {
+      await Promise.race([door.back(), gone(init?.signal)]);
+      return fetched(path, init);
+    }
   }
+  throw new ApiError(response.status, problemOf(response.status, await response.json().catch(() => null)));
+}
+
+async function answer<R>(path: string, init?: RequestInit): Promise<R> {
+  const response = await fetched(path, init);
   return (response.status === 204 ? null : await response.json()) as R;
 }
 
@@ -40,13 +64,13 @@ const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(pat
 const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> =>
   answer<R>(path, {
     method: 'POST',
-    headers: { 'X-GSS': '1', 'Content-Type': 'application/json' },
+    headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' },
     body: body === undefined ? null : JSON.stringify(body),
     signal: signal ?? null,
   });
 
 const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
-  answer<R>(path, { method, headers: { 'X-GSS': '1', 'Content-Type': 'application/json' }, body: body === undefined ? null : JSON.stringify(body) });
+  answer<R>(path, { method, headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' }, body: body === undefined ? null : JSON.stringify(body) });
 
 export interface RawImage {
   columns: number;
@@ -59,26 +83,15 @@ export interface RawImage {
   scale: number;
 }
 
-function decode(buffer: ArrayBuffer, dtype: string, count: number): Pick<RawImage, 'pixels' | 'offset' | 'scale'> {
-  const float = dtype.includes('float') || buffer.byteLength >= count * 4;
-  if (!float) return { pixels: buffer.byteLength >= count * 2 ? new Uint16Array(buffer) : new Uint8Array(buffer), offset: 0, scale: 1 };
-  const values = buffer.byteLength >= count * 8 ? new Float64Array(buffer) : new Float32Array(buffer);
-  let low = Infinity;
-  let high = -Infinity;
-  for (const v of values) if (Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); }
-  if (!(low < high)) [low, high] = [Number.isFinite(low) ? low : 0, (Number.isFinite(low) ? low : 0) + 1];
-  const scale = (high - low) / 65535;
-  return { pixels: Uint16Array.from(values, (v) => (Number.isFinite(v) ? Math.round((v - low) / scale) : 0)), offset: low, scale };
-}
-
 async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
-  const response = await fetch(`/api/frames/${id}/raw`, signal ? { signal } : undefined);
-  if (!response.ok) throw new ApiError(response.status, problemOf(response.status, await response.json().catch(() => null)));
+  const response = await fetched(`/frames/${id}/raw`, signal ? { signal } : undefined);
   const columns = Number(response.headers.get('X-Columns'));
   const rows = Number(response.headers.get('X-Rows'));
   const bits = Number(response.headers.get('X-Bits'));
   const buffer = await response.arrayBuffer();
-  return { columns, rows, bits, ...decode(buffer, response.headers.get('X-Dtype') ?? '', columns * rows) };
+  const [dtype, count] = [response.headers.get('X-Dtype') ?? '', columns * rows];
+  const aside = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeAside : decode;
+  return { columns, rows, bits, ...(await aside(buffer, dtype, count)) };
 }
 
 export function query(values: Record<string, string | number | undefined>): string {
@@ -87,6 +100,12 @@ export function query(values: Record<string, string | number | undefined>): stri
 }
 
 export const api = {
+  session: () => get<T.SessionInfo>('/session'),
+  signIn: (name: string, password: string) => post<T.SessionInfo>('/session', { name, password }),
+  signOut: () => send<null>('DELETE', '/session'),
+  changePassword: (old: string, fresh: string) => send<null>('PUT', '/session/password', { old, new: fresh }),
+  setUp: (token: string, name: string, password: string) => post<T.SessionInfo>('/setup', { token, name, password }),
+  welcome: (token: string, password: string) => post<T.SessionInfo>('/password-links', { token, password }),
   link: () => get<T.Link>('/link'),
   openLink: (url: string) => post<T.Link>('/link/open', { url }),
   closeLink: () => post<T.Link>('/link/close'),
@@ -120,7 +139,7 @@ export const api = {
     const form = new FormData();
     form.append('file', file);
     if (profile) form.append('profile', profile);
-    return answer<T.FrameDetail>('/frames/import', { method: 'POST', headers: { 'X-GSS': '1' }, body: form });
+    return answer<T.FrameDetail>('/frames/import', { method: 'POST', headers: { 'X-GSS': door.mark }, body: form });
   },
   catalogues: () => get<T.Catalogue[]>('/catalogues'),
   catalogue: (id: number) => get<T.CatalogueDetail>(`/catalogues/${id}`),
@@ -133,7 +152,7 @@ export const api = {
     const form = new FormData();
     form.append('file', file);
     form.append('mapping', JSON.stringify(mapping));
-    return answer<T.StarList>('/catalogues/sources', { method: 'POST', headers: { 'X-GSS': '1' }, body: form });
+    return answer<T.StarList>('/catalogues/sources', { method: 'POST', headers: { 'X-GSS': door.mark }, body: form });
   },
   upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),
   transfers: (limit = 20) => get<T.Transfer[]>(`/transfers?limit=${limit}`),

@@ -1,6 +1,7 @@
 /** What the whole console knows: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
 import { api, ApiError } from '../api/client';
 import type * as T from '../api/types';
+import { session } from './session.svelte';
 import { Stream } from './stream';
 import { toast } from './toasts.svelte';
 
@@ -37,6 +38,8 @@ class Live {
   jobs = $state<T.Job[]>([]);
   lastEvent = $state<T.EventRow | null>(null);
   latestFrameId = $state<number | null>(null);
+  /** The newest frame that the stream announced from the device: nobody need ask for its id. */
+  latestDeviceFrame: number | null = null;
   /** Counts up whenever a frame or one of its solutions changed; pages that show frames re-read on it. */
   frameTick = $state(0);
   changedFrame = $state<number | null>(null);
@@ -75,7 +78,7 @@ class Live {
       case 'replay.command': { const c = data as { at: string; name: string; stage: string; detail: string }; return this.putReplayed(c.at, `${c.name} ${c.stage}${c.detail ? `: ${c.detail}` : ''}`, c.stage === 'failed' || c.stage === 'rejected' ? 'critical' : 'ok'); }
       case 'replay.event': { const e = data as { at: string; name: string; severity: string; text: string }; return this.putReplayed(e.at, `${e.name} ${e.text}`, e.severity); }
       case 'dropped': void this.load(); return;
-      case 'frame': return this.putFrame((data as T.Frame).id, true);
+      case 'frame': if ((data as T.Frame).source === 'device') this.latestDeviceFrame = Math.max(this.latestDeviceFrame ?? 0, (data as T.Frame).id); return this.putFrame((data as T.Frame).id, true);
       case 'solution': return this.putFrame((data as T.Solution).frame_id, false);
     }
   }
@@ -158,7 +161,7 @@ class Live {
       {
         open: () => new EventSource('/api/stream'),
         backfill: (after) => api.events(after),
-        later: (run, ms) => setTimeout(run, ms),
+        later: (run, ms) => setTimeout(() => void session.back().then(run), ms),
         now: () => Date.now(),
       },
       {
@@ -172,7 +175,7 @@ class Live {
           }
           this.everOnline = true;
         },
-        offline: (since) => { this.online = false; this.offlineSince = since; },
+        offline: (since) => { this.online = false; this.offlineSince = since; void session.read(); },
       },
     );
     void this.load();

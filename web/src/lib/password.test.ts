@@ -1,0 +1,16 @@
+import { describe, expect, it } from 'vitest';
+import { judge, LEAST } from './password';
+
+describe('judge', () => {
+  it('says what is missing, in words and numbers', () => {
+    expect(judge('', 'ann').ok).toBe(false);
+    expect(judge('short', 'ann').text).toBe(`too short: 5 of ${LEAST} characters`);
+    expect(judge('aaaaaaaaaaaaaaaa', 'ann').text).toContain('too simple');
+    expect(judge('my name is Ann Bell', 'ann').ok).toBe(false);
+    expect(judge('x'.repeat(10) + 'abcdefgh'.repeat(30), 'ann').text).toContain('at most');
+  });
+  it('takes length for strength', () => {
+    expect(judge('orion and rigel', 'ann')).toMatchObject({ ok: true, state: 'ok' });
+    expect(judge('four words one sky', 'ann').text).toContain('strong');
+  });
+});
