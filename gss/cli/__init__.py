@@ -35,14 +35,19 @@ BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code."""
+def whole_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
     parser = argparse.ArgumentParser(prog="gss", description="Ground-support system for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for group in GROUPS:
         importlib.import_module(f"gss.cli.{group}").register(subparsers)
-    arguments = parser.parse_args(argv)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    arguments = whole_parser().parse_args(argv)
     try:
         return int(arguments.run(arguments))
     except GssError as error:

@@ -48,6 +48,9 @@ def register(subparsers: Subparsers) -> None:
     openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
+    shell = kinds.add_parser("shell", help="the shell's own reference")
+    shell.add_argument("--out", type=Path, help="file to write; standard output without it")
+    shell.set_defaults(run=export_shell)
     export_commands.register(kinds)
     records.register_exports(kinds)
 
@@ -64,6 +67,14 @@ def export_rerun(arguments: argparse.Namespace) -> int:
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes")
     return 0
+
+
+def export_shell(arguments: argparse.Namespace) -> int:
+    """Write the page."""
+    from gss.cli import whole_parser
+    from gss.cli.shell_page import shell_page
+
+    return _write(shell_page(whole_parser()), arguments.out)
 
 
 def export_solutions(arguments: argparse.Namespace) -> int:

@@ -6,12 +6,16 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
+from gss.cli import whole_parser
+from gss.cli.shell_page import shell_page
 from gss.settings import Settings
 
-PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docs/tour.md")
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
 def test_every_setting_is_documented_with_its_default(root):
@@ -24,7 +28,7 @@ def test_every_setting_is_documented_with_its_default(root):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_and_pictures_lead_somewhere(root, page):
-    """No dead relative link in the documents at the top."""
+    """No dead relative link in any document."""
     for target in re.findall(r"\]\(([^)#]+)\)", (root / page).read_text()):
         assert target.startswith("http") or ((root / page).parent / target).exists(), target
 
@@ -35,6 +39,11 @@ def test_commands_of_the_readme_exist(root):
     assert commands >= {"solve", "catalogue", "simulate", "serve", "export"}
     for command in commands:
         subprocess.run([sys.executable, "-m", "gss", command, "--help"], check=True, capture_output=True, timeout=60)
+
+
+def test_the_shells_reference_is_what_the_parsers_say(root):
+    """docs/shell.md is written by `gss export shell`."""
+    assert (root / "docs" / "shell.md").read_text() == shell_page(whole_parser())
 
 
 def test_rooms_of_the_architecture_page_exist(root):

@@ -1,0 +1,64 @@
+"""The shell's reference as one page, from the parsers themselves."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+HEAD = """# The shell
+
+Every command, from its own help (`gss export shell --out docs/shell.md`). Exit codes: 0 done, 1 failed, 2 bad input, 3 no solution.
+Settings may come from the environment instead: [settings](settings.md).
+"""
+
+
+def shell_page(parser: argparse.ArgumentParser) -> str:
+    """Markdown with a heading and a table of options for each command, in the order of ``gss --help``."""
+    return "\n".join([HEAD, *(_section(words, help_text, leaf) for words, help_text, leaf in _commands(parser))])
+
+
+def _commands(
+    parser: argparse.ArgumentParser, words: str = "gss", help_text: str = ""
+) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
+    """(words, help, parser) of all commands that can be run."""
+    groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not groups:
+        yield words, help_text, parser
+        return
+    for group in groups:
+        told = {choice.dest: choice.help or "" for choice in group._choices_actions}
+        for name, child in group.choices.items():
+            yield from _commands(child, f"{words} {name}", told.get(name, ""))
+
+
+def _section(words: str, help_text: str, parser: argparse.ArgumentParser) -> str:
+    actions = [a for a in parser._actions if not isinstance(a, argparse._HelpAction)]
+    rows = "".join(f"| {_name(a)} | {_meaning(a, parser)} |\n" for a in actions)
+    table = f"\n| argument | meaning |\n|---|---|\n{rows}" if rows else ""
+    sentence = help_text[:1].upper() + help_text[1:]
+    return f"## `{words}`\n\n{_cell(sentence)}{'' if sentence.endswith('.') else '.'}\n{table}"
+
+
+def _name(action: argparse.Action) -> str:
+    if not action.option_strings:
+        shown = action.metavar if isinstance(action.metavar, str) else action.dest
+        return f"`{shown}`"
+    takes = "" if action.nargs == 0 else f" {_value(action)}"
+    return f"`{action.option_strings[-1]}{takes}`"
+
+
+def _value(action: argparse.Action) -> str:
+    if action.choices and action.metavar is None:
+        return "{" + ",".join(str(c) for c in action.choices) + "}"
+    if isinstance(action.metavar, tuple):
+        return " ".join(action.metavar)
+    return str(action.metavar or action.dest.upper())
+
+
+def _meaning(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
+    words = parser._get_formatter()._expand_help(action) if action.help else ""
+    return _cell(words + (" (required)" if action.required and action.option_strings else ""))
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
