@@ -1,5 +1,5 @@
 /** What makes a password good enough, in words. The server decides with the same least length and the same refusals. */
-export const LEAST = 12;
+export const LEAST = 10;
 export const MOST = 200;
 
 export interface Verdict { ok: boolean; state: 'never' | 'critical' | 'watch' | 'ok'; text: string }
@@ -15,6 +15,6 @@ export function judge(password: string, name: string): Verdict {
   if (length < LEAST) return { ok: false, state: 'critical', text: `too short: ${length} of ${LEAST} characters` };
   if (length > MOST) return { ok: false, state: 'critical', text: `too long: ${length}, at most ${MOST} characters` };
   if (monotone(password)) return { ok: false, state: 'critical', text: 'too simple: fewer than five different characters' };
-  if (name.length > 2 && password.toLowerCase().includes(name.toLowerCase())) return { ok: false, state: 'critical', text: 'it contains the name' };
+  if (name && password.toLowerCase() === name.toLowerCase()) return { ok: false, state: 'critical', text: 'it is the name' };
   return length < 16 ? { ok: true, state: 'ok', text: `${length} characters: good enough` } : { ok: true, state: 'ok', text: `${length} characters: strong` };
 }

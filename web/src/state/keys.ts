@@ -1,21 +1,12 @@
 /** Keyboard: pages, go-to letters, abort, freeze; the page on show adds its own. */
+import { PAGES, type Page } from '../lib/pages';
 import { attempt, live } from './live.svelte';
 import { api } from '../api/client';
 import { go } from './router.svelte';
 import { toast } from './toasts.svelte';
 import { view } from './view.svelte';
 
-export interface Page { path: string; name: string; letter: string; icon: string }
-export const PAGES: readonly Page[] = [
-  { path: '/live', name: 'Live', letter: 'l', icon: 'live' },
-  { path: '/commands', name: 'Commands', letter: 'c', icon: 'commands' },
-  { path: '/telemetry', name: 'Telemetry', letter: 't', icon: 'telemetry' },
-  { path: '/frames', name: 'Frames', letter: 'f', icon: 'frames' },
-  { path: '/catalogues', name: 'Catalogues', letter: 'k', icon: 'catalogues' },
-  { path: '/calibration', name: 'Calibration', letter: 'b', icon: 'calibration' },
-  { path: '/campaigns', name: 'Campaigns', letter: 'm', icon: 'campaigns' },
-  { path: '/contacts', name: 'Contacts', letter: 'o', icon: 'contacts' },
-];
+export { PAGES, type Page };
 
 /** ABORT never waits for a dialog. */
 export async function abort(): Promise<void> {
@@ -39,7 +30,7 @@ function guest(e: KeyboardEvent): void {
     (e.target as HTMLElement).blur();
   } else if (e.key === 'r') {
     claim(e);
-    view.keys.find((k) => k.key === 'r')?.run();
+    view.allKeys.find((k) => k.key === 'r')?.run();
   }
 }
 
@@ -56,29 +47,36 @@ export function onKey(e: KeyboardEvent): void {
     void abort();
     return;
   }
+  if ((e.ctrlKey || e.metaKey) && !e.altKey && !e.shiftKey && e.key.toLowerCase() === 'k') {
+    claim(e);
+    if (view.opened === 'palette') view.close();
+    else view.open('palette');
+    return;
+  }
   if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return guest(e);
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (pendingGo) {
     pendingGo = false;
     const page = PAGES.find((p) => p.letter === e.key);
-    if (page) { e.preventDefault(); go(page.path); }
+    if (page) { claim(e); go(page.path); }
     return;
   }
   if (handled(e)) e.preventDefault();
 }
 
 function handled(e: KeyboardEvent): boolean {
-  const own = view.keys.find((k) => k.key === e.key);
+  const own = view.allKeys.find((k) => k.key === e.key);
   if (own) { own.run(); return true; }
   const page = PAGES[Number(e.key) - 1];
   if (/^[1-9]$/.test(e.key) && page) { go(page.path); return true; }
   switch (e.key) {
     case 'g': pendingGo = true; return true;
-    case '?': view.help = !view.help; return true;
-    case 'Escape': view.help = false; return true;
+    case '?': if (view.opened === 'keys') view.close(); else view.open('keys'); return true;
+    case ':': view.open('line'); return true;
+    case 'Escape': if (view.opened !== 'none') view.close(); return true;
     case 'o': view.overlaysOff = !view.overlaysOff; return true;
     case ' ': {
-      if (e.target instanceof HTMLElement && ['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName)) return false;
+      if (e.target instanceof HTMLElement && (['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName) || e.target.closest('[role=option]'))) return false;
       view.frozen = !view.frozen;
       return true;
     }

@@ -1,15 +1,34 @@
-/** What the person set on this screen: theme, overlays, freeze, keys of the page. */
+/** What the person set on this screen: theme, overlays, freeze, keys of what is on show. */
+import { untrack } from 'svelte';
+
 export type Overlay = 'regions' | 'centroids' | 'matched' | 'predicted' | 'rejected' | 'residual' | 'grid';
 export interface PageKey { key: string; text: string; run: () => void }
+/** The panel that the keyboard opened beside the page. */
+export type Opened = 'none' | 'keys' | 'palette' | 'line';
 
 class View {
   theme = $state<'dark' | 'light'>(localStorage.getItem('gss-theme') === 'light' ? 'light' : 'dark');
   frozen = $state(false);
-  help = $state(false);
+  opened = $state<Opened>('none');
   overlays = $state<Record<Overlay, boolean>>({ regions: true, centroids: true, matched: true, predicted: true, rejected: true, residual: false, grid: true });
   overlaysOff = $state(false);
   keys = $state<PageKey[]>([]);
+  offers = $state.raw<readonly (readonly PageKey[])[]>([]);
   wide = $state(innerWidth >= 1400);
+  readonly allKeys = $derived([...this.keys, ...this.offers.flat()]);
+  /** Where the focus was before a panel opened; it goes back there. */
+  private before: HTMLElement | null = null;
+
+  open(what: Opened): void {
+    if (this.opened === 'none' && document.activeElement instanceof HTMLElement) this.before = document.activeElement;
+    this.opened = what;
+  }
+
+  close(): void {
+    this.opened = 'none';
+    if (this.before?.isConnected) this.before.focus();
+    this.before = null;
+  }
 
   setTheme(theme: 'dark' | 'light'): void {
     this.theme = theme;
@@ -19,3 +38,12 @@ class View {
 }
 
 export const view = new View();
+
+/** Keys of a component for as long as it is on show; call it while the component is made. */
+export function offerKeys(keys: () => readonly PageKey[]): void {
+  $effect(() => {
+    const mine = keys();
+    untrack(() => (view.offers = [...view.offers, mine]));
+    return () => { view.offers = view.offers.filter((o) => o !== mine); };
+  });
+}
