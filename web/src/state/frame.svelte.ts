@@ -2,15 +2,18 @@
 import { api, ApiError, type RawImage } from '../api/client';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
 import type { Stretch } from '../sky/stretch';
-import { problemText } from './live.svelte';
+import { live, problemText } from './live.svelte';
 import { view } from './view.svelte';
 
 /** The newest frame of the device; an imported one only while the device has given none. */
 async function newest(): Promise<number | null> {
+  if (live.latestDeviceFrame !== null) return live.latestDeviceFrame;
   const device = await api.frames({ limit: 1, source: 'device' });
   const any = device.frames.length ? device : await api.frames({ limit: 1 });
   return any.frames[0]?.id ?? null;
 }
+
+const LIVE_WITHIN_MS = 10_000;
 
 export class FrameView {
   detail = $state<FrameDetail | null>(null);
@@ -23,7 +26,10 @@ export class FrameView {
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
+  /** Milliseconds from the moment the frame was stored to its pixels on this screen. */
+  latencyMs = $state<number | null>(null);
   private shown: string | null = null;
+  private arrived: { image: RawImage; at: number } | null = null;
   private generation = 0;
   /** No state: an effect that starts a reading must not run again because the reading has begun. */
   private busy = false;
@@ -50,9 +56,12 @@ export class FrameView {
       const wanted = id === 'latest' ? await newest() : id;
       if (turn !== this.generation) return;
       if (wanted === null) { this.detail = null; this.problem = ''; return; }
+      // Other pixels than those on show are read together with what was made of them.
+      const ahead = wanted === this.detail?.id ? null : this.readPixels(wanted);
+      ahead?.catch(() => undefined);
       const detail = await api.frame(wanted);
       if (turn !== this.generation) return;
-      await this.loadPixels(detail);
+      await this.showPixels(detail, ahead, turn);
       if (turn !== this.generation) return;
       const same = this.detail?.id === detail.id;
       this.detail = detail;
@@ -68,14 +77,32 @@ export class FrameView {
     }
   }
 
-  private async loadPixels(detail: FrameDetail): Promise<void> {
+  private readPixels(id: number): Promise<[RawImage, Histogram]> {
+    return Promise.all([api.raw(id), api.histogram(id)]);
+  }
+
+  private async showPixels(detail: FrameDetail, ahead: Promise<[RawImage, Histogram]> | null, turn: number): Promise<void> {
     const key = `${detail.id} ${detail.sha256} ${detail.rows_held.map((r) => r.join('-')).join(',')}`;
     if (key === this.shown) return;
-    const [image, histogram] = await Promise.all([api.raw(detail.id), api.histogram(detail.id)]);
+    const [image, histogram] = await (ahead ?? this.readPixels(detail.id));
+    if (turn !== this.generation) return;
+    const first = this.shown;
     this.image = image;
     this.histogram = histogram;
     this.stretch = { ...this.stretch, low: histogram.low, high: histogram.high };
     this.shown = key;
+    if (first !== null) this.arrived = { image, at: Date.parse(detail.received) };
+  }
+
+  /** The picture stands on the canvas: how long after the frame was whole on the ground? Only for one that came while we looked. */
+  drawn(image: RawImage): void {
+    const arrived = this.arrived;
+    if (!arrived || arrived.image !== image) return;
+    this.arrived = null;
+    requestAnimationFrame(() => {
+      const ms = Date.now() + live.clockSkewMs - arrived.at;
+      if (ms < LIVE_WITHIN_MS) this.latencyMs = Math.max(0, Math.round(ms));
+    });
   }
 
   async choose(solutionId: number): Promise<void> {

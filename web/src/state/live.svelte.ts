@@ -138,6 +138,7 @@ class Live {
   }
 
   async load(): Promise<void> {
+    this.latestDeviceFrame = null;
     await Promise.allSettled([
       api.link().then((v) => this.putLink(v)),
       this.loadDictionary(),
