@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -11,7 +12,9 @@ from fastapi import APIRouter, FastAPI
 from fastapi.responses import HTMLResponse
 
 from gss import __version__
-from gss.api import errors, security, stream
+from gss.api import errors, security, stored_words, stream
+from gss.api.fanout import Fanout
+from gss.api.presenter import Presenter
 from gss.api.routers import (
     alarms,
     analyses,
@@ -24,6 +27,7 @@ from gss.api.routers import (
     design,
     events,
     frames,
+    help,
     jobs,
     limits,
     link,
@@ -47,12 +51,16 @@ WITHOUT_PAGES = (
 
 def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
     """The application over connected services; it starts and stops them with itself."""
+    fanout = Fanout()
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         await anyio.to_thread.run_sync(services.start)
+        presenter = Presenter(services.bus, fanout, services.stopping)
+        presenter.start(asyncio.get_running_loop())
         yield
         await anyio.to_thread.run_sync(services.stop)
+        presenter.stop()
 
     app = FastAPI(
         title="GSS",
@@ -64,7 +72,8 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         openapi_url="/api/openapi.json",
         responses=errors.PROBLEMS,
     )
-    app.state.services = services
+    app.state.services, app.state.fanout = services, fanout
+    stored_words.install(services)
     errors.install(app)
     security.install(app)
     api = APIRouter(prefix="/api")
@@ -95,6 +104,7 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
     ):
         api.include_router(module.router)
     app.include_router(api)
+    app.include_router(help.router)
     _serve_pages(app, pages)
     return app
 

@@ -1,4 +1,9 @@
-"""Long work: queued, running with progress, cancelled when asked, its result kept."""
+"""Long work: queued, running with progress, cancelled when asked, its result kept, and taken up again after a crash.
+
+Work that is *resumable* is made from its stored request alone, so that the next server can make it again. It keeps a checkpoint
+as it goes; after a crash it is called with the newest one and must end with the same result. Work without a checkpoint starts
+anew. A job over which the server died three times without getting further is not tried a fourth time.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,8 @@ import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from gss.domain.errors import Conflict, GssError
 from gss.operations.clock import Now, stopwatch_s
@@ -16,6 +22,12 @@ from gss.store.engine import Database
 from gss.store.models import Job
 
 TELL_EVERY_S = 0.1
+MOST_DEATHS = 3
+ENDED = ("done", "failed", "cancelled")
+KINDS = ("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis")
+UPKEEP_KINDS = ("backup", "retention", "check-store")
+RESUMABLE_KINDS = KINDS + UPKEEP_KINDS
+"""What is made from its stored request alone; each is registered by the service that does it."""
 
 
 class Cancelled(Exception):
@@ -26,6 +38,26 @@ Progress = Callable[[int, int, str], None]
 Work = Callable[[Progress], dict[str, Any]]
 
 
+class Keep(Protocol):
+    """Stores where to go on. With a ``session`` it is stored in that transaction, together with what it speaks of."""
+
+    def __call__(self, checkpoint: dict[str, Any], session: Any = None) -> None: ...
+
+
+@dataclass(frozen=True)
+class Run:
+    """What resumable work is given. ``checkpoint``: what the last ``keep`` stored, None at the first time."""
+
+    job_id: int
+    request: dict[str, Any]
+    checkpoint: dict[str, Any] | None
+    progress: Progress
+    keep: Keep
+
+
+Resumable = Callable[[Run], dict[str, Any]]
+
+
 class JobService:
     """Runs jobs one at a time on a thread; numpy lets the server breathe meanwhile."""
 
@@ -33,44 +65,60 @@ class JobService:
         self._database, self._bus, self._now = database, bus, now
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
         self._cancel: dict[int, threading.Event] = {}
+        self._kinds: dict[str, Resumable] = {}
+        self._stopping = False
+        self.room: Callable[[str], None] = lambda _what: None
+        """Asked before a job is queued; raises where there is no room for what it makes."""
+
+    def resumable(self, kind: str, work: Resumable) -> None:
+        """Work of this kind, one of :data:`RESUMABLE_KINDS`, survives a crash of the server."""
+        self._kinds[kind] = work
 
     def start(self) -> None:
-        """Close what the last server left open: its work is gone, and the request is kept to start it again."""
+        """Take up what the last server left open; what cannot be taken up is closed, and its request is kept."""
         with self._database.unit_of_work() as session:
-            for job in store.unfinished(session):
-                job.state, job.finished, job.text = (
-                    "failed",
-                    self._now(),
-                    "the server stopped before the end; start it again",
-                )
+            left = store.unfinished(session)
+        for job in left:
+            deaths = job.attempts + (job.state == "running")
+            if job.kind not in self._kinds:
+                self._fail(job.id, "the server stopped before the end; start it again")
+            elif deaths >= MOST_DEATHS:
+                self._fail(job.id, f"the server stopped {deaths} times over it; it is not tried again by itself")
+            else:
+                where = "goes on where it was" if job.checkpoint else "starts anew"
+                self._update(job.id, state="queued", attempts=deaths, text=f"the server restarted; it {where}")
+                self._queue(job.id, self._kinds[job.kind])
 
     def stop(self) -> None:
-        """Cancel everything and wait."""
-        for event in self._cancel.values():
+        """End everything and wait. Resumable work stays open for the next server; the rest is cancelled."""
+        self._stopping = True
+        for event in list(self._cancel.values()):
             event.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def submit(self, kind: str, title: str, request: dict[str, Any], work: Work) -> Job:
-        """Queue work; its row comes back at once."""
-        with self._database.unit_of_work() as session:
-            job = store.add(
-                session,
-                Job(
-                    kind=kind,
-                    title=title,
-                    state="queued",
-                    done=0,
-                    total=0,
-                    text="waiting",
-                    created=self._now(),
-                    request=request,
-                    result={},
-                ),
-            )
-        self._cancel[job.id] = threading.Event()
-        self._bus.publish("job", job)
-        self._pool.submit(self._run, job.id, work)
+        """Queue work that dies with the server; its row comes back at once."""
+        job = self._add(kind, title, request)
+        self._queue(job.id, lambda run: work(run.progress))
         return job
+
+    def begin(self, kind: str, title: str, request: dict[str, Any], work: Resumable | None = None) -> Job:
+        """Queue work of a resumable kind; its row comes back at once. It is made from ``request`` alone; ``work``: the same work
+        where it has been made already, to check the request."""
+        job = self._add(kind, title, request)
+        self._queue(job.id, work or self._kinds[kind])
+        return job
+
+    def again(self, job_id: int) -> Job:
+        """Start an ended job anew from its stored request; Conflict where its kind cannot be."""
+        old = self.get(job_id)
+        if not can_start_again(old) or old.kind not in self._kinds:
+            raise Conflict(
+                "this job cannot be started again",
+                expected="an ended job of a kind that is made from its stored request",
+                got=f"{old.kind}, {old.state}",
+            )
+        return self.begin(old.kind, old.title, dict(old.request))
 
     def cancel(self, job_id: int) -> Job:
         """Ask a job to end; it does at its next report of progress."""
@@ -91,10 +139,30 @@ class JobService:
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
-    def _run(self, job_id: int, work: Work) -> None:
-        cancel = self._cancel[job_id]
+    def waiting(self) -> int:
+        """How many are queued or running."""
+        return len(self._cancel)
 
-        told_s, last = -math.inf, {"done": 0, "total": 0}
+    # --- running ------------------------------------------------------------------------------------------------
+
+    def _add(self, kind: str, title: str, request: dict[str, Any]) -> Job:
+        self.room("a new job")
+        row = Job(
+            kind=kind, title=title, state="queued", text="waiting", created=self._now(), request=request, result={}
+        )
+        row.done = row.total = row.attempts = 0
+        with self._database.unit_of_work() as session:
+            return store.add(session, row)
+
+    def _queue(self, job_id: int, work: Resumable) -> None:
+        self._cancel[job_id] = threading.Event()
+        self._bus.publish("job", self.get(job_id))
+        self._pool.submit(self._run, job_id, work)
+
+    def _run(self, job_id: int, work: Resumable) -> None:
+        cancel, job = self._cancel[job_id], self.get(job_id)
+
+        told_s, last = -math.inf, {"done": job.done, "total": job.total}
 
         def progress(done: int, total: int, text: str) -> None:
             nonlocal told_s, last
@@ -106,19 +174,34 @@ class JobService:
                 told_s = now_s
                 self._update(job_id, state="running", done=done, total=total, text=text)
 
+        def keep(checkpoint: dict[str, Any], session: Any = None) -> None:
+            if session is None:
+                with self._database.unit_of_work() as own:
+                    store.keep(own, job_id, checkpoint)
+            else:
+                store.keep(session, job_id, checkpoint)
+
         try:
-            progress(0, 0, "started")
-            result = work(progress)
+            progress(job.done, job.total, "started")
+            result = work(Run(job_id, dict(job.request), job.checkpoint, progress, keep))
         except Cancelled:
-            self._update(job_id, state="cancelled", text="cancelled", finished=self._now(), **last)
+            self._interrupted(job, last)
         except GssError as error:
             self._fail(job_id, str(error))
         except Exception as error:  # a defect in a job must end as a visible failure, never as a silent dead thread
             self._fail(job_id, f"defect in the server: {type(error).__name__}: {error}")
         else:
-            self._update(job_id, state="done", text="done", result=result, finished=self._now(), **last)
+            values = {"result": result, "checkpoint": None, "finished": self._now(), **last}
+            self._update(job_id, state="done", text="done", **values)
         finally:
             self._cancel.pop(job_id, None)
+
+    def _interrupted(self, job: Job, last: dict[str, int]) -> None:
+        """Cancelled by somebody, or by a server that stops and leaves resumable work to the next one."""
+        if self._stopping and job.kind in self._kinds:
+            self._update(job.id, state="queued", text="the server stops; it goes on with the next", **last)
+        else:
+            self._update(job.id, state="cancelled", text="cancelled", finished=self._now(), **last)
 
     def _fail(self, job_id: int, text: str) -> None:
         self._bus.record("job", "warning", f"{self.get(job_id).title}: {text}", job_id=job_id)
@@ -131,3 +214,8 @@ class JobService:
                 setattr(job, name, value)
         self._bus.publish("job", job)
         return job
+
+
+def can_start_again(job: Job) -> bool:
+    """Has it ended, and is its kind made from the stored request alone?"""
+    return job.state in ENDED and job.kind in RESUMABLE_KINDS

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -27,6 +29,12 @@ def get(session: Session, job_id: int) -> Job:
 def newest(session: Session, limit: int) -> list[Job]:
     """Newest first."""
     return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
+
+
+def keep(session: Session, job_id: int, checkpoint: dict[str, Any]) -> None:
+    """Where the job goes on. It came further: deaths before no longer count against it."""
+    row = get(session, job_id)
+    row.checkpoint, row.attempts = checkpoint, 0
 
 
 def unfinished(session: Session) -> list[Job]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
+from dataclasses import replace
 
 import pytest
 
 from gss.domain.errors import BadInput, Conflict
-from gss.operations.events import MAILBOX
-from gss.operations.jobs import JobService
+from gss.operations.events import MAILBOX, EventBus
+from gss.operations.jobs import MOST_DEATHS, JobService
 from gss.store import jobs as store
+from gss.store.engine import Database, open_engine
 from gss.store.models import Job
 
 
@@ -115,3 +118,90 @@ def test_jobs_of_a_dead_server_are_closed_at_the_next_start(jobs, database, cloc
     job = jobs.get(job_id)
     assert job.state == "failed"
     assert "start it again" in job.text
+
+
+def copy_as_a_crash_leaves_it(source, folder):
+    """The database as kill -9 at this moment would leave it, opened as the next server does."""
+    with sqlite3.connect(source.engine.url.database) as live, sqlite3.connect(folder / "after.db") as after:
+        live.backup(after)
+    live.close()
+    after.close()
+    return Database(open_engine(f"sqlite:///{folder / 'after.db'}"))
+
+
+def a_sum(run, upto=6):
+    """Long work in chunks: squares are summed, each kept at once."""
+    kept = dict(run.checkpoint or {"next": 0, "sum": 0, "steps": []})
+    for k in range(kept["next"], upto):
+        run.progress(k, upto, f"chunk {k}")
+        kept = {"next": k + 1, "sum": kept["sum"] + k * k, "steps": [*kept["steps"], run.job_id]}
+        run.keep(kept)
+    return {"sum": kept["sum"], "chunks": len(kept["steps"])}
+
+
+@pytest.mark.parametrize("killed_after", range(6))
+def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tmp_path, killed_after):
+    """Killed between any two chunks, the next server does the rest only, and the result is that of an uninterrupted run."""
+    left: list[Database] = []
+
+    def dying(run):
+        def keep(checkpoint, session=None):
+            run.keep(checkpoint, session)
+            if checkpoint["next"] == killed_after:
+                left.append(copy_as_a_crash_leaves_it(database, tmp_path))
+
+        if killed_after == 0:
+            left.append(copy_as_a_crash_leaves_it(database, tmp_path))
+        return a_sum(replace(run, keep=keep))
+
+    jobs.resumable("sum", dying)
+    whole = wait_for_end(jobs, jobs.begin("sum", "t", {}).id)
+    (after,) = left
+    done: list[int] = []
+
+    def rest(run):
+        done.append((run.checkpoint or {"next": 0})["next"])
+        return a_sum(run)
+
+    second = JobService(after, EventBus(after, clock), clock)
+    second.resumable("sum", rest)
+    second.start()
+    job = wait_for_end(second, whole.id)
+    second.stop()
+    assert (job.state, job.result, done) == ("done", whole.result, [killed_after])
+    after.close()
+
+
+def test_a_job_that_kills_the_server_is_not_tried_for_ever(jobs, database, clock):
+    """After the third death without getting further it ends as failed and says so; its request is kept to start it by hand."""
+    with database.unit_of_work() as session:
+        row = store.add(session, Job(kind="design", title="t", state="running", created=clock(), request={"a": 1}))
+        row.attempts = MOST_DEATHS - 1
+    jobs.resumable("design", lambda run: {"asked": run.request})
+    jobs.start()
+    job = jobs.get(row.id)
+    assert (job.state, "stopped 3 times" in job.text) == ("failed", True)
+    again = wait_for_end(jobs, jobs.again(job.id).id)
+    assert (again.id > job.id, again.state, again.result) == (True, "done", {"asked": {"a": 1}})
+
+
+def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(database, bus, clock):
+    """Ctrl-C is no cancel: the job waits, and goes on where it was."""
+    running, first, second = threading.Event(), JobService(database, bus, clock), JobService(database, bus, clock)
+
+    def until_stopped(run):
+        run.keep({"next": 3, "sum": 5, "steps": [0, 0, 0]})
+        running.set()
+        while True:
+            run.progress(3, 6, "busy")
+            threading.Event().wait(0.002)
+
+    first.resumable("sum", until_stopped)
+    job_id = first.begin("sum", "t", {}).id
+    assert running.wait(10)
+    first.stop()
+    assert second.get(job_id).state == "queued"
+    second.resumable("sum", a_sum)
+    second.start()
+    assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
+    second.stop()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
+from gss.operations.jobs import can_start_again
 from gss.operations.transfers.transfer_rows import TransferView
 from gss.operations.transfers.transfers import RESUMABLE
 from gss.store.models import Event, Job, Transfer
@@ -49,7 +50,8 @@ def _options(row: Transfer) -> TransferOptionsOut:
 
 def job(row: Job) -> JobOut:
     """A job."""
-    return JobOut.model_validate(row)
+    names = "id kind title state done total text created finished result attempts"
+    return JobOut(**{name: getattr(row, name) for name in names.split()}, can_start_again=can_start_again(row))
 
 
 def event(row: Event) -> EventOut:

@@ -29,3 +29,9 @@ def read_job(app: App, job_id: RowId) -> JobOut:
 def cancel_job(app: App, job_id: RowId) -> JobOut:
     """Ask it to end."""
     return present.records.job(app.jobs.cancel(job_id))
+
+
+@router.post("/{job_id}/again", status_code=202)
+def start_again(app: App, job_id: RowId) -> JobOut:
+    """Do an ended job anew from its stored request; a new job."""
+    return present.records.job(app.jobs.again(job_id))

@@ -8,7 +8,8 @@ from gss.api.schemas.base import Out, Utc
 
 
 class JobOut(Out):
-    """A job. ``state``: queued, running, done, failed, cancelled."""
+    """A job. ``state``: queued, running, done, failed, cancelled. ``attempts``: servers that died over it since it last came
+    further. ``can_start_again``: it has ended, and its stored request is enough to do it anew."""
 
     id: int
     kind: str
@@ -20,3 +21,5 @@ class JobOut(Out):
     created: Utc
     finished: Utc | None
     result: dict[str, Any]
+    attempts: int
+    can_start_again: bool

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any, Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ from gss.operations.catalogues.catalogue_files import ExportFile, export_file
 from gss.operations.catalogues.catalogue_report import preview_report, report_of
 from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import Now
-from gss.operations.jobs import JobService, Progress
+from gss.operations.jobs import JobService, Keep, Resumable, Run
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.banks import BankService
 from gss.operations.transfers.transfer_rows import TransferView
@@ -42,6 +43,8 @@ from gss.store.models import Catalogue, Job
 STEPS = 100
 
 BankSource = Literal["asked", "sensor", "usual"]
+Words = Callable[[Mapping[str, Any], str, datetime], BuildRequest]
+"""(request as the page gave it, user, when it was asked) to the request."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,9 @@ class CatalogueService:
         self._database, self._blobs, self._jobs = database, blobs, jobs
         self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
         self._stars, self._now = stars, now
+        self.words: Words | None = None
+        """Reads a request as the builder's page gave it; set by whoever knows those words."""
+        jobs.resumable("catalogue", self._again)
 
     def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
         """The quick look while parameters change."""
@@ -103,19 +109,34 @@ class CatalogueService:
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
         """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
         is refused at once."""
+        work = self._work(request, asked, user)
+        kept = {"asked": dict(asked), "user": user, "at": self._now().isoformat()}
+        return self._jobs.begin("catalogue", f"build {request.name or 'catalogue'}", kept, work)
+
+    def _again(self, run: Run) -> dict[str, Any]:
+        asked, user = run.request["asked"], run.request["user"]
+        if self.words is None:
+            raise BadInput("nobody here reads the builder's words", hint="build it again on the Catalogues page")
+        request = self.words(asked, user, datetime.fromisoformat(run.request["at"]))
+        return self._work(request, asked, user)(run)
+
+    def _work(self, request: BuildRequest, asked: Mapping[str, Any], user: str) -> Resumable:
         source = self._source(request)
         # What takes long is worked out in the job, where it tells how far it is and can be cancelled.
         ready = None if too_heavy(plan(request), source) else prepare(request, source)
 
-        def work(progress: Progress) -> dict[str, Any]:
+        def work(run: Run) -> dict[str, Any]:
+            if run.checkpoint:  # the row was stored before the server died
+                return run.checkpoint
+
             def tell(stage: str, share: float) -> None:
-                progress(round(share * STEPS), STEPS, stage)
+                run.progress(round(share * STEPS), STEPS, stage)
 
             built = finish(prepare(request, source, tell) if ready is None else ready, tell)
-            row = self._keep(built, asked, user)
+            row = self._keep(built, asked, user, run.keep)
             return {"catalogue_id": row.id}
 
-        return self._jobs.submit("catalogue", f"build {request.name or 'catalogue'}", dict(asked), work)
+        return work
 
     def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, BankSource]:
         """The request with the bank of the sensor that answers, where it is of that camera; and whose bank counts."""
@@ -131,7 +152,7 @@ class CatalogueService:
             return self._stars
         return self._lists.source(request.source, request.star_list, request.depth_mag, request.profile_name)
 
-    def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str) -> Catalogue:
+    def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str, keep: Keep) -> Catalogue:
         self._blobs.put(built.image)
         p = built.plan
         row = Catalogue(
@@ -151,7 +172,9 @@ class CatalogueService:
             report=report_of(built),
         )
         with self._database.unit_of_work() as session:
-            return store.add(session, row)
+            store.add(session, row)
+            keep({"catalogue_id": row.id}, session)
+        return row
 
     def newest(self, limit: int) -> list[Catalogue]:
         """Newest first."""

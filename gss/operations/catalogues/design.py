@@ -20,7 +20,7 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 from gss.operations.catalogues.design_curves import short
 from gss.operations.catalogues.design_record import record_of
-from gss.operations.jobs import JobService, Progress
+from gss.operations.jobs import JobService, Progress, Resumable, Run
 from gss.store.models import Job
 
 STEPS = 100
@@ -124,6 +124,9 @@ class DesignService:
     def __init__(self, jobs: JobService, stars: StarTable) -> None:
         self._jobs, self._stars = jobs, stars
         self._rows: tuple[TradeRow, ...] = ()
+        self.words: Callable[[Mapping[str, Any]], Question] | None = None
+        """Reads a question as the page gave it; set by whoever knows those words."""
+        jobs.resumable("design", self._again)
 
     def document_rows(self) -> tuple[TradeRow, ...]:
         """The documents' cameras, each as its profile has it."""
@@ -138,10 +141,18 @@ class DesignService:
         """The full count as a job; its result is the record. An impossible camera is told at once."""
         request_of(question)
 
-        def work(progress: Progress) -> dict[str, Any]:
-            return {"design": answer(question, self._stars, documents=self.document_rows(), progress=progress)}
+        return self._jobs.begin("design", f"design {question.profile}", dict(asked), self._work(question))
 
-        return self._jobs.submit("design", f"design {question.profile}", dict(asked), work)
+    def _again(self, run: Run) -> dict[str, Any]:
+        if self.words is None:
+            raise BadInput("nobody here reads the page's words", hint="ask again on the Design page")
+        return self._work(self.words(run.request))(run)
+
+    def _work(self, question: Question) -> Resumable:
+        def work(run: Run) -> dict[str, Any]:
+            return {"design": answer(question, self._stars, documents=self.document_rows(), progress=run.progress)}
+
+        return work
 
 
 def _by_percent(progress: Progress) -> Callable[[float], None]:

@@ -17,7 +17,7 @@ from gss.domain.profiles import profile
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import CHAINS, Solver
-from gss.operations.jobs import JobService, Progress
+from gss.operations.jobs import JobService, Progress, Resumable, Run
 from gss.operations.line.contacts import ContactService
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
@@ -98,9 +98,21 @@ class AnalysisService:
     ) -> None:
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._book, self._contacts, self._bus, self._now = book, contacts, bus, now
+        jobs.resumable("analysis", self._again)
 
     def start(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, *, user: str) -> Job:
         """Queue an analysis; its result names the row. BadInput and NotFound before anything is queued."""
+        name, work = self._work(wanted, title, user)
+        asked = {"type": type(wanted).__name__, "wanted": vars(wanted), "title": title, "user": user}
+        return self._jobs.begin("analysis", name, asked, work)
+
+    def _again(self, run: Run) -> dict[str, Any]:
+        made: Any = {c.__name__: c for c in (FrameAnalysis, TelemetryAnalysis)}[run.request["type"]]
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in run.request["wanted"].items()}
+        return self._work(made(**values), run.request["title"], run.request["user"])[1](run)
+
+    def _work(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, user: str) -> tuple[str, Resumable]:
+        """Name and work of an analysis, everything looked up that it needs."""
         request = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(wanted).items()}
         first: list[Shot] = []
         other: list[Shot] = []
@@ -115,11 +127,13 @@ class AnalysisService:
             kind, of = wanted.kind, f"{len(first)} frames"
         name = title or f"{kind}, {of}"
 
-        def job(progress: Progress) -> dict[str, Any]:
+        def work(run: Run) -> dict[str, Any]:
+            if run.checkpoint:  # the row was stored before the server died
+                return run.checkpoint
             if isinstance(wanted, TelemetryAnalysis):
                 made = self._of_contact(wanted)
             else:
-                made = self._of_frames(wanted, first, other, progress)
+                made = self._of_frames(wanted, first, other, run.progress)
             row = Analysis(
                 kind=made.kind,
                 title=name[:120],
@@ -131,10 +145,11 @@ class AnalysisService:
             )
             with self._database.unit_of_work() as session:
                 store.add_analysis(session, row)
+                run.keep({"analysis_id": row.id}, session)
             self._bus.record("analysis", "ok", f"analysis {row.id} made: {row.title}, by {user}")
             return {"analysis_id": row.id}
 
-        return self._jobs.submit("analysis", name[:120], request, job)
+        return name[:120], work
 
     def _of_frames(self, wanted: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
         share = 0.9 * len(first) / max(1, len(first) + len(other))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,3 +91,15 @@ def as_plain(wanted: Wanted) -> dict[str, Any]:
         return [plain(v) for v in value] if isinstance(value, tuple) else value
 
     return {k: dict(v) if k == "options" else plain(v) for k, v in vars(wanted).items()}
+
+
+def from_plain(kind: str, record: Mapping[str, Any]) -> Wanted:
+    """The request of its kept form; ``kind`` names its class."""
+    classes: Any = {made.__name__: made for made in (StarCalibration, DetectorCalibration, BenchCalibration)}
+
+    def tuples(value: Any) -> Any:
+        return tuple(tuples(v) for v in value) if isinstance(value, list) else value
+
+    values = {k: tuple(v.items()) if k == "options" else tuples(v) for k, v in record.items()}
+    made: Wanted = classes[kind](**values)
+    return made

@@ -14,7 +14,7 @@ from gss.domain.profiles import CameraProfile, profile
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobService, Progress
+from gss.operations.jobs import JobService, Resumable, Run
 from gss.operations.studies import bench
 from gss.operations.studies.bench_run import run_bench
 from gss.operations.studies.calibrate import Found, from_darks, from_stars
@@ -25,6 +25,7 @@ from gss.operations.studies.calibration_requests import (
     Wanted,
     as_plain,
     frames_of,
+    from_plain,
 )
 from gss.operations.studies.camera_book import CameraBook, with_values
 from gss.operations.studies.dark_frames import DARK, DarkFrames
@@ -69,11 +70,23 @@ class CalibrationService:
     ) -> None:
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self.book, self._tables, self._bus, self._now, self._darks = book, tables, bus, now, darks
+        jobs.resumable("calibration", self._again)
 
     # --- making -------------------------------------------------------------------------------------------------
 
     def start(self, wanted: Wanted, name: str, note: str, *, user: str) -> Job:
         """Queue a calibration; its result names the row. BadInput before anything is queued."""
+        title, work = self._work(wanted, name, note, user)
+        asked = {"type": type(wanted).__name__, "wanted": as_plain(wanted), "name": name, "note": note, "user": user}
+        return self._jobs.begin("calibration", title, asked, work)
+
+    def _again(self, run: Run) -> dict[str, Any]:
+        asked = run.request
+        _, work = self._work(from_plain(asked["type"], asked["wanted"]), asked["name"], asked["note"], asked["user"])
+        return work(run)
+
+    def _work(self, wanted: Wanted, name: str, note: str, user: str) -> tuple[str, Resumable]:
+        """Title and work of a calibration, everything looked up that it needs."""
         known = self._camera(wanted)
         of = known.name if known else FOREIGN
         shots = self._shots.of(frames_of(wanted))
@@ -84,9 +97,12 @@ class CalibrationService:
         priors = self._priors(wanted, of)
         request = as_plain(wanted)
 
-        def work(progress: Progress) -> dict[str, Any]:
+        def work(run: Run) -> dict[str, Any]:
+            if run.checkpoint:  # the row was stored before the server died
+                return run.checkpoint
+
             def tell(share: float, text: str) -> None:
-                progress(round(STEPS * share), STEPS, text)
+                run.progress(round(STEPS * share), STEPS, text)
 
             found = self._make(wanted, known, shots, pairs, priors, tell)
             row = Calibration(
@@ -103,11 +119,13 @@ class CalibrationService:
             )
             with self._database.unit_of_work() as session:
                 store.add_calibration(session, row)
+                result = {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
+                run.keep(result, session)
             self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {user}")
-            return {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
+            return result
 
         what = f"{len(shots)} frames" if shots else "the bench"
-        return self._jobs.submit("calibration", f"calibrate {of} from {what}", request, work)
+        return f"calibrate {of} from {what}", work
 
     def _camera(self, wanted: Wanted) -> CameraProfile | None:
         """The documented camera; with the detector's calibration where that is in use: a camera is one thing at a time."""

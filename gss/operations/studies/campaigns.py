@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gss.domain.errors import BadInput
-from gss.operations.jobs import JobService, Progress
+from gss.operations.jobs import JobService, Run
 from gss.operations.studies import experiments
 from gss.store import frames as store
 from gss.store.engine import Database
@@ -35,6 +35,7 @@ class CampaignService:
 
     def __init__(self, database: Database, jobs: JobService) -> None:
         self._database, self._jobs = database, jobs
+        jobs.resumable("experiments", _experiments)
 
     def run_experiments(self, names: Sequence[str], trials: int | None, seed: int) -> Job:
         """Queue experiments; the job's result holds a record of each. NotFound and BadInput before anything is queued."""
@@ -43,21 +44,8 @@ class CampaignService:
         for name in names:
             experiments.check(name, trials, seed)
         request = {"names": list(names), "trials": trials, "seed": seed}
-
-        def work(progress: Progress) -> dict[str, Any]:
-            done = []
-            for k, name in enumerate(names):
-
-                def told(share: float, at: int = k, what: str = name) -> None:
-                    progress(round(100 * (at + share)), 100 * len(names), f"{what}, {100 * share:.0f} %")
-
-                told(0.0)
-                result = experiments.run_experiment(name, trials=trials, seed=seed, progress=told)
-                done.append(experiments.as_record(result))
-            return {"experiments": done}
-
         title = names[0] if len(names) == 1 else f"{len(names)} experiments"
-        return self._jobs.submit("experiments", title, request, work)
+        return self._jobs.begin("experiments", title, request)
 
     def compare(self) -> list[ChainRecord]:
         """Every chain and version that ran on stored frames: the newest result per frame counts."""
@@ -67,6 +55,22 @@ class CampaignService:
         for row in rows:
             groups.setdefault((row.chain, row.version), []).append(row)
         return [_record(chain, version, group) for (chain, version), group in sorted(groups.items())]
+
+
+def _experiments(run: Run) -> dict[str, Any]:
+    """One after the other; each that is done is kept, and a crash costs the one that ran."""
+    names = run.request["names"]
+    done = list((run.checkpoint or {}).get("experiments", ()))
+    for k, name in list(enumerate(names))[len(done) :]:
+
+        def told(share: float, at: int = k, what: str = name) -> None:
+            run.progress(round(100 * (at + share)), 100 * len(names), f"{what}, {100 * share:.0f} %")
+
+        told(0.0)
+        result = experiments.run_experiment(name, trials=run.request["trials"], seed=run.request["seed"], progress=told)
+        done.append(experiments.as_record(result))
+        run.keep({"experiments": done})
+    return {"experiments": done}
 
 
 def _record(chain: str, version: str, rows: Sequence[store.Outcome]) -> ChainRecord:

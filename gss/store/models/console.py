@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy import JSON, ForeignKey, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
@@ -84,7 +84,8 @@ class StackRun(Base):
 
 
 class Job(Base):
-    """Long work with progress."""
+    """Long work with progress. ``checkpoint``: where it goes on after a crash, in its own kind's words; ``attempts``: servers that
+    died over it since it last came further."""
 
     __tablename__ = "jobs"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -98,3 +99,5 @@ class Job(Base):
     finished: Mapped[datetime | None]
     request: Mapped[dict[str, Any]] = mapped_column(default=dict)
     result: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    checkpoint: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    attempts: Mapped[int] = mapped_column(default=0)

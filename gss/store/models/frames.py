@@ -12,7 +12,8 @@ from gss.store.models.base import Base
 
 
 class Frame(Base):
-    """An image: what it is and where its pixels are kept. Pixels are little-endian, row by row."""
+    """An image: what it is and where its pixels are kept. Pixels are little-endian, row by row. ``pixels_removed``: when retention
+    took them; ``favourite``: it never does."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -36,6 +37,8 @@ class Frame(Base):
     truth: Mapped[list[Any] | None]
     bank_sha256: Mapped[str | None] = mapped_column(String(64))
     parameters: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    pixels_removed: Mapped[datetime | None]
+    favourite: Mapped[bool] = mapped_column(default=False)
 
 
 class Solution(Base):
