@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.domain.errors import BadInput
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
+    from gss.store.engine import sole_server
 
     names = ("host", "port", "data", "device", "simulator")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
@@ -42,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_host(settings.host)
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))
+        stack.enter_context(sole_server(settings.database_url))
         listener = stack.enter_context(_listen(settings.host, settings.port))
         sensor = None
         if settings.simulator:

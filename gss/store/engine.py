@@ -9,11 +9,11 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Engine, create_engine, event
-from sqlalchemy.exc import DatabaseError, OperationalError
+from sqlalchemy import Engine, create_engine, event, func, select
+from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from gss.domain.errors import CorruptData, StoreDown
+from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
 
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
@@ -21,8 +21,17 @@ CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 def open_engine(url: str) -> Engine:
     """Engine for an SQLite or PostgreSQL URL. SQLite gets write-ahead logging, so that readers never wait for the writer."""
-    if not url.startswith("sqlite"):
-        return create_engine(url, pool_pre_ping=True)
+    try:
+        if not url.startswith("sqlite"):
+            return create_engine(url, pool_pre_ping=True)
+    except (ArgumentError, NoSuchModuleError, ImportError) as error:
+        # The text of the error may hold the URL, and that one a password.
+        raise BadInput(
+            "the database's URL cannot be used",
+            expected="postgresql+psycopg://user:password@host/database, or sqlite:///file",
+            got=type(error).__name__,
+            hint="GSS_DATABASE; pip install 'gss-startracker[postgres]'",
+        ) from None
     engine = create_engine(url, connect_args={"check_same_thread": False})
     event.listen(engine, "connect", _tune_sqlite)
     return engine
@@ -43,8 +52,43 @@ def migrate(url: str) -> None:
     try:
         command.upgrade(config, "head")
     except DatabaseError as error:
+        if not url.startswith("sqlite"):
+            cause = str(error.orig).strip().splitlines()[0]
+            raise StoreDown(
+                "the database server cannot be used", got=cause, hint="look at the server and at GSS_DATABASE"
+            ) from None
         hint = "restore it from a backup, or give another folder with --data"
         raise CorruptData("the database cannot be opened", got=str(error.orig), hint=hint) from error
+
+
+SERVER_LOCK = 0x6773_7301
+"""Key of PostgreSQL's advisory lock that a server holds while it runs."""
+
+
+@contextmanager
+def sole_server(url: str) -> Iterator[None]:
+    """While it is entered no other server runs on this PostgreSQL database, whatever its data folder; Conflict where one does.
+    An SQLite database lies in the data folder, which has a lock of its own. A server that dies gives the lock back."""
+    if url.startswith("sqlite"):
+        yield
+        return
+    engine = open_engine(url)
+    try:
+        with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            if not connection.scalar(select(func.pg_try_advisory_lock(SERVER_LOCK))):
+                raise Conflict(
+                    "another server runs on this database",
+                    expected="one server",
+                    hint="stop it, or use another database",
+                )
+            yield
+    except OperationalError as error:
+        cause = str(error.orig).strip().splitlines()[0]
+        raise StoreDown(
+            "the database server cannot be used", got=cause, hint="look at the server and at GSS_DATABASE"
+        ) from None
+    finally:
+        engine.dispose()
 
 
 class Database:
