@@ -3,77 +3,139 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from typing import Any
+import re
+from collections.abc import Callable
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi import APIRouter, Header, Request, Response
+from starlette.types import Receive, Scope, Send
 
 from gss.api import present
 from gss.api.deps import App
-from gss.operations.events import Message
+from gss.api.fanout import FIRST, Fanout, Listener, unnumbered, wire
+from gss.wiring import Services
 
 router = APIRouter(tags=["stream"])
-PRESENT: dict[str, Callable[[Any], Any]] = {
-    "link": present.link.link,
-    "telemetry": present.telemetry.latest,
-    "command": present.commands.command,
-    "schedule": present.schedule.schedule,
-    "stack_run": present.stacks.run,
-    "authority": present.authority.authority,
-    "transfer": present.records.transfer,
-    "frame": lambda frame: present.frames.frame(frame, None),
-    "solution": present.frames.solution,
-    "job": present.records.job,
-    "event": present.records.event,
-    "cycle": present.telemetry.cycle,
-    "tables": present.tables.on_board,
-    "limits": lambda change: change,
-    "alarm": present.alarms.alarm,
-    "replay": present.contacts.replay,
-    "replay.telemetry": present.telemetry.latest,
-    "replay.command": present.contacts.replay_command,
-    "replay.event": present.contacts.replay_event,
-}
-BACKFILL = 500
+PAGE = 500
+PAGES = 20
 PING_S = 10.0
+RECHECK_S = 5.0
+NUMBER = re.compile(r"(\d{1,18})(\.\d+)?", re.ASCII)
+HEADERS = [
+    (b"content-type", b"text/event-stream; charset=utf-8"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),
+]
+Valid = Callable[[], str]
+"""Asked again and again while a stream lives: empty, or why who listens may not any more."""
 
 
-@router.get("/stream", response_class=EventSourceResponse)
-async def stream(
-    request: Request, app: App, last_event_id: str | None = Header(default=None)
-) -> AsyncIterator[ServerSentEvent]:
-    """Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first."""
-    loop, ready = asyncio.get_running_loop(), asyncio.Event()
-    subscription = app.bus.subscribe(lambda: _wake(loop, ready))
-    try:
-        seq = int(last_event_id) if last_event_id and last_event_id.isascii() and last_event_id.isdigit() else None
-        if seq is not None:
-            for row in await asyncio.to_thread(app.bus.after, seq, BACKFILL):
-                seq = row.seq
-                yield _sse(Message("event", row, row.seq))
-        yield ServerSentEvent(data=present.link.link(app.status.header()), event="link")
-        while not app.stopping.is_set() and not await request.is_disconnected():
-            messages, dropped = subscription.take()
+class EventStream(Response):
+    """One listener's connection. ``after``: recorded events since this number come first; None: none of them."""
+
+    media_type = "text/event-stream"
+
+    def __init__(
+        self, services: Services, fanout: Fanout, after: int | None = None, valid: Valid | None = None
+    ) -> None:
+        super().__init__()
+        self._services, self._fanout, self._seq, self._valid = services, fanout, after, valid
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send until the connection, the session or the server ends."""
+        await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
+        listener = self._fanout.join()
+        watch = asyncio.create_task(_hang_up_when_gone(receive, listener))
+        try:
+            await self._catch_up(send)
+            await self._first(send)
+            await self._follow(listener, send)
+            await send({"type": "http.response.body", "body": b""})
+        except OSError:
+            pass  # who listened is gone in the middle of a message
+        finally:
+            self._fanout.leave(listener)
+            watch.cancel()
+
+    async def _catch_up(self, send: Send) -> None:
+        """Recorded events after the number, a page at a time. Of a longer absence than all pages the rest is announced as lost."""
+        if self._seq is None:
+            return
+        for _ in range(PAGES):
+            rows = await asyncio.to_thread(self._services.bus.after, self._seq, PAGE)
+            if not rows:
+                return
+            self._seq = rows[-1].seq
+            await _send(send, b"".join(wire("event", present.records.event(row), str(row.seq)).data for row in rows))
+            if len(rows) < PAGE:
+                return
+        newest = await asyncio.to_thread(self._services.bus.newest)
+        if newest > self._seq:
+            await _send(send, wire("dropped", {"dropped": newest - self._seq}, None).data)
+            self._seq = newest
+
+    async def _first(self, send: Send) -> None:
+        """The state that the page begins with; it has no number, because the count of what follows does not go on from it."""
+        newest = self._fanout.newest
+        if newest is None:
+            newest = wire(FIRST, present.link.link(await asyncio.to_thread(self._services.status.header)), None)
+        await _send(send, unnumbered(newest))
+
+    async def _follow(self, listener: Listener, send: Send) -> None:
+        loop = asyncio.get_running_loop()
+        check_at_s = loop.time()
+        ping_at_s = check_at_s + PING_S
+        while not listener.closed:
+            messages, dropped = listener.take()
+            data = [m.data for m in messages if m.seq is None or self._seq is None or m.seq > self._seq]
             if dropped:
-                yield ServerSentEvent(data={"dropped": dropped}, event="dropped")
-            for message in messages:
-                if message.seq is None or seq is None or message.seq > seq:
-                    yield _sse(message)
-            ready.clear()
-            try:
-                await asyncio.wait_for(ready.wait(), PING_S)
-            except TimeoutError:
-                yield ServerSentEvent(comment="still here")
-    finally:
-        app.bus.unsubscribe(subscription)
+                self._fanout.dropped += dropped
+                data.insert(0, wire("dropped", {"dropped": dropped}, None).data)
+            if not data and loop.time() >= ping_at_s:
+                data = [b": still here\n\n"]
+            if data:
+                ping_at_s = loop.time() + PING_S
+                await _send(send, b"".join(data))
+            if self._valid is not None and loop.time() >= check_at_s:
+                check_at_s = loop.time() + RECHECK_S
+                reason = await asyncio.to_thread(self._valid)
+                if reason:
+                    await _send(send, wire("session", {"ended": reason}, None).data)
+                    return
+            await _wait(listener.ready, min(ping_at_s, check_at_s if self._valid else ping_at_s) - loop.time())
 
 
-def _sse(message: Message) -> ServerSentEvent:
-    seq = None if message.seq is None else str(message.seq)
-    return ServerSentEvent(data=PRESENT[message.topic](message.payload), event=message.topic, id=seq)
+@router.get("/stream", response_class=EventStream)
+async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
+    """Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first."""
+    return EventStream(app, request.app.state.fanout, resumed_after(last_event_id or ""), _valid(request, app))
 
 
-def _wake(loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
-    if not loop.is_closed():
-        loop.call_soon_threadsafe(ready.set)
+def resumed_after(number: str) -> int | None:
+    """The event that a listener saw last, from the ``id`` of any message; None of anything else."""
+    found = NUMBER.fullmatch(number)
+    return int(found[1]) if found else None
+
+
+def _valid(request: Request, app: Services) -> Valid | None:
+    """Until there is signing in everybody may listen for ever."""
+    return None
+
+
+async def _send(send: Send, data: bytes) -> None:
+    await send({"type": "http.response.body", "body": data, "more_body": True})
+
+
+async def _wait(ready: asyncio.Event, seconds: float) -> None:
+    try:
+        async with asyncio.timeout(max(0.0, seconds)):
+            await ready.wait()
+    except TimeoutError:
+        return
+
+
+async def _hang_up_when_gone(receive: Receive, listener: Listener) -> None:
+    message: Any = {}
+    while message.get("type") != "http.disconnect":
+        message = await receive()
+    listener.close()

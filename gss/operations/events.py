@@ -62,12 +62,15 @@ class EventBus:
         self._database, self._now = database, now
         self._subscriptions: set[Subscription] = set()
         self._lock = threading.Lock()
+        self._in_order = threading.Lock()
 
     def record(self, kind: str, severity: str, text: str, **data: Any) -> Event:
-        """Write an event to the record and tell everybody."""
-        with self._database.unit_of_work() as session:
-            event = store.add(session, self._now(), kind, severity, text, data)
-        self.publish("event", event, event.seq)
+        """Write an event to the record and tell everybody. Events are told in the order of their numbers: who comes back with the
+        newest number that he has seen must not miss a smaller one."""
+        with self._in_order:
+            with self._database.unit_of_work() as session:
+                event = store.add(session, self._now(), kind, severity, text, data)
+            self.publish("event", event, event.seq)
         return event
 
     def publish(self, topic: str, payload: Any, seq: int | None = None) -> None:
@@ -100,3 +103,8 @@ class EventBus:
         """Recorded events after ``seq``, oldest first."""
         with self._database.unit_of_work() as session:
             return store.after(session, seq, limit)
+
+    def newest(self) -> int:
+        """Number of the newest recorded event; 0 before the first."""
+        with self._database.unit_of_work() as session:
+            return store.last_seq(session)

@@ -46,6 +46,29 @@ describe('the event stream', () => {
     stream.received('link', '{}', '');
     expect(log).toEqual(['link', 'link']);
   });
+  it('tells a jump in the count of states as a loss, once, and none after an announced one', () => {
+    const { stream, log } = rig();
+    for (const id of ['7.3', '7.4', '7.6', '7.7']) stream.received('link', '{}', id);
+    expect(log).toEqual(['link', 'link', 'dropped', 'link', 'link']);
+    stream.received('dropped', '{"dropped":5}', '');
+    stream.received('link', '{}', '7.13');
+    expect(log.filter((l) => l === 'dropped').length).toBe(2);
+  });
+  it('fetches recorded events that a jump in their numbers shows to be missing', async () => {
+    const { stream, log } = rig([row(2), row(3), row(4)]);
+    stream.received(...event(1));
+    stream.received(...event(4));
+    await settle();
+    expect(log).toEqual(['event 1', 'event 4', 'event 2', 'event 3']);
+    expect(stream.lastSeq).toBe(4);
+  });
+  it('fetches what was recorded during an announced loss at once', async () => {
+    const { stream, log } = rig([row(2), row(3)]);
+    stream.received(...event(1));
+    stream.received('dropped', '{"dropped":2}', '');
+    await settle();
+    expect(log).toEqual(['event 1', 'dropped', 'event 2', 'event 3']);
+  });
   it('says once that it went offline, waits longer each time, and resumes after the last number', () => {
     const { stream, log, sources, waits } = rig();
     stream.start();

@@ -18,12 +18,14 @@ export interface StreamHandlers {
   online: (filled: { from: string; to: string; count: number } | null) => void;
   offline: (since: number) => void;
 }
-export const KINDS = ['link', 'telemetry', 'command', 'transfer', 'frame', 'solution', 'job', 'event', 'cycle', 'dropped', 'authority', 'alarm', 'stack_run', 'schedule', 'tables', 'limits', 'replay', 'replay.telemetry', 'replay.command', 'replay.event'] as const;
+export const KINDS = ['link', 'telemetry', 'command', 'transfer', 'frame', 'solution', 'job', 'event', 'cycle', 'dropped', 'authority', 'alarm', 'stack_run', 'schedule', 'tables', 'limits', 'replay', 'replay.telemetry', 'replay.command', 'replay.event', 'session'] as const;
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 
 export class Stream {
   lastSeq = 0;
+  /** Count of the newest state message on this connection; 0 before the first, and after an announced loss. */
+  private lastCount = 0;
   private source: StreamSource | null = null;
   private wait = FIRST_WAIT_MS;
   private lost: number | null = null;
@@ -43,13 +45,35 @@ export class Stream {
     this.source?.close();
   }
 
-  /** A recorded event counts once, however often it arrives; unnumbered states always pass. */
+  /** A recorded event counts once, however often it arrives; states always pass. A number that jumps shows a loss: what the record
+   *  still has is fetched, and the loss is told even where the server could not say it. `id` is "12" of events, else "12.345". */
   received(kind: string, text: string, id: string): void {
-    const seq = id === '' ? 0 : Number(id);
     const data: unknown = JSON.parse(text);
-    if (kind === 'event' && !this.fresh((data as EventRow).seq)) return;
-    if (kind !== 'event' && seq > this.lastSeq) this.lastSeq = seq;
+    if (kind === 'event') return this.recorded(data as EventRow);
+    if (kind === 'dropped') {
+      this.lastCount = 0;
+      void this.recover(this.lastSeq, Infinity);
+    } else if (id !== '') this.counted(id);
     this.handlers.item(kind, data);
+  }
+
+  private recorded(event: EventRow): void {
+    const before = this.lastSeq;
+    if (!this.fresh(event.seq)) return;
+    if (before > 0 && event.seq > before + 1) void this.recover(before, event.seq);
+    this.handlers.item('event', event);
+  }
+
+  private counted(id: string): void {
+    const [seq, count] = id.split('.').map(Number) as [number, number | undefined];
+    if (count !== undefined && this.lastCount > 0 && count > this.lastCount + 1) this.handlers.item('dropped', { dropped: count - this.lastCount - 1 });
+    this.lastCount = count ?? this.lastCount;
+    if (this.lastSeq === 0) this.lastSeq = seq;
+  }
+
+  private async recover(after: number, before: number): Promise<void> {
+    const missed = await this.parts.backfill(after).catch(() => []);
+    for (const e of missed) if (e.seq < before && (before !== Infinity || this.fresh(e.seq))) this.handlers.item('event', e);
   }
 
   private fresh(seq: number): boolean {
@@ -60,6 +84,7 @@ export class Stream {
 
   private async opened(): Promise<void> {
     this.wait = FIRST_WAIT_MS;
+    this.lastCount = 0;
     const wasLost = this.lost !== null;
     this.lost = null;
     if (!wasLost) return this.handlers.online(null);
