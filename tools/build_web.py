@@ -65,6 +65,7 @@ def build(root: Path = ROOT) -> bool:
         lock_stamp.write_text(lock)
     subprocess.run([*npm, "run", "build"], cwd=web, check=True, env=environment)
     _lay_out_fonts(web)
+    _lay_out_tokens(web)
     stamp.write_text(wanted)
     return True
 
@@ -75,6 +76,11 @@ def _lay_out_fonts(web: Path) -> None:
     target.mkdir(exist_ok=True)
     for name in FONTS:
         shutil.copy(web / "node_modules" / "@fontsource" / "ibm-plex-sans" / "files" / name, target / name)
+
+
+def _lay_out_tokens(web: Path) -> None:
+    """The colours, for the documents at /help: the same file that the pages are built from."""
+    shutil.copy(web / "src" / "design" / "tokens.css", web.parent / "gss" / "web" / "tokens.css")
 
 
 def _environment(npm: list[str]) -> dict[str, str]:

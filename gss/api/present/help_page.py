@@ -1,0 +1,134 @@
+"""The documents as pages to read: Markdown in, a page of our own look out; no script of a document ever runs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path, PurePosixPath
+
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+PICTURES = "pictures"
+CONTENTS = "README"
+GROUPS = (("guide", "Guide"), (".", "Reference"), ("decisions", "Why it is so"))
+FIRST = ("tutorial", "operator", "catalogue-manager", "engineer", "admin")
+_RENDERER = MarkdownIt("default", {"html": False, "linkify": False})
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file that can be read under ``name``."""
+
+    name: str
+    title: str
+    group: str
+    path: Path
+
+
+def documents(folder: Path) -> Mapping[str, Document]:
+    """Every document of the folder by name, in the order of the contents."""
+    found: dict[str, Document] = {}
+    for group, _ in GROUPS:
+        paths = sorted((folder / group).glob("*.md"), key=lambda p: (_rank(p.stem), p.stem))
+        found.update({p.stem: Document(p.stem, _title(p), group, p) for p in paths if p.stem not in found})
+    return found
+
+
+def help_page(text: str, shown: Document | None, known: Mapping[str, Document]) -> str:
+    """The whole page of a document's text, with the contents beside it."""
+    tokens = _RENDERER.parse(text)
+    heads = _anchor(tokens)
+    _relink(tokens, known)
+    body = _RENDERER.renderer.render(tokens, _RENDERER.options, {})
+    return _page(shown.title if shown else "Help", body, _contents(known, shown, heads))
+
+
+def not_there(name: str, known: Mapping[str, Document]) -> str:
+    """The page for a name that is no document."""
+    body = f"<h1>Not here</h1><p>There is no chapter “{escape(name)}”. Those there are stand on the left.</p>"
+    return _page("Not here", body, _contents(known, None, ()))
+
+
+def slug(text: str) -> str:
+    """Anchor of a heading, as code hosts make it."""
+    return re.sub(r"[^\w\- ]", "", text.strip().lower()).replace(" ", "-")
+
+
+def _rank(stem: str) -> int:
+    return FIRST.index(stem) if stem in FIRST else len(FIRST)
+
+
+def _title(path: Path) -> str:
+    with path.open(encoding="utf-8") as lines:
+        line = next((line for line in lines if line.startswith("# ")), path.stem)
+    return line.removeprefix("# ").strip().replace("`", "")
+
+
+def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
+    """Give every heading an id; the second-level ones come back as (id, words)."""
+    heads, used = [], set[str]()
+    for opening, inline in zip(tokens, tokens[1:], strict=False):
+        if opening.type != "heading_open":
+            continue
+        words = "".join(part.content for part in inline.children or () if part.type in ("text", "code_inline"))
+        anchor = name = slug(words)
+        number = 1
+        while anchor in used:
+            anchor, number = f"{name}-{number}", number + 1
+        used.add(anchor)
+        opening.attrSet("id", anchor)
+        if opening.tag == "h2":
+            heads.append((anchor, words))
+    return heads
+
+
+def _relink(tokens: Iterable[Token], known: Mapping[str, Document]) -> None:
+    """Links between documents and pictures lead to their pages here; those to other files of the repository lead nowhere."""
+    for token in tokens:
+        for part in token.children or ():
+            if part.type == "link_open":
+                part.attrSet("href", _target(str(part.attrGet("href") or ""), known))
+                if str(part.attrGet("href")).startswith("http"):
+                    part.attrSet("rel", "noreferrer")
+            elif part.type == "image":
+                part.attrSet("src", f"/help/{PICTURES}/{PurePosixPath(str(part.attrGet('src') or '')).name}")
+                part.attrSet("loading", "lazy")
+
+
+def _target(href: str, known: Mapping[str, Document]) -> str:
+    if re.match(r"https?:|mailto:|#", href):
+        return href
+    path, _, fragment = href.partition("#")
+    name = PurePosixPath(path).stem
+    if name in known and name != CONTENTS:
+        return f"/help/{name}{'#' + fragment if fragment else ''}"
+    return "/help"
+
+
+def _contents(known: Mapping[str, Document], shown: Document | None, heads: Sequence[tuple[str, str]]) -> str:
+    parts = []
+    for group, title in GROUPS:
+        rows = [_entry(d, d is shown, heads) for d in known.values() if d.group == group and d.name != CONTENTS]
+        if rows:
+            parts.append(f"<h2>{title}</h2><ul>{''.join(rows)}</ul>")
+    return "".join(parts)
+
+
+def _entry(document: Document, current: bool, heads: Sequence[tuple[str, str]]) -> str:
+    link = f"<a href='/help/{document.name}'{' aria-current=page' if current else ''}>{escape(document.title)}</a>"
+    inner = "".join(f"<li><a href='#{anchor}'>{escape(words)}</a></li>" for anchor, words in heads) if current else ""
+    return f"<li>{link}{f'<ul>{inner}</ul>' if inner else ''}</li>"
+
+
+def _page(title: str, body: str, contents: str) -> str:
+    return (
+        "<!doctype html><html lang=en><head><meta charset=utf-8>"
+        "<meta name=viewport content='width=device-width, initial-scale=1'>"
+        f"<title>{escape(title)} · GSS help</title><link rel=icon href=/icon.svg>"
+        "<link rel=stylesheet href=/tokens.css><link rel=stylesheet href=/help.css><script src=/help.js></script></head>"
+        "<body><header><b>GSS help</b><a href='/help'>Contents</a><a href='/live'>Console</a></header>"
+        f"<div class=both><nav aria-label=Chapters>{contents}</nav><main>{body}</main></div></body></html>"
+    )

@@ -1,0 +1,46 @@
+"""The documents, from the same origin as the console: the guide by role, the reference, and why it is so."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from fastapi import APIRouter
+from fastapi.responses import FileResponse, HTMLResponse
+
+from gss.api.present.help_page import CONTENTS, PICTURES, documents, help_page, not_there
+from gss.domain.errors import NotFound
+
+_PACKAGE = Path(__file__).parents[2]
+DOCS = _PACKAGE / "docs" if (_PACKAGE / "docs").is_dir() else _PACKAGE.parent / "docs"
+"""In the wheel the documents lie in the package, in a checkout beside it."""
+WITHOUT = "# Help\n\nThe chapters stand on the left."
+
+router = APIRouter(prefix="/help", include_in_schema=False)
+
+
+@router.get("")
+@router.get("/")
+def read_contents() -> HTMLResponse:
+    """The contents."""
+    known = documents(DOCS)
+    first = known.get(CONTENTS)
+    return HTMLResponse(help_page(first.path.read_text("utf-8") if first else WITHOUT, first, known))
+
+
+@router.get(f"/{PICTURES}/{{name}}")
+def read_picture(name: str) -> FileResponse:
+    """A picture of the documents."""
+    path = DOCS / PICTURES / name
+    if not re.fullmatch(r"[\w-]+\.(png|svg|jpg)", name) or not path.is_file():
+        raise NotFound("no such picture", got=name)
+    return FileResponse(path)
+
+
+@router.get("/{name}")
+def read_document(name: str) -> HTMLResponse:
+    """A document by name."""
+    known = documents(DOCS)
+    if name not in known:
+        return HTMLResponse(not_there(name, known), 404)
+    return HTMLResponse(help_page(known[name].path.read_text("utf-8"), known[name], known))
