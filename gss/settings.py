@@ -45,6 +45,28 @@ class Settings(BaseSettings):
         default=1024, ge=1, description="The oldest files of the raw capture go when all together are larger."
     )
     user: str = Field(default="operator-1", description="Name of the single local user.")
+    tls_certificate: str = Field(default="", description="File of the certificate (PEM, with its chain): serves HTTPS.")
+    tls_key: str = Field(default="", description="File of the certificate's private key (PEM).")
+    behind_proxy: bool = Field(
+        default=False, description="A reverse proxy with TLS stands in front; direct requests of others are refused."
+    )
+    trusted_proxies: str = Field(
+        default="127.0.0.1,::1", description="Addresses or networks of that proxy; only its X-Forwarded-* are believed."
+    )
+    public_names: str = Field(
+        default="", description="Host names under which browsers know this server, with commas between."
+    )
+    session_idle_minutes: float = Field(
+        default=480, gt=0, le=44_640, description="A session ends when nothing was asked for so long."
+    )
+    session_hours: float = Field(default=24, gt=0, le=744, description="A session ends after so long whatever happens.")
+    password_memory_kib: int = Field(
+        default=65_536,
+        ge=8,
+        le=4_194_304,
+        description="Memory of one password hash (argon2id); less than 19456 is weak.",
+    )
+    password_passes: int = Field(default=3, ge=1, le=100, description="Passes of one password hash (argon2id).")
     catalogue_watch_days: float = Field(
         default=5.0, ge=0, le=366, description="Days before the active catalogue expires at which the alarm begins."
     )

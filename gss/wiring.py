@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from datetime import timedelta
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
+from gss.operations.accounts.accounts import AccountService
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.passwords import Passwords
+from gss.operations.accounts.sign_in import Lifetimes
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.catalogues.design import DesignService
 from gss.operations.catalogues.star_lists import StarListService
@@ -21,6 +26,7 @@ from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
 from gss.operations.frames.frames import FrameService
+from gss.operations.frames.place import PlaceService
 from gss.operations.frames.replay import ReplayService
 from gss.operations.frames.rerun_viewer import RerunViewer
 from gss.operations.frames.solve import Solver, SolverCache
@@ -91,6 +97,9 @@ class Services:
     design: DesignService
     calibrations: CalibrationService
     analyses: AnalysisService
+    place: PlaceService
+    accounts: AccountService
+    audit: AuditService
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
@@ -122,6 +131,13 @@ class Services:
         self.jobs.stop()
         self.reprocessing.stop()
         self.database.close()
+
+
+def make_accounts(settings: Settings, database: Database) -> AccountService:
+    """Users, sign-in and tokens; the shell needs nothing else of the server."""
+    passwords = Passwords(settings.password_passes, settings.password_memory_kib)
+    lifetimes = Lifetimes(timedelta(minutes=settings.session_idle_minutes), timedelta(hours=settings.session_hours))
+    return AccountService(database, utc_now, monotonic_s, passwords, lifetimes)
 
 
 def build(settings: Settings) -> Services:
@@ -227,4 +243,7 @@ def build(settings: Settings) -> Services:
         design=DesignService(jobs, stars),
         calibrations=calibrations,
         analyses=analyses,
+        accounts=make_accounts(settings, database),
+        audit=AuditService(database, utc_now),
+        place=PlaceService(dictionary, database, bank_history, schedule.clock),
     )

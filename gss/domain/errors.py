@@ -42,3 +42,21 @@ class StoreDown(GssError):
 
 class CorruptData(GssError):
     """Stored or received bytes fail their own check."""
+
+
+class NotSignedIn(GssError):
+    """Nobody has proved who they are."""
+
+
+class NotPermitted(GssError):
+    """Whoever asks has not the role for it."""
+
+
+class TooOften(GssError):
+    """Too many tries; the next one is heard after ``retry_after_s``."""
+
+    def __init__(
+        self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0
+    ) -> None:
+        super().__init__(message, expected=expected, got=got, hint=hint)
+        self.retry_after_s = retry_after_s

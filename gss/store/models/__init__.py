@@ -1,5 +1,6 @@
 """The tables, by aggregate. Importing this room is what makes all of them known."""
 
+from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, User
 from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
@@ -10,6 +11,8 @@ from gss.store.models.studies import Analysis, Calibration
 __all__ = [
     "Alarm",
     "Analysis",
+    "ApiToken",
+    "AuditRow",
     "Authority",
     "BankHistory",
     "Base",
@@ -24,11 +27,14 @@ __all__ = [
     "Event",
     "Frame",
     "Job",
+    "OneTimeLink",
+    "SignIn",
     "Solution",
     "Stack",
     "StackRun",
     "StarList",
     "TelemetryPacket",
     "Transfer",
+    "User",
     "UtcDateTime",
 ]

@@ -1,0 +1,100 @@
+"""All of it together: who a request comes from, and whether that still holds."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+from gss.domain.errors import NotFound
+from gss.operations.accounts.attempts import BY_TOKEN_ADDRESS, Attempts
+from gss.operations.accounts.identity import TOKEN_PREFIX, Who
+from gss.operations.accounts.passwords import Passwords
+from gss.operations.accounts.permissions import not_permitted, permissions_of
+from gss.operations.accounts.secrets import key_hash
+from gss.operations.accounts.sign_in import Lifetimes, SignInService
+from gss.operations.accounts.tokens import TokenService
+from gss.operations.accounts.users import UserService
+from gss.operations.clock import Monotonic, Now
+from gss.store.engine import Database
+
+REMEMBERED_S = 1.0
+"""So long an identity is taken as it was last read. What this process changes counts at once, other processes' within it."""
+MOST_REMEMBERED = 1000
+
+
+class AccountService:
+    """The door. ``users``, ``sessions`` and ``tokens`` keep the rows."""
+
+    def __init__(
+        self,
+        database: Database,
+        now: Now,
+        monotonic_s: Monotonic,
+        passwords: Passwords,
+        lifetimes: Lifetimes | None = None,
+    ) -> None:
+        self._monotonic_s = monotonic_s
+        self.attempts = Attempts(monotonic_s)
+        self.passwords = passwords
+        self.users = UserService(database, passwords, now)
+        self.sessions = SignInService(database, passwords, self.attempts, now, lifetimes or Lifetimes())
+        self.tokens = TokenService(database, now)
+        self._remembered: OrderedDict[str, tuple[float, Who]] = OrderedDict()
+        self._lock = threading.Lock()
+        self.users.changed = self.sessions.changed = self.tokens.changed = self._forget
+
+    def _forget(self) -> None:
+        """Users, sessions or tokens changed: what was read of them may no longer hold."""
+        with self._lock:
+            self._remembered.clear()
+
+    def who_has_cookie(self, key: str) -> Who | None:
+        """Whose session; None where it is none."""
+        return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key))
+
+    def who_has_token(self, key: str, address: str) -> Who | None:
+        """Whose token; None where it is worth nothing, TooOften where too many bad ones came from that address."""
+        hashed = f"token {key_hash(key)}"
+        who = self._recall(hashed, lambda: self.tokens.who(key))
+        if who is None:
+            self.attempts.begin([(f"token {address}", BY_TOKEN_ADDRESS)])
+        return who
+
+    def why_over(self, who: Who) -> str:
+        """Why session or token are worth nothing any more; "" while they are. For what stays open: ask every few seconds."""
+        try:
+            over = self.sessions.why_over(who.key_id) if who.kind == "session" else self.tokens.why_over(who.key_id)
+        except NotFound:
+            return "it was removed"
+        return over
+
+    def require(self, name: str, wanted: str) -> None:
+        """NotPermitted unless whoever goes by that name may do it now: for what goes on after the request has ended."""
+        role, permissions = self._permissions(name)
+        if wanted not in permissions:
+            raise not_permitted(wanted, role)
+
+    def _permissions(self, name: str) -> tuple[str, frozenset[str]]:
+        if name.startswith(TOKEN_PREFIX):
+            token = self.tokens.named(name.removeprefix(TOKEN_PREFIX))
+            return ("", frozenset()) if token is None else (token.role, token.permissions)
+        user = self.users.named(name)
+        if user is None or not user.enabled:
+            return "", frozenset()
+        return user.role, permissions_of(user.role)
+
+    def _recall(self, hashed: str, look: Callable[[], Who | None]) -> Who | None:
+        with self._lock:
+            at_s, known = self._remembered.get(hashed, (0.0, None))
+            if known is not None and self._monotonic_s() - at_s < REMEMBERED_S:
+                return known
+        read_s = self._monotonic_s()
+        who = look()
+        with self._lock:
+            self._remembered.pop(hashed, None)
+            if who is not None:
+                self._remembered[hashed] = (read_s, who)
+            while len(self._remembered) > MOST_REMEMBERED:
+                self._remembered.popitem(last=False)
+        return who

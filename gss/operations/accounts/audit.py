@@ -1,0 +1,136 @@
+"""The record of who did what, when, from where, and how it ended. It only grows: the database refuses to change or remove a row,
+and each row carries the hash of the one before, so that a changed or missing one shows."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from sqlalchemy.exc import IntegrityError
+
+from gss.domain.errors import StoreDown
+from gss.operations.clock import Now, iso_z
+from gss.store import audit as store
+from gss.store.audit import AuditFilter
+from gss.store.engine import Database
+from gss.store.models import AuditRow
+
+Result = Literal["done", "denied", "failed"]
+FIRST = "0" * 64
+"""What the first row follows."""
+TRIES = 50
+FIELDS = ("seq", "at", "who", "role", "action", "target", "result", "detail", "address", "previous", "hash")
+FORMATS = {"jsonl": "application/x-ndjson", "csv": "text/csv"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What reading the whole record showed. ``problem`` is "" when it is whole; ``last_hash`` is worth noting elsewhere: a
+    record whose end was cut off is whole in itself."""
+
+    rows: int
+    last_hash: str
+    problem: str
+
+
+class AuditService:
+    """Writes and reads the record; several processes may write at the same time."""
+
+    def __init__(self, database: Database, now: Now) -> None:
+        self._database, self._now = database, now
+
+    def record(
+        self, who: str, action: str, target: str, result: Result, detail: str = "", *, role: str = "", address: str = ""
+    ) -> int:
+        """Append a row; its number."""
+        words = (_fit(who, 80), _fit(role, 20), _fit(action, 60), _fit(target, 200), result, _fit(detail, 2000))
+        for _ in range(TRIES):
+            try:
+                return self._append(*words, _fit(address, 60))
+            except IntegrityError:
+                continue  # somebody else's row came between: follow that one
+        raise StoreDown("the audit record cannot be written now", hint="look at disk space and locks")
+
+    def _append(self, who: str, role: str, action: str, target: str, result: str, detail: str, address: str) -> int:
+        with self._database.unit_of_work() as session:
+            before = store.last(session)
+            row = AuditRow(
+                seq=before.seq + 1 if before else 1,
+                at=self._now(),
+                who=who,
+                role=role,
+                action=action,
+                target=target,
+                result=result,
+                detail=detail,
+                address=address,
+                previous=before.hash if before else FIRST,
+                hash="",
+            )
+            row.hash = hash_of(row)
+            store.add(session, row)
+            return row.seq
+
+    def page(self, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
+        """Newest first, those below ``before``."""
+        with self._database.unit_of_work() as session:
+            return store.page(session, wanted, limit, before)
+
+    def export(self, kind: str, wanted: AuditFilter | None = None) -> Iterator[str]:
+        """All that fits, oldest first, as JSON lines or CSV, a piece at a time."""
+        with self._database.unit_of_work() as session:
+            if kind == "csv":
+                yield _csv_line(FIELDS)
+            for row in store.every(session, wanted or AuditFilter()):
+                values = row_values(row)
+                if kind == "csv":
+                    yield _csv_line([_harmless(str(values[field])) for field in FIELDS])
+                else:
+                    yield json.dumps(values, ensure_ascii=False) + "\n"
+
+    def verify(self, known_hash: str = "") -> Verdict:
+        """Read the whole record and compute every hash again. ``known_hash``: of a row noted earlier, which must be there."""
+        seq, previous, seen = 0, FIRST, not known_hash
+        with self._database.unit_of_work() as session:
+            for row in store.every(session, AuditFilter()):
+                if row.seq != seq + 1:
+                    return Verdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
+                if row.previous != previous:
+                    return Verdict(seq, previous, f"row {row.seq} does not follow row {seq}")
+                if row.hash != hash_of(row):
+                    return Verdict(seq, previous, f"row {row.seq} was changed")
+                seq, previous = row.seq, row.hash
+                seen = seen or row.hash == known_hash
+        return Verdict(seq, previous, "" if seen else "no row has the hash that was noted: the end was cut off")
+
+
+def hash_of(row: AuditRow) -> str:
+    """SHA-256 over everything that a row says, and over the one before."""
+    values = [str(value) for field, value in row_values(row).items() if field != "hash"]
+    return hashlib.sha256(json.dumps(values, ensure_ascii=True).encode()).hexdigest()
+
+
+def row_values(row: AuditRow) -> dict[str, str | int]:
+    """A row in plain words."""
+    return {field: iso_z(row.at) if field == "at" else getattr(row, field) for field in FIELDS}
+
+
+def _fit(text: str, most: int) -> str:
+    """What came from outside may be long, and hold control characters that would forge a line where it is printed."""
+    return "".join(c if c.isprintable() else "�" for c in text.encode("utf-8", "replace").decode())[:most]
+
+
+def _harmless(text: str) -> str:
+    """A spreadsheet must not take it for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text
+
+
+def _csv_line(values: tuple[str, ...] | list[str]) -> str:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(values)
+    return line.getvalue()

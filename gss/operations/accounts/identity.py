@@ -1,0 +1,33 @@
+"""Who asks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from gss.operations.accounts.permissions import permitted, require
+
+TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
+
+
+@dataclass(frozen=True)
+class Who:
+    """Somebody who proved who they are. ``kind``: session or token, ``key_id`` its row. ``csrf``: what a page must send with a
+    change; "" for a token, which no browser sends by itself. ``expires``: the end of session or token."""
+
+    name: str
+    role: str
+    permissions: frozenset[str]
+    kind: str
+    key_id: int
+    user_id: int | None
+    csrf: str
+    expires: datetime
+
+    def may(self, wanted: str) -> bool:
+        """Is it permitted?"""
+        return permitted(self.permissions, wanted)
+
+    def require(self, wanted: str) -> None:
+        """NotPermitted otherwise."""
+        require(self.permissions, wanted, self.role)

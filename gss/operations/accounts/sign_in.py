@@ -1,0 +1,171 @@
+"""Signing in and out. Sessions live on the server; the browser holds a random key in a cookie, the database its hash."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from gss.domain.errors import NotSignedIn
+from gss.operations.accounts.attempts import BY_ADDRESS, BY_NAME, Attempts, Brake
+from gss.operations.accounts.identity import Who
+from gss.operations.accounts.passwords import Passwords
+from gss.operations.accounts.permissions import permissions_of
+from gss.operations.accounts.secrets import csrf_of, key_hash, new_key
+from gss.operations.clock import Now
+from gss.store import accounts as store
+from gss.store.engine import Database
+from gss.store.models import SignIn, User
+
+SEEN_EVERY = timedelta(minutes=1)
+"""``last_seen`` is written no more often."""
+KNOWN_FOR = timedelta(days=90)
+"""From an address from which somebody signed in lately, others' guesses at the name do not make them wait."""
+
+
+@dataclass(frozen=True)
+class Lifetimes:
+    """A session ends when nothing was asked for ``idle``, and after ``longest`` whatever happens."""
+
+    idle: timedelta = timedelta(hours=8)
+    longest: timedelta = timedelta(hours=24)
+
+
+@dataclass(frozen=True)
+class NewSession:
+    """A session's key for the cookie, told once, and whose it is."""
+
+    key: str
+    who: Who
+
+
+class SignInService:
+    """Opens, knows and ends sessions."""
+
+    def __init__(
+        self, database: Database, passwords: Passwords, attempts: Attempts, now: Now, lifetimes: Lifetimes
+    ) -> None:
+        self._database, self._passwords, self._attempts, self._now = database, passwords, attempts, now
+        self._lifetimes = lifetimes
+        self.changed: Callable[[], None] = lambda: None
+
+    def sign_in(self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "") -> NewSession:
+        """A new session; NotSignedIn says neither whether the name exists nor what was wrong. ``old_key``: the session that
+        the browser had, which ends: a key that was there before signing in is never worth anything after it."""
+        row = self._named(name)
+        keys = self._brakes(name, row, address)
+        self._attempts.begin(keys)
+        fits = self._passwords.verify(row.password_hash if row and row.enabled else "", password)
+        if row is None or not row.enabled or not fits:
+            raise NotSignedIn("name and password do not fit", hint="try again; an admin can give you a new link")
+        self._attempts.passed(keys)
+        self._attempts.forget(_name_key(name))
+        if self._passwords.outdated(row.password_hash):
+            self._rehash(row.id, password)
+        if old_key:
+            self.sign_out(old_key)
+        return self.begin(row.id, address=address, agent=agent)
+
+    def check_password(self, who: Who, password: str, *, address: str) -> None:
+        """NotSignedIn unless it is theirs; as slow for guessers as signing in."""
+        row = self._named(who.name)
+        keys = self._brakes(who.name, row, address)
+        self._attempts.begin(keys)
+        if not self._passwords.verify(row.password_hash if row else "", password):
+            raise NotSignedIn("the old password does not fit", hint="try again, or ask an admin for a link")
+        self._attempts.passed(keys)
+
+    def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
+        """A session with a new key, for somebody who has just proved who they are."""
+        now, key = self._now(), new_key()
+        with self._database.unit_of_work() as session:
+            user = store.user(session, user_id)
+            user.last_sign_in = now
+            row = SignIn(
+                user_id=user.id,
+                key_hash=key_hash(key),
+                created=now,
+                last_seen=now,
+                expires=now + self._lifetimes.longest,
+                ended=None,
+                end_reason="",
+                address=address[:60],
+                agent="".join(c for c in agent if c.isprintable())[:200],
+            )
+            session.add(row)
+            session.flush()
+            return NewSession(key, _who(row, user, csrf_of(key)))
+
+    def sign_out(self, key: str) -> None:
+        """End the session of that key, if it is one."""
+        with self._database.unit_of_work() as session:
+            found = store.sign_in_of(session, key_hash(key))
+            if found is not None and found[0].ended is None:
+                found[0].ended, found[0].end_reason = self._now(), "signed out"
+        self.changed()
+
+    def end(self, sign_in_id: int, *, by: str) -> None:
+        """End somebody's session."""
+        with self._database.unit_of_work() as session:
+            row, _ = store.sign_in(session, sign_in_id)
+            if row.ended is None:
+                row.ended, row.end_reason = self._now(), f"ended by {by}"[:60]
+        self.changed()
+
+    def living(self) -> list[tuple[SignIn, User]]:
+        """Open sessions with their users."""
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._why_over(s, u, now)]
+
+    def who(self, key: str) -> Who | None:
+        """Whose session that is; None where it has ended or never was."""
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            found = store.sign_in_of(session, key_hash(key))
+            if found is None or self._why_over(*found, now):
+                return None
+            row, user = found
+            if now - row.last_seen >= SEEN_EVERY:
+                row.last_seen = now
+            return _who(row, user, csrf_of(key))
+
+    def why_over(self, sign_in_id: int) -> str:
+        """Why a session is over; "" while it lives."""
+        with self._database.unit_of_work() as session:
+            return self._why_over(*store.sign_in(session, sign_in_id), self._now())
+
+    def _why_over(self, row: SignIn, user: User, now: datetime) -> str:
+        if row.ended is not None:
+            return row.end_reason or "ended"
+        if not user.enabled:
+            return "the user was switched off"
+        if now >= row.expires:
+            return "signed in too long ago"
+        return "nothing was asked for too long" if now - row.last_seen >= self._lifetimes.idle else ""
+
+    def _named(self, name: str) -> User | None:
+        with self._database.unit_of_work() as session:
+            return store.user_named(session, name)
+
+    def _brakes(self, name: str, row: User | None, address: str) -> list[tuple[str, Brake]]:
+        """By address always. By name too, unless this user is known to sign in from there: else anybody could keep the only
+        admin waiting for good by failing under that name from everywhere."""
+        keys = [(f"address {address}", BY_ADDRESS), (f"pair {name.lower()} {address}", BY_NAME)]
+        with self._database.unit_of_work() as session:
+            known = row is not None and store.signed_in_from(session, row.id, address, self._now() - KNOWN_FOR)
+        return keys if known else [*keys, (_name_key(name), BY_NAME)]
+
+    def _rehash(self, user_id: int, password: str) -> None:
+        hashed = self._passwords.hash(password)
+        with self._database.unit_of_work() as session:
+            store.user(session, user_id).password_hash = hashed
+
+
+def _name_key(name: str) -> str:
+    return f"name {name.lower()}"
+
+
+def _who(row: SignIn, user: User, csrf: str) -> Who:
+    permissions = permissions_of(user.role)
+    return Who(user.name, user.role, permissions, "session", row.id, user.id, csrf, row.expires)

@@ -1,0 +1,132 @@
+"""Tokens: keys for programs, with a role, an end, and a name under which their deeds are on the record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from gss.domain.errors import BadInput, Conflict
+from gss.operations.accounts.identity import TOKEN_PREFIX, Who
+from gss.operations.accounts.permissions import checked_role, permissions_of
+from gss.operations.accounts.secrets import LONGEST, TOKEN_MARK, key_hash, new_token
+from gss.operations.clock import Now
+from gss.store import accounts as store
+from gss.store.engine import Database
+from gss.store.models import ApiToken, User
+
+LONGEST_NAME = 50
+LONGEST_DAYS = 366
+SEEN_EVERY = timedelta(minutes=1)
+
+
+@dataclass(frozen=True)
+class NewToken:
+    """A token's key, told once, and its row."""
+
+    key: str
+    row: ApiToken
+
+
+class TokenService:
+    """Makes, knows and revokes tokens."""
+
+    def __init__(self, database: Database, now: Now) -> None:
+        self._database, self._now = database, now
+        self.changed: Callable[[], None] = lambda: None
+
+    def every(self) -> list[ApiToken]:
+        """Newest first, revoked ones too."""
+        with self._database.unit_of_work() as session:
+            return store.tokens(session)
+
+    def add(
+        self, name: str, role: str, days: float, *, by: str, owner_id: int | None = None, scopes: Sequence[str] = ()
+    ) -> NewToken:
+        """A new token. ``scopes`` narrow the role. It dies with its owner's account; one made in the shell has none."""
+        granted = permissions_of(checked_role(role))
+        if not 0 < len(name) <= LONGEST_NAME or not name.isprintable() or name.strip() != name:
+            raise BadInput("a token needs a name", expected=f"1 – {LONGEST_NAME} printable characters")
+        if not 0 < days <= LONGEST_DAYS:
+            raise BadInput("a token has an end", expected=f"up to {LONGEST_DAYS} days", got=f"{days:g}")
+        strange = sorted(set(scopes) - granted)
+        if strange:
+            raise BadInput(f"the role {role} has not all of these permissions", got=", ".join(strange)[:200])
+        now, key = self._now(), new_token()
+        with self._database.unit_of_work() as session:
+            if store.living_token(session, name, now) is not None:
+                raise Conflict("another token has this name", got=name, hint="take another name, or revoke that one")
+            row = ApiToken(
+                name=name,
+                role=role,
+                scopes=sorted(set(scopes)),
+                owner_id=owner_id,
+                key_hash=key_hash(key),
+                created=now,
+                created_by=by,
+                expires=now + timedelta(days=days),
+                revoked=None,
+                last_used=None,
+            )
+            session.add(row)
+            session.flush()
+        return NewToken(key, row)
+
+    def revoke(self, token_id: int) -> ApiToken:
+        """It is worth nothing from now on."""
+        with self._database.unit_of_work() as session:
+            row, _ = store.token(session, token_id)
+            row.revoked = row.revoked or self._now()
+        self.changed()
+        return row
+
+    def revoke_named(self, name: str) -> ApiToken:
+        """The same for the living token of that name."""
+        with self._database.unit_of_work() as session:
+            found = store.living_token(session, name, self._now())
+            if found is None:
+                raise Conflict("no living token has this name", got=name[:60])
+            found[0].revoked = self._now()
+        self.changed()
+        return found[0]
+
+    def who(self, key: str) -> Who | None:
+        """Whose token that is; None where it is worth nothing."""
+        if not key.startswith(TOKEN_MARK) or len(key) > LONGEST:
+            return None
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            found = store.token_of(session, key_hash(key))
+            if found is None or _why_over(*found, now):
+                return None
+            row = found[0]
+            if row.last_used is None or now - row.last_used >= SEEN_EVERY:
+                row.last_used = now
+            return _who(row)
+
+    def named(self, name: str) -> Who | None:
+        """The identity of the living token of that name (without the prefix)."""
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            found = store.living_token(session, name, now)
+            return None if found is None or _why_over(*found, now) else _who(found[0])
+
+    def why_over(self, token_id: int) -> str:
+        """Why a token is worth nothing; "" while it is."""
+        with self._database.unit_of_work() as session:
+            return _why_over(*store.token(session, token_id), self._now())
+
+
+def _why_over(row: ApiToken, owner: User | None, now: datetime) -> str:
+    if row.revoked is not None:
+        return "the token was revoked"
+    if now >= row.expires:
+        return "the token's time is over"
+    if owner is not None and not (owner.enabled and owner.role == "admin"):
+        return "who made the token may not do so any more"
+    return ""
+
+
+def _who(row: ApiToken) -> Who:
+    permissions = permissions_of(row.role, row.scopes)
+    return Who(TOKEN_PREFIX + row.name, row.role, permissions, "token", row.id, row.owner_id, "", row.expires)

@@ -1,0 +1,205 @@
+"""Users: made, given a role, switched off and on; and the one-time links with which they set their password."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import BadInput, Conflict, NotPermitted
+from gss.operations.accounts.identity import TOKEN_PREFIX
+from gss.operations.accounts.passwords import Passwords
+from gss.operations.accounts.permissions import checked_role
+from gss.operations.accounts.secrets import key_hash, new_key
+from gss.operations.clock import Now
+from gss.operations.commanding.authority import checked_user
+from gss.store import accounts as store
+from gss.store.engine import Database
+from gss.store.models import OneTimeLink, User
+
+SETUP, PASSWORD = "setup", "password"
+SETUP_LASTS = timedelta(hours=1)
+PASSWORD_LASTS = timedelta(hours=24)
+OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown")
+"""Names under which software or nobody is on the record."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A one-time key that is told once, and its end."""
+
+    key: str
+    expires: datetime
+
+
+class UserService:
+    """Keeps users. The name of who does it is on their rows."""
+
+    def __init__(self, database: Database, passwords: Passwords, now: Now) -> None:
+        self._database, self._passwords, self._now = database, passwords, now
+        self.changed: Callable[[], None] = lambda: None
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def every(self) -> list[User]:
+        """By name."""
+        with self._database.unit_of_work() as session:
+            return store.users(session)
+
+    def get(self, user_id: int) -> User:
+        """The user of that id."""
+        with self._database.unit_of_work() as session:
+            return store.user(session, user_id)
+
+    def named(self, name: str) -> User | None:
+        """The user of that name."""
+        with self._database.unit_of_work() as session:
+            return store.user_named(session, name)
+
+    def set_up_needed(self) -> bool:
+        """Is there nobody yet?"""
+        with self._database.unit_of_work() as session:
+            return not store.any_user(session)
+
+    # --- making -------------------------------------------------------------------------------------------------
+
+    def add(self, name: str, role: str, *, by: str, password: str = "") -> User:
+        """A new user; Conflict where the name is taken. Without a password a link is needed before the first sign-in."""
+        checked_role(role)
+        hashed = self._hashed(password, name) if password else ""
+        try:
+            with self._database.unit_of_work() as session:
+                return self._add(session, name, role, hashed, by)
+        except IntegrityError:
+            raise _taken(name) from None
+
+    def set_up(self, key: str, name: str, password: str) -> User:
+        """The first admin, by the link that the server printed at its start."""
+        checked_name(name)
+        self._fresh(SETUP, key)
+        hashed = self._hashed(password, name)
+        with self._database.unit_of_work() as session:
+            if store.take_link(session, SETUP, key_hash(key), self._now()) is None or store.any_user(session):
+                raise _used_link()
+            return self._add(session, name, "admin", hashed, "set-up link")
+
+    def _add(self, session: Session, name: str, role: str, hashed: str, by: str) -> User:
+        if store.user_named(session, checked_name(name)) is not None:
+            raise _taken(name)
+        now = self._now()
+        row = User(
+            name=name,
+            role=role,
+            enabled=True,
+            password_hash=hashed,
+            created=now,
+            created_by=by,
+            password_changed=now if hashed else None,
+            last_sign_in=None,
+        )
+        session.add(row)
+        session.flush()
+        return row
+
+    def _hashed(self, password: str, name: str) -> str:
+        self._passwords.check_new(password, name)
+        return self._passwords.hash(password)
+
+    # --- changing -----------------------------------------------------------------------------------------------
+
+    def change(self, user_id: int, *, role: str | None = None, enabled: bool | None = None) -> User:
+        """Another role, on or off; the last admin stays one. Switching off ends all sessions."""
+        if role is not None:
+            checked_role(role)
+        with self._database.unit_of_work() as session:
+            row = store.user(session, user_id)
+            was_admin = row.role == "admin" and row.enabled
+            row.role = row.role if role is None else role
+            row.enabled = row.enabled if enabled is None else enabled
+            session.flush()
+            if was_admin and store.enabled_admins(session) == 0:
+                raise Conflict("the last admin must stay one", hint="make another user an admin first")
+            if not row.enabled:
+                store.end_sign_ins(session, row.id, self._now(), "the user was switched off")
+                store.void_links(session, PASSWORD, row.id, self._now())
+        self.changed()
+        return row
+
+    def set_password(self, user_id: int, password: str) -> User:
+        """Another password; every session of this user ends, and no link is good any more."""
+        hashed = self._hashed(password, self.get(user_id).name)
+        with self._database.unit_of_work() as session:
+            row = self._store_password(session, user_id, hashed)
+        self.changed()
+        return row
+
+    def set_password_by_link(self, key: str, password: str) -> User:
+        """A password by a one-time link; NotPermitted where it was used, is too old or never was."""
+        row = self.get(self._fresh(PASSWORD, key).user_id or 0)
+        hashed = self._hashed(password, row.name)
+        with self._database.unit_of_work() as session:
+            if store.take_link(session, PASSWORD, key_hash(key), self._now()) is None:
+                raise _used_link()
+            row = self._store_password(session, row.id, hashed)
+        self.changed()
+        return row
+
+    def _fresh(self, kind: str, key: str) -> OneTimeLink:
+        """The link before anything slow is done for it; it is used up later, in one step with what it is for."""
+        with self._database.unit_of_work() as session:
+            link = store.fresh_link(session, kind, key_hash(key), self._now())
+        if link is None:
+            raise _used_link()
+        return link
+
+    def _store_password(self, session: Session, user_id: int, hashed: str) -> User:
+        row = store.user(session, user_id)
+        row.password_hash, row.password_changed = hashed, self._now()
+        store.end_sign_ins(session, row.id, self._now(), "the password was changed")
+        store.void_links(session, PASSWORD, row.id, self._now())
+        return row
+
+    # --- links --------------------------------------------------------------------------------------------------
+
+    def set_up_link(self) -> Link | None:
+        """A new set-up link in place of those before; None when there is a user already."""
+        with self._database.unit_of_work() as session:
+            if store.any_user(session):
+                return None
+            return self._link(session, SETUP, None, SETUP_LASTS)
+
+    def password_link(self, user_id: int) -> Link:
+        """A new link for a user's password in place of those before."""
+        with self._database.unit_of_work() as session:
+            if not store.user(session, user_id).enabled:
+                raise Conflict("this user is switched off", hint="switch it on first")
+            return self._link(session, PASSWORD, user_id, PASSWORD_LASTS)
+
+    def _link(self, session: Session, kind: str, user_id: int | None, lasts: timedelta) -> Link:
+        now, key = self._now(), new_key()
+        store.void_links(session, kind, user_id, now)
+        store.add_link(session, kind, user_id, key_hash(key), now, now + lasts)
+        return Link(key, now + lasts)
+
+
+def checked_name(name: str) -> str:
+    """A name for a person: printable, not that of software."""
+    checked_user(name)
+    if name.lower() in OF_SOFTWARE or name.lower().startswith(TOKEN_PREFIX):
+        raise BadInput("this name belongs to software", expected="another name", got=name)
+    return name
+
+
+def _taken(name: str) -> Conflict:
+    return Conflict("another user has this name", got=name, hint="take another name")
+
+
+def _used_link() -> NotPermitted:
+    return NotPermitted(
+        "this link cannot be used",
+        expected="a link that is fresh and was not used",
+        hint="ask an admin for a new one; before the first user is made, start the server again: it prints a new link",
+    )

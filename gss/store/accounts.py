@@ -1,0 +1,142 @@
+"""Users, sign-ins, tokens and one-time links."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, exists, func, select, update
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import ApiToken, OneTimeLink, SignIn, User
+
+# --- users --------------------------------------------------------------------------------------------------------
+
+
+def any_user(session: Session) -> bool:
+    """Is there anybody, with a password or not?"""
+    return bool(session.scalar(select(exists().where(User.id > 0))))
+
+
+def users(session: Session) -> list[User]:
+    """By name."""
+    return list(session.scalars(select(User).order_by(User.name)))
+
+
+def user(session: Session, user_id: int) -> User:
+    """The user of that id."""
+    row = session.get(User, user_id)
+    if row is None:
+        raise NotFound("no such user", got=str(user_id))
+    return row
+
+
+def user_named(session: Session, name: str) -> User | None:
+    """The user of that name, whatever its letters' case."""
+    return session.scalar(select(User).where(func.lower(User.name) == name.lower()))
+
+
+def enabled_admins(session: Session) -> int:
+    """How many can still run this server."""
+    return session.scalar(select(func.count()).where(User.role == "admin", User.enabled.is_(True))) or 0
+
+
+# --- sign-ins -----------------------------------------------------------------------------------------------------
+
+
+def sign_in_of(session: Session, key_hash: str) -> tuple[SignIn, User] | None:
+    """The session of that key and its user."""
+    row = session.execute(select(SignIn, User).join(User).where(SignIn.key_hash == key_hash)).first()
+    return None if row is None else (row[0], row[1])
+
+
+def sign_in(session: Session, sign_in_id: int) -> tuple[SignIn, User]:
+    """The session of that id and its user."""
+    row = session.execute(select(SignIn, User).join(User).where(SignIn.id == sign_in_id)).first()
+    if row is None:
+        raise NotFound("no such session", got=str(sign_in_id))
+    return row[0], row[1]
+
+
+def open_sign_ins(session: Session, now: datetime) -> list[tuple[SignIn, User]]:
+    """Those that have not ended, the last seen first."""
+    query = select(SignIn, User).join(User).where(SignIn.ended.is_(None), SignIn.expires > now)
+    return [(row[0], row[1]) for row in session.execute(query.order_by(SignIn.last_seen.desc()))]
+
+
+def end_sign_ins(session: Session, user_id: int, now: datetime, reason: str) -> None:
+    """End every session of a user."""
+    mine = (SignIn.user_id == user_id, SignIn.ended.is_(None))
+    session.execute(update(SignIn).where(*mine).values(ended=now, end_reason=reason))
+
+
+def signed_in_from(session: Session, user_id: int, address: str, since: datetime) -> bool:
+    """Has this user signed in from there before?"""
+    found = exists().where(SignIn.user_id == user_id, SignIn.address == address, SignIn.created >= since)
+    return bool(session.scalar(select(found)))
+
+
+# --- tokens -------------------------------------------------------------------------------------------------------
+
+
+def token_of(session: Session, key_hash: str) -> tuple[ApiToken, User | None] | None:
+    """The token of that key and who made it."""
+    query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
+    row = session.execute(query.where(ApiToken.key_hash == key_hash)).first()
+    return None if row is None else (row[0], row[1])
+
+
+def token(session: Session, token_id: int) -> tuple[ApiToken, User | None]:
+    """The token of that id and who made it."""
+    query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
+    row = session.execute(query.where(ApiToken.id == token_id)).first()
+    if row is None:
+        raise NotFound("no such token", got=str(token_id))
+    return row[0], row[1]
+
+
+def tokens(session: Session) -> list[ApiToken]:
+    """Newest first."""
+    return list(session.scalars(select(ApiToken).order_by(ApiToken.id.desc())))
+
+
+def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, User | None] | None:
+    """The token of that name that can still be used."""
+    query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
+    living = (ApiToken.name == name, ApiToken.revoked.is_(None), ApiToken.expires > now)
+    row = session.execute(query.where(*living).order_by(ApiToken.id.desc())).first()
+    return None if row is None else (row[0], row[1])
+
+
+# --- one-time links -----------------------------------------------------------------------------------------------
+
+
+def add_link(
+    session: Session, kind: str, user_id: int | None, key_hash: str, created: datetime, expires: datetime
+) -> None:
+    """A fresh link."""
+    session.add(OneTimeLink(kind=kind, user_id=user_id, key_hash=key_hash, created=created, expires=expires, used=None))
+    session.flush()
+
+
+def void_links(session: Session, kind: str, user_id: int | None, now: datetime) -> None:
+    """Links of that kind (of that user) can no longer be used."""
+    unused = (OneTimeLink.kind == kind, OneTimeLink.user_id == user_id, OneTimeLink.used.is_(None))
+    session.execute(update(OneTimeLink).where(*unused).values(used=now))
+
+
+def fresh_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
+    """The link of that key while it can be used."""
+    return session.scalar(select(OneTimeLink).where(*_fresh(kind, key_hash, now)))
+
+
+def take_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
+    """Use a link up: of two who try at the same time one gets it. None where it is used, too old or none."""
+    fresh = update(OneTimeLink).where(*_fresh(kind, key_hash, now)).values(used=now).returning(OneTimeLink.id)
+    taken = session.execute(fresh).scalar()
+    return None if taken is None else session.get(OneTimeLink, taken)
+
+
+def _fresh(kind: str, key_hash: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
+    mine = (OneTimeLink.kind == kind, OneTimeLink.key_hash == key_hash)
+    return (*mine, OneTimeLink.used.is_(None), OneTimeLink.expires > now)

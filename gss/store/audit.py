@@ -1,0 +1,63 @@
+"""The audit record: rows are added and read, never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from gss.store.models import AuditRow
+
+BATCH = 500
+
+
+@dataclass(frozen=True)
+class AuditFilter:
+    """Which rows: of one who, action (its beginning), result; "" is any."""
+
+    who: str = ""
+    action: str = ""
+    result: str = ""
+
+    def apply(self, query: Select[Any]) -> Select[Any]:
+        """The query with its conditions."""
+        if self.who:
+            query = query.where(AuditRow.who == self.who)
+        if self.action:
+            query = query.where(AuditRow.action.startswith(self.action, autoescape=True))
+        if self.result:
+            query = query.where(AuditRow.result == self.result)
+        return query
+
+
+def last(session: Session) -> AuditRow | None:
+    """The newest row."""
+    return session.scalar(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))
+
+
+def add(session: Session, row: AuditRow) -> None:
+    """Append a row; IntegrityError where another one took its place in the chain meanwhile."""
+    session.add(row)
+    session.flush()
+
+
+def page(session: Session, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
+    """Newest first, those below ``before``."""
+    query = wanted.apply(select(AuditRow)).order_by(AuditRow.seq.desc()).limit(limit)
+    return list(session.scalars(query if before is None else query.where(AuditRow.seq < before)))
+
+
+def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
+    """All that fit, oldest first, read in batches."""
+    seen = 0
+    while True:
+        query = wanted.apply(select(AuditRow)).where(AuditRow.seq > seen).order_by(AuditRow.seq).limit(BATCH)
+        rows = list(session.scalars(query))
+        yield from rows
+        if len(rows) < BATCH:
+            return
+        seen = rows[-1].seq
+        session.expunge_all()

@@ -1,0 +1,92 @@
+"""Who may use this server, and the record of what everybody did. Of every secret only the hash is kept."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, Index, String, Text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class User(Base):
+    """Somebody. ``password_hash`` is "" until the one-time link was used."""
+
+    __tablename__ = "users"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(60), unique=True)
+    role: Mapped[str] = mapped_column(String(20))
+    enabled: Mapped[bool]
+    password_hash: Mapped[str] = mapped_column(String(255))
+    created: Mapped[datetime]
+    created_by: Mapped[str] = mapped_column(String(60))
+    password_changed: Mapped[datetime | None]
+    last_sign_in: Mapped[datetime | None]
+
+
+class SignIn(Base):
+    """One session in a browser. ``expires``: its end whatever happens; it ends earlier where nothing was asked for long."""
+
+    __tablename__ = "sign_ins"
+    __table_args__ = (Index("ix_sign_ins_user_id_ended", "user_id", "ended"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    user_id: Mapped[int] = mapped_column(ForeignKey("users.id"))
+    key_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    created: Mapped[datetime]
+    last_seen: Mapped[datetime]
+    expires: Mapped[datetime]
+    ended: Mapped[datetime | None]
+    end_reason: Mapped[str] = mapped_column(String(60))
+    address: Mapped[str] = mapped_column(String(60))
+    agent: Mapped[str] = mapped_column(String(200))
+
+
+class ApiToken(Base):
+    """A program's key. ``scopes``: permissions of the role that it keeps; empty keeps all of them."""
+
+    __tablename__ = "api_tokens"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(50))
+    role: Mapped[str] = mapped_column(String(20))
+    scopes: Mapped[list[Any]]
+    owner_id: Mapped[int | None] = mapped_column(ForeignKey("users.id"))
+    key_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    created: Mapped[datetime]
+    created_by: Mapped[str] = mapped_column(String(60))
+    expires: Mapped[datetime]
+    revoked: Mapped[datetime | None]
+    last_used: Mapped[datetime | None]
+
+
+class OneTimeLink(Base):
+    """A link that works once. ``kind``: setup (no user yet) or password (of ``user_id``)."""
+
+    __tablename__ = "one_time_links"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str] = mapped_column(String(12))
+    user_id: Mapped[int | None] = mapped_column(ForeignKey("users.id"))
+    key_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    created: Mapped[datetime]
+    expires: Mapped[datetime]
+    used: Mapped[datetime | None]
+
+
+class AuditRow(Base):
+    """One line of the record; triggers refuse to change or remove it. ``hash`` covers all of it and ``previous``, the hash
+    of the line before: two lines can never follow the same one."""
+
+    __tablename__ = "audit"
+    __table_args__ = (Index("ix_audit_who_seq", "who", "seq"), Index("ix_audit_action_seq", "action", "seq"))
+    seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    at: Mapped[datetime]
+    who: Mapped[str] = mapped_column(String(80))
+    role: Mapped[str] = mapped_column(String(20))
+    action: Mapped[str] = mapped_column(String(60))
+    target: Mapped[str] = mapped_column(String(200))
+    result: Mapped[str] = mapped_column(String(10))
+    detail: Mapped[str] = mapped_column(Text)
+    address: Mapped[str] = mapped_column(String(60))
+    previous: Mapped[str] = mapped_column(String(64), unique=True)
+    hash: Mapped[str] = mapped_column(String(64))
