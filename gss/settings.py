@@ -23,6 +23,12 @@ class Settings(BaseSettings):
     )
     host: str = Field(default="127.0.0.1", description="Address to listen on. Only loopback addresses are accepted.")
     port: int = Field(default=8181, ge=0, le=65535, description="Port of the console; 0 takes a free one.")
+    workers: int = Field(
+        default=0,
+        ge=0,
+        le=16,
+        description="API worker processes beside the process that owns the line; 0: one process does everything.",
+    )
     device: str = Field(
         default="", description="Port of the sensor to open at start: a tty, socket:// or rfc2217:// URL."
     )
@@ -69,6 +75,10 @@ class Settings(BaseSettings):
     password_passes: int = Field(default=3, ge=1, le=100, description="Passes of one password hash (argon2id).")
     catalogue_watch_days: float = Field(
         default=5.0, ge=0, le=366, description="Days before the active catalogue expires at which the alarm begins."
+    )
+    cluster: str = Field(
+        default="",
+        description="URL of a Dask scheduler for reprocessing and campaigns; empty: processes of this machine.",
     )
     solve_chain: str = Field(default="reference", description="Chain that runs on every frame that comes down.")
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import timedelta
+from typing import Any
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import load_stars
@@ -42,8 +44,9 @@ from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.campaigns import CampaignService
 from gss.operations.studies.dark_frames import DarkFrames
+from gss.operations.studies.executor import Executor, make_executor
 from gss.operations.studies.night_frames import StoredShots
-from gss.operations.studies.reprocess import ReprocessService
+from gss.operations.studies.reprocess import WORKERS, ReprocessService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.transfers.bank_history import BankHistoryService
@@ -92,6 +95,7 @@ class Services:
     stack_runs: StackRunner
     campaigns: CampaignService
     reprocessing: ReprocessService
+    executor: Executor
     contacts: ContactService
     capture_replay: CaptureReplay
     design: DesignService
@@ -101,6 +105,8 @@ class Services:
     accounts: AccountService
     audit: AuditService
     stopping: threading.Event = field(default_factory=threading.Event)
+    workers: Callable[[], list[dict[str, Any]]] = list
+    """Number, process, seconds since its start and restarts of each API worker; none where this process answers itself."""
 
     def start(self) -> None:
         """Settle what the last server left behind, then open the line."""
@@ -129,7 +135,7 @@ class Services:
         self.replay.stop()
         self.frames.stop()
         self.jobs.stop()
-        self.reprocessing.stop()
+        self.executor.stop()
         self.database.close()
 
 
@@ -140,10 +146,12 @@ def make_accounts(settings: Settings, database: Database) -> AccountService:
     return AccountService(database, utc_now, monotonic_s, passwords, lifetimes)
 
 
-def build(settings: Settings) -> Services:
-    """Connect everything; nothing runs yet. The database is brought to the newest schema."""
+def build(settings: Settings, *, ready: bool = False) -> Services:
+    """Connect everything; nothing runs yet. The database is brought to the newest schema, unless it is ``ready``: an API worker
+    only reads what the link process has brought there."""
     settings.data.mkdir(parents=True, exist_ok=True)
-    migrate(settings.database_url)
+    if not ready:
+        migrate(settings.database_url)
     database = Database(open_engine(settings.database_url))
     blobs = BlobStore(settings.blobs_url)
     bus = EventBus(database, utc_now)
@@ -182,8 +190,11 @@ def build(settings: Settings) -> Services:
     bank_history.planners += [uploads(transfers, database), activations(schedule)]
     jobs = JobService(database, bus, utc_now)
     epoch_jyear = jyear_of(utc_now())
-    campaigns = CampaignService(database, jobs)
-    reprocessing = ReprocessService(database, settings.blobs_url, jobs, utc_now, epoch_jyear, profiles=book.profiles)
+    executor = make_executor(settings.cluster, WORKERS)
+    campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
+    reprocessing = ReprocessService(
+        database, settings.blobs_url, jobs, utc_now, epoch_jyear, executor, profiles=book.profiles
+    )
     star_lists = StarListService(database, blobs, utc_now)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)
     replay = ReplayService(frames, banks, tables, stopwatch_s)
@@ -238,6 +249,7 @@ def build(settings: Settings) -> Services:
         stack_runs=stack_runs,
         campaigns=campaigns,
         reprocessing=reprocessing,
+        executor=executor,
         contacts=contacts,
         capture_replay=capture_replay,
         design=DesignService(jobs, stars),

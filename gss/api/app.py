@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import cast
 
 import anyio.to_thread
 from fastapi import APIRouter, FastAPI
@@ -14,7 +15,8 @@ from fastapi.responses import HTMLResponse
 from gss import __version__
 from gss.api import errors, security, stored_words, stream
 from gss.api.fanout import Fanout
-from gss.api.presenter import Presenter
+from gss.api.forward import Forward, Gateway
+from gss.api.presenter import Presenter, first_state
 from gss.api.routers import (
     alarms,
     analyses,
@@ -40,6 +42,7 @@ from gss.api.routers import (
     telemetry,
     transfers,
 )
+from gss.api.upstream import Upstream
 from gss.wiring import Services
 
 PAGES = Path(__file__).parent.parent / "web"
@@ -49,9 +52,10 @@ WITHOUT_PAGES = (
 )
 
 
-def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
-    """The application over connected services; it starts and stops them with itself."""
-    fanout = Fanout()
+def create_app(services: Services, pages: Path = PAGES, behind: Path | None = None) -> FastAPI:
+    """The application over connected services; it starts and stops them with itself. ``behind``: this is an API worker,
+    whose services only read; the link process is behind this Unix socket."""
+    fanout = Fanout(None if behind else lambda: first_state(services.status))
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -62,11 +66,19 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
         await anyio.to_thread.run_sync(services.stop)
         presenter.stop()
 
+    @asynccontextmanager
+    async def reading(_app: FastAPI) -> AsyncIterator[None]:
+        upstream = Upstream(cast(Path, behind), fanout)
+        await upstream.start()
+        yield
+        await upstream.stop()
+        services.database.close()
+
     app = FastAPI(
         title="GSS",
         version=__version__,
         description="Ground-support system for star trackers.",
-        lifespan=lifespan,
+        lifespan=lifespan if behind is None else reading,
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
@@ -75,6 +87,8 @@ def create_app(services: Services, pages: Path = PAGES) -> FastAPI:
     app.state.services, app.state.fanout = services, fanout
     stored_words.install(services)
     errors.install(app)
+    if behind is not None:
+        app.add_middleware(Gateway, forward=Forward(behind))
     security.install(app)
     api = APIRouter(prefix="/api")
     for module in (

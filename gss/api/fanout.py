@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +75,9 @@ class Listener:
 class Fanout:
     """Hands each message to every listener and keeps the newest state that a new one begins with."""
 
-    def __init__(self) -> None:
+    def __init__(self, state: Callable[[], Wire] | None = None) -> None:
+        self.state = state
+        """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
         self.newest: Wire | None = None
         self.dropped = 0
         """Messages that listeners lost because they took too slowly, since the start."""

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 from gss.api import present
-from gss.api.fanout import Fanout, Wire, wire
+from gss.api.fanout import FIRST, Fanout, Wire, wire
 from gss.operations.events import EventBus, Message
+from gss.operations.line.status import StatusService
 
 log = logging.getLogger("gss.stream")
 PRESENT: dict[str, Callable[[Any], Any]] = {
@@ -34,6 +35,11 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
     "replay.command": present.contacts.replay_command,
     "replay.event": present.contacts.replay_event,
 }
+
+
+def first_state(status: StatusService) -> Wire:
+    """What a listener begins with before the bus has told it."""
+    return wire(FIRST, present.link.link(status.header()), None)
 
 
 class Presenter:
@@ -86,7 +92,7 @@ class Presenter:
                 self._seq = max(self._seq, message.seq)
             else:
                 self._count += 1
-            if not heard and message.topic != "link":
+            if not heard and message.topic != FIRST:
                 continue
             number = str(self._seq) if message.seq is not None else f"{self._seq}.{self._count}"
             try:

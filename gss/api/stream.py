@@ -12,7 +12,7 @@ from starlette.types import Receive, Scope, Send
 
 from gss.api import present
 from gss.api.deps import App
-from gss.api.fanout import FIRST, Fanout, Listener, unnumbered, wire
+from gss.api.fanout import Fanout, Listener, unnumbered, wire
 from gss.wiring import Services
 
 router = APIRouter(tags=["stream"])
@@ -48,8 +48,8 @@ class EventStream(Response):
         watch = asyncio.create_task(_hang_up_when_gone(receive, listener))
         try:
             await self._catch_up(send)
-            await self._first(send)
-            await self._follow(listener, send)
+            if await self._first(send):
+                await self._follow(listener, send)
             await send({"type": "http.response.body", "body": b""})
         except OSError:
             pass  # who listened is gone in the middle of a message
@@ -74,12 +74,15 @@ class EventStream(Response):
             await _send(send, wire("dropped", {"dropped": newest - self._seq}, None).data)
             self._seq = newest
 
-    async def _first(self, send: Send) -> None:
-        """The state that the page begins with; it has no number, because the count of what follows does not go on from it."""
+    async def _first(self, send: Send) -> bool:
+        """The state that the page begins with; it has no number, because the count of what follows does not go on from it. False
+        where it is not known: whoever comes again in a moment will get it."""
         newest = self._fanout.newest
-        if newest is None:
-            newest = wire(FIRST, present.link.link(await asyncio.to_thread(self._services.status.header)), None)
-        await _send(send, unnumbered(newest))
+        if newest is None and self._fanout.state is not None:
+            newest = await asyncio.to_thread(self._fanout.state)
+        if newest is not None:
+            await _send(send, unnumbered(newest))
+        return newest is not None
 
     async def _follow(self, listener: Listener, send: Send) -> None:
         loop = asyncio.get_running_loop()

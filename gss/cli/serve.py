@@ -23,6 +23,9 @@ def register(subparsers: Subparsers) -> None:
     parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")
     parser.add_argument("--device", help="port of the sensor: a tty, socket:// or rfc2217:// URL (GSS_DEVICE)")
     parser.add_argument("--simulator", metavar="PROFILE", help="start a simulated sensor and open it (GSS_SIMULATOR)")
+    parser.add_argument(
+        "--workers", type=int, help="API worker processes beside the one that owns the line (GSS_WORKERS)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -34,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.settings import Settings
     from gss.store.engine import sole_server
 
-    names = ("host", "port", "data", "device", "simulator")
+    names = ("host", "port", "data", "device", "simulator", "workers")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     try:
         settings = Settings(**given)
@@ -78,6 +81,13 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             services.announce_stop()
             super().handle_exit(sig, frame)
+
+    if settings.workers:
+        from gss.api.link_process import serve_behind_workers
+
+        print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
+        serve_behind_workers(app, services, settings, listener, {})
+        return
 
     print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)

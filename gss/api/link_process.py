@@ -1,0 +1,73 @@
+"""The link process when API workers stand in front of it: it serves a private socket and keeps its crew."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+import threading
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+
+from gss.api.upstream import PrivateDoor
+from gss.api.workers import Crew, Order, private_socket
+from gss.settings import Settings
+from gss.wiring import Services
+
+GRACE_S = 3
+
+
+def serve_behind_workers(
+    app: FastAPI, services: Services, settings: Settings, listener: socket.socket, options: dict[str, Any]
+) -> None:
+    """Serve until interrupted. ``listener``: the public socket, which the workers share; ``options``: of uvicorn, for them."""
+    with private_socket() as (private, path):
+        order = Order(settings, str(path), listener.fileno(), options)
+
+        def tell(severity: str, text: str) -> None:
+            services.bus.record("server", severity, text)
+
+        crew = Crew(order, settings.workers, tell)
+        services.workers = crew.states
+        config = uvicorn.Config(
+            PrivateDoor(app, services, app.state.fanout),
+            log_level="warning",
+            timeout_graceful_shutdown=GRACE_S,
+            server_header=False,
+        )
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                LinkServer(config, services, crew).run(sockets=[private])
+        finally:
+            crew.stop()
+
+
+class LinkServer(uvicorn.Server):
+    """Lets the crew begin when it answers itself, and goes only after the crew has gone: no request is cut in between."""
+
+    def __init__(self, config: uvicorn.Config, services: Services, crew: Crew) -> None:
+        super().__init__(config)
+        self._services, self._crew = services, crew
+        self._leaving: threading.Thread | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer, then open the door to the public."""
+        await super().startup(sockets)
+        if self.started:
+            self._crew.go()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """The first signal ends things in order, a second one at once."""
+        if self._leaving is not None:
+            super().handle_exit(signal.SIGINT, frame)
+            return
+        self._services.announce_stop()
+        self._leaving = threading.Thread(target=self._leave, args=(sig, frame), name="leave", daemon=True)
+        self._leaving.start()
+
+    def _leave(self, sig: int, frame: FrameType | None) -> None:
+        self._crew.stop()
+        super().handle_exit(sig, frame)

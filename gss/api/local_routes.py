@@ -1,0 +1,84 @@
+"""What an API worker answers itself. Everything else is forwarded to the link process, new routes too until they are named here.
+
+A route may stand here when its answer comes from the database, the blobs and the request alone. What the services remember (the
+line, banks and tables on board, alarms, running transfers and jobs, the camera in use) is true in the link process only.
+"""
+
+from __future__ import annotations
+
+import re
+
+LOCAL: dict[str, tuple[str, ...]] = {
+    "GET": (
+        "/api/openapi.json",
+        "/api/stream",
+        "/api/frames",
+        "/api/frames/{frame_id}",
+        "/api/frames/{frame_id}/image.png",
+        "/api/frames/{frame_id}/thumbnail.png",
+        "/api/frames/{frame_id}/raw",
+        "/api/frames/{frame_id}/pixels",
+        "/api/frames/{frame_id}/histogram",
+        "/api/frames/{frame_id}/file.fits",
+        "/api/solutions/{solution_id}",
+        "/api/telemetry/history",
+        "/api/telemetry/packets",
+        "/api/telemetry/export",
+        "/api/telemetry/cycles",
+        "/api/events",
+        "/api/commands.csv",
+        "/api/commands.json",
+        "/api/commands/facets",
+        "/api/catalogues/diff",
+        "/api/catalogues/sources",
+        "/api/catalogues/{catalogue_id}/report.html",
+        "/api/catalogues/{catalogue_id}/export",
+        "/api/catalogues/{catalogue_id}/image.bin",
+        "/api/catalogues/{catalogue_id}/manifest.json",
+        "/api/calibrations/diff",
+        "/api/calibrations/{calibration_id}/export",
+        "/api/analyses",
+        "/api/analyses/{analysis_id}",
+        "/api/analyses/{analysis_id}/export",
+        "/api/campaigns/experiments",
+        "/api/campaigns/chains",
+        "/api/campaigns/solutions",
+        "/api/contacts",
+        "/api/contacts/{contact_id}/record",
+        "/api/contacts/{contact_id}/captures/{file}",
+        "/api/design/cameras",
+        "/api/profiles",
+        "/api/rerun/re_viewer.js",
+        "/api/rerun/re_viewer_bg.wasm",
+        "/api/rerun/favicon.ico",
+        "/api/stacks",
+        "/api/stacks/{stack_id}",
+        "/api/stacks/{stack_id}/stack.json",
+        "/api/tables/defaults",
+        "/api/tables/{table_id}/file.bin",
+    ),
+    "POST": ("/api/design",),
+}
+FORWARDED = ("/api/", "/metrics")
+"""Beginnings of what may be forwarded; the rest are the pages, which every worker has."""
+
+
+def _pattern(templates: tuple[str, ...]) -> re.Pattern[str]:
+    parts = ("".join("[^/]+" if k % 2 else re.escape(p) for k, p in enumerate(_split(t))) for t in templates)
+    return re.compile("|".join(parts))
+
+
+def _split(template: str) -> list[str]:
+    """Literal, name, literal …"""
+    return re.split(r"\{(\w+)\}", template)
+
+
+_PATTERNS = {method: _pattern(templates) for method, templates in LOCAL.items()}
+
+
+def is_local(method: str, path: str) -> bool:
+    """Whether a worker answers this itself."""
+    if not path.startswith(FORWARDED):
+        return True
+    pattern = _PATTERNS.get(method)
+    return pattern is not None and pattern.fullmatch(path) is not None
