@@ -95,7 +95,7 @@ def _register_build(commands: Subparsers) -> None:
     p.add_argument("--name", default="", help="name in the manifest")
     p.add_argument("--author", default="", help="who is responsible for it")
     p.add_argument("--out", type=Path, metavar="FILE", help="write the image here and the manifest to FILE.json")
-    p.add_argument("--report", type=Path, metavar="FILE", help="write the quality report here, one HTML page")
+    p.add_argument("--report", type=Path, metavar="FILE", help="write the quality report here, .html or .pdf")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_build)
 

@@ -22,6 +22,7 @@ from gss.domain.stars import OnboardCatalogue
 if TYPE_CHECKING:
     from gss.catalogue_tools.build import BuiltCatalogue
     from gss.cli import Subparsers
+    from gss.operations.report.parts import Report
     from gss.wiring import Services
 
 NEED = 3
@@ -50,7 +51,9 @@ def register(commands: Subparsers) -> None:
     back.add_argument("--out", type=Path, required=True, metavar="FILE")
     report = _parser(commands, "report", "the quality report of a catalogue, one HTML page", run_report)
     report.add_argument("image", help=WHICH)
-    report.add_argument("--out", type=Path, metavar="FILE", help="the page; without it and --json: standard output")
+    report.add_argument(
+        "--out", type=Path, metavar="FILE", help="the page, .html or .pdf; without it and --json: standard output"
+    )
     timeline = _parser(commands, "timeline", "which catalogue was, is and will be in which bank", run_timeline)
     timeline.add_argument(
         "--device", type=int, metavar="N", help="number of the device (default: the last that answered)"
@@ -147,11 +150,12 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 def run_report(arguments: argparse.Namespace) -> int:
     """The stored report, or that of the manifest's request built again, which must give the same bytes."""
-    from gss.api.present.catalogue_page import catalogue_page
+    from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.catalogue_tools.request import request_from
     from gss.catalogue_tools.sources.hipparcos import load_stars
     from gss.catalogue_tools.sources.sources import load_source
     from gss.operations.catalogues.catalogue_report import report_again
+    from gss.operations.report.html import as_html
 
     _, manifest, report = _read(arguments, arguments.image)
     if report is None:
@@ -164,13 +168,13 @@ def run_report(arguments: argparse.Namespace) -> int:
             )
         whole = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
         report = report_again(manifest, whole)
-    page = catalogue_page(manifest.as_dict(), report)
+    sheet = catalogue_sheet(manifest.as_dict(), report)
     if arguments.out is not None:
-        write_file(arguments.out, page.encode())
+        _write_sheet(arguments.out, sheet)
     if arguments.json:
         print_facts({"manifest": manifest.as_dict(), "report": report}, True)
     elif arguments.out is None:
-        print(page)
+        print(as_html(sheet))
     return 0
 
 
@@ -201,10 +205,19 @@ def run_timeline(arguments: argparse.Namespace) -> int:
 
 def write_report(path: Path, built: BuiltCatalogue) -> None:
     """The quality report of a fresh build."""
-    from gss.api.present.catalogue_page import catalogue_page
+    from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.operations.catalogues.catalogue_report import report_of
 
-    write_file(path, catalogue_page(built.manifest.as_dict(), report_of(built)).encode())
+    _write_sheet(path, catalogue_sheet(built.manifest.as_dict(), report_of(built)))
+
+
+def _write_sheet(path: Path, sheet: Report) -> None:
+    """As PDF where the name ends so, else as HTML."""
+    from gss.operations.clock import utc_now
+    from gss.operations.report.html import as_html
+    from gss.operations.report.pdf import as_pdf
+
+    write_file(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
 
 
 def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, dict[str, Any] | None]:

@@ -58,9 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
     question = question_of(arguments)
     record = answer(question, load_stars(), quick=arguments.quick, progress=_told)
     if arguments.html is not None:
-        from gss.operations.catalogues.design_page import page_of
+        from gss.operations.catalogues.design_sheet import design_sheet
+        from gss.operations.report.html import as_html
 
-        arguments.html.write_text(page_of(record), "utf-8")
+        arguments.html.write_text(as_html(design_sheet(record)), "utf-8")
     if arguments.json:
         print(json.dumps(record, ensure_ascii=False, allow_nan=False))
     else:

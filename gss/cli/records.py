@@ -32,7 +32,7 @@ def register_exports(kinds: Kinds) -> None:
     _with_data(p).set_defaults(run=export_telemetry)
     p = kinds.add_parser("contact-report", help="the pass report of a contact")
     p.add_argument("--contact", type=int, required=True, metavar="N")
-    p.add_argument("--format", default="html", choices=("html", "json"))
+    p.add_argument("--format", default="html", choices=("html", "pdf", "json"), help="default html")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
     _with_data(p).set_defaults(run=export_report)
 
@@ -112,17 +112,24 @@ def _write(file: BinaryIO, pieces: Iterable[bytes]) -> int:
 
 def export_report(arguments: argparse.Namespace) -> int:
     """Write the pass report."""
-    from gss.api.present.contact_page import contact_page
+    from gss.api.present.contact_sheet import contact_sheet
     from gss.api.present.contacts import report
     from gss.operations.line.contact_report import contact_report
+    from gss.operations.report.html import as_html
+    from gss.operations.report.pdf import as_pdf
 
     services = services_of(arguments)
     found = report(contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact))
-    text = contact_page(found) if arguments.format == "html" else found.model_dump_json(indent=1) + "\n"
-    if arguments.out is None:
-        print(text, end="")
+    if arguments.format == "pdf":
+        data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
+    elif arguments.format == "html":
+        data = as_html(contact_sheet(found)).encode()
     else:
-        arguments.out.write_text(text, encoding="utf-8")
+        data = (found.model_dump_json(indent=1) + "\n").encode()
+    if arguments.out is None:
+        sys.stdout.buffer.write(data)
+    else:
+        arguments.out.write_bytes(data)
     return 0
 
 

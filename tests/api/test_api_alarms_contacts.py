@@ -167,6 +167,7 @@ def test_a_closed_contact_is_read_checked_exported_replayed_and_printed(room):
     report = room.get(f"/contacts/{contact_id}/report")
     assert report["volumes"]["telemetry_packets"] == sum(detail["packets"].values())
     check_page(room.client.get(f"/api/contacts/{contact_id}/report.html").text)
+    assert room.client.get(f"/api/contacts/{contact_id}/report.pdf").content.startswith(b"%PDF")
 
     started = room.send("POST", f"/contacts/{contact_id}/replay", {"speed": None}, 201)
     assert started["contact_id"] == contact_id

@@ -78,11 +78,13 @@ def test_the_record_check_tells_the_gap_and_its_exit_code(data, capsys):
 
 
 def test_the_pass_report_is_a_page_or_figures(data, capsys, tmp_path):
-    """HTML into a file, JSON on the terminal."""
+    """HTML or PDF into a file, JSON on the terminal."""
     out = tmp_path / "report.html"
     arguments = ["export", "contact-report", "--data", str(data), "--contact", "1"]
     assert main([*arguments, "--out", str(out)]) == 0
     assert "9 of 10 housekeeping packets" in out.read_text(encoding="utf-8")
+    assert main([*arguments, "--format", "pdf", "--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"%PDF")
     assert main([*arguments, "--format", "json"]) == 0
     assert json.loads(capsys.readouterr().out)["record"]["unexplained"] == 1
 

@@ -15,7 +15,8 @@ from gss.catalogue_tools.design.camera import design_camera
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
 from gss.operations.catalogues.design import Along, Question, answer, document_rows, request_of
-from gss.operations.catalogues.design_page import page_of
+from gss.operations.catalogues.design_sheet import design_sheet
+from gss.operations.report.html import as_html
 
 STARS = load_stars()
 ROWS = document_rows(STARS)
@@ -113,10 +114,11 @@ def test_what_cannot_be_is_told() -> None:
 def test_the_page_holds_figures_drawings_and_no_script() -> None:
     """One page with every figure's source, a drawing per curve and baffle, and nothing loaded from outside."""
     record = quick(focal_mm=35.0)
-    page = page_of(record)
+    page = as_html(design_sheet(record))
     assert page.count("<svg") == len(record["curves"]) + len(record["baffles"])
     assert "focal_mm 35 (was 25)" in page
     assert all(f["label"].split("<")[0] in page for f in record["figures"])
     assert "<script" not in page
-    assert "http" not in page
+    assert "http://www.w3.org" in page
+    assert page.count("http") == page.count("http://www.w3.org/2000/svg")
     assert "nan" not in page.lower().replace("nanometre", "")

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 from markdown_it import MarkdownIt
@@ -70,7 +71,7 @@ def _title(path: Path) -> str:
 def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
     """Give every heading an id; the second-level ones come back as (id, words)."""
     heads, used = [], set[str]()
-    for opening, inline in zip(tokens, tokens[1:], strict=False):
+    for opening, inline in pairwise(tokens):
         if opening.type != "heading_open":
             continue
         words = "".join(part.content for part in inline.children or () if part.type in ("text", "code_inline"))

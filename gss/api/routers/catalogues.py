@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from gss.api import present, security
 from gss.api.catalogue_words import request_of
 from gss.api.deps import App, Moment, RowId, User
-from gss.api.present.catalogue_page import catalogue_page
+from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import (
@@ -29,6 +29,10 @@ from gss.api.schemas.transfers import TransferOut
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
+from gss.operations.report.html import as_html
+from gss.operations.report.parts import Report
+from gss.operations.report.pdf import as_pdf
+from gss.store.models import Catalogue
 
 router = APIRouter(prefix="/catalogues", tags=["catalogues"])
 PAST, FUTURE = timedelta(days=60), timedelta(days=60)
@@ -127,9 +131,20 @@ def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
 @router.get("/{catalogue_id}/report.html", response_class=HTMLResponse)
 def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
     """The quality report to read and to print: one page without scripts, complete in itself."""
+    return HTMLResponse(as_html(_sheet(app.catalogues.get(catalogue_id))))
+
+
+@router.get("/{catalogue_id}/report.pdf", response_class=Response)
+def report_pdf(app: App, catalogue_id: RowId) -> Response:
+    """The same as a PDF file."""
     row = app.catalogues.get(catalogue_id)
+    headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.pdf"}
+    return Response(as_pdf(_sheet(row), row.created), media_type="application/pdf", headers=headers)
+
+
+def _sheet(row: Catalogue) -> Report:
     named = {"name": row.name, "author": row.author, "image_sha256": row.sha256, "profile_name": row.profile}
-    return HTMLResponse(catalogue_page({**named, **row.manifest, "name": row.name}, row.report))
+    return catalogue_sheet({**named, **row.manifest, "name": row.name}, row.report)
 
 
 @router.get("/{catalogue_id}/export", response_class=Response)

@@ -6,11 +6,11 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Query
-from fastapi.responses import FileResponse, HTMLResponse
+from fastapi.responses import FileResponse, HTMLResponse, Response
 
 from gss.api import present
 from gss.api.deps import App, RowId, User
-from gss.api.present.contact_page import contact_page
+from gss.api.present.contact_sheet import contact_sheet
 from gss.api.schemas.contacts import (
     ContactDetailOut,
     ContactNoteIn,
@@ -22,6 +22,8 @@ from gss.api.schemas.contacts import (
     ReportOut,
 )
 from gss.operations.line.contact_report import ContactReport, contact_report
+from gss.operations.report.html import as_html
+from gss.operations.report.pdf import as_pdf
 
 router = APIRouter(tags=["contacts"])
 
@@ -70,7 +72,16 @@ def report(app: App, contact_id: RowId) -> ReportOut:
 @router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse)
 def report_page(app: App, contact_id: RowId) -> HTMLResponse:
     """The pass report to read and to print: one page without scripts, complete in itself."""
-    return HTMLResponse(contact_page(present.contacts.report(_report(app, contact_id))))
+    return HTMLResponse(as_html(contact_sheet(report(app, contact_id))))
+
+
+@router.get("/contacts/{contact_id}/report.pdf", response_class=Response)
+def report_pdf(app: App, contact_id: RowId) -> Response:
+    """The same as a PDF file."""
+    found = report(app, contact_id)
+    data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
+    headers = {"Content-Disposition": f"attachment; filename=contact-{contact_id}.pdf"}
+    return Response(data, media_type="application/pdf", headers=headers)
 
 
 @router.post("/contacts/{contact_id}/replay", status_code=201)

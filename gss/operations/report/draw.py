@@ -6,26 +6,40 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gss.operations.report import draw_sky
 from gss.operations.report.axes import MINUS, clock, decades, ticks, time_ticks, written
-from gss.operations.report.parts import Arrows, Cells, Plot, Series
+from gss.operations.report.parts import Arrows, Cells, Drawn, Outline, Plot, Series, Shares, SkyMap
 from gss.operations.report.pens import COLOURS, HAIR, INK, SOFT, Pen, Point
 
 WIDTH, PLOT_HEIGHT = 510.0, 170.0
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 20.0, 30.0
 DETECTOR_WIDTH = 420.0
+SHARES_HEIGHT, OUTLINE_HEIGHT = 54.0, 180.0
 
 
-def height_of(drawing: Plot | Arrows | Cells) -> float:
+def height_of(drawing: Drawn) -> float:
     """Height of a drawing of the full width."""
     if isinstance(drawing, Plot):
         return PLOT_HEIGHT
+    if isinstance(drawing, SkyMap):
+        return draw_sky.HEIGHT
+    if isinstance(drawing, Shares):
+        return SHARES_HEIGHT
+    if isinstance(drawing, Outline):
+        return TOP + 8 + _outline_scale(drawing) * _extent(drawing)[1]
     return TOP + 16 + DETECTOR_WIDTH * drawing.rows / drawing.columns
 
 
-def draw(pen: Pen, drawing: Plot | Arrows | Cells) -> None:
+def draw(pen: Pen, drawing: Drawn) -> None:
     """Draw it with its upper left corner at (0, 0)."""
     if isinstance(drawing, Plot):
         _plot(pen, drawing)
+    elif isinstance(drawing, SkyMap):
+        draw_sky.draw_sky(pen, drawing)
+    elif isinstance(drawing, Shares):
+        _shares(pen, drawing)
+    elif isinstance(drawing, Outline):
+        _outline(pen, drawing)
     elif isinstance(drawing, Arrows):
         _arrows(pen, drawing)
     else:
@@ -43,19 +57,19 @@ class _Frame:
     x1: float
     y0: float
     y1: float
+    log_x: bool
     log_y: bool
 
     def x(self, value: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * (value - self.x0) / (self.x1 - self.x0)
+        return LEFT + (WIDTH - LEFT - RIGHT) * _share(value, self.x0, self.x1, self.log_x)
 
     def y(self, value: float) -> float:
-        if self.log_y:
-            share = (math.log10(max(value, self.y0)) - math.log10(self.y0)) / (
-                math.log10(self.y1) - math.log10(self.y0)
-            )
-        else:
-            share = (value - self.y0) / (self.y1 - self.y0)
-        return PLOT_HEIGHT - BOTTOM - (PLOT_HEIGHT - TOP - BOTTOM) * share
+        return PLOT_HEIGHT - BOTTOM - (PLOT_HEIGHT - TOP - BOTTOM) * _share(value, self.y0, self.y1, self.log_y)
+
+
+def _share(value: float, low: float, high: float, log: bool) -> float:
+    """How far from low to high."""
+    return math.log(max(value, low) / low) / math.log(high / low) if log else (value - low) / (high - low)
 
 
 def _plot(pen: Pen, plot: Plot) -> None:
@@ -79,17 +93,16 @@ def _plot(pen: Pen, plot: Plot) -> None:
 def _frame(plot: Plot) -> _Frame | None:
     xs = [x for s in plot.series for x in s.x] + [v.value for v in plot.levels if v.vertical]
     ys = [y for s in plot.series for y in s.y if y is not None] + [v.value for v in plot.levels if not v.vertical]
-    if plot.log_y:
-        ys = [y for y in ys if y > 0]
+    xs = [x for x in xs if x > 0] if plot.log_x else xs
+    ys = [y for y in ys if y > 0] if plot.log_y else ys
     if not xs or not ys:
         return None
-    x0, x1 = _room(min(xs), max(xs), 0.0 if plot.time else 0.01)
+    x0, x1 = (min(xs) / 1.02, max(xs) * 1.02) if plot.log_x else _room(min(xs), max(xs), 0.0 if plot.time else 0.01)
     if plot.log_y:
-        low, high = min(ys) / 1.15, max(ys) * 1.15
-        return _Frame(x0, x1, low, high, True)
+        return _Frame(x0, x1, min(ys) / 1.15, max(ys) * 1.15, plot.log_x, True)
     bars = any(s.style == "bars" for s in plot.series)
     low, high = _room(min(0.0, *ys) if bars else min(ys), max(ys), 0.06)
-    return _Frame(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, False)
+    return _Frame(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, plot.log_x, False)
 
 
 def _room(low: float, high: float, share: float) -> tuple[float, float]:
@@ -114,11 +127,13 @@ def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
             anchor="end",
             colour=SOFT,
         )
-    x_ticks = time_ticks(f.x0, f.x1) if plot.time else ticks(f.x0, f.x1, 8)
+    x_ticks = time_ticks(f.x0, f.x1) if plot.time else decades(f.x0, f.x1) if plot.log_x else ticks(f.x0, f.x1, 8)
+    if plot.log_x and len(x_ticks) < 2:
+        x_ticks = ticks(f.x0, f.x1, 8)
     step = x_ticks[1] - x_ticks[0] if len(x_ticks) > 1 else 1.0
     for value in x_ticks:
         pen.line([(f.x(value), bottom), (f.x(value), bottom + 3)], SOFT, 0.5)
-        words = clock(value, f.x1 - f.x0) if plot.time else written(value, step)
+        words = clock(value, f.x1 - f.x0) if plot.time else written(value, min(step, value) if plot.log_x else step)
         pen.text(f.x(value), bottom + 11, words, size=7, anchor="middle", colour=SOFT)
     pen.box(LEFT, TOP, WIDTH - LEFT - RIGHT, bottom - TOP, stroke=SOFT)
     pen.text((LEFT + WIDTH - RIGHT) / 2, PLOT_HEIGHT - 4, plot.x_label, size=7.5, anchor="middle", colour=SOFT)
@@ -141,7 +156,7 @@ def _series(pen: Pen, f: _Frame, series: Series, colour: str) -> None:
             if y:
                 pen.box(f.x(left), min(f.y(y), base), f.x(right) - f.x(left) - 0.4, abs(base - f.y(y)), fill=colour)
         return
-    for run in _runs(series):
+    for run in _runs(series, f.log_y):
         places = [(f.x(x), f.y(y)) for x, y in run]
         if series.style == "dots" or len(places) == 1:
             pen.dots(places, colour, 1.2)
@@ -149,16 +164,51 @@ def _series(pen: Pen, f: _Frame, series: Series, colour: str) -> None:
             pen.line(places, colour, 1.1)
 
 
-def _runs(series: Series) -> list[list[Point]]:
+def _runs(series: Series, log_y: bool = False) -> list[list[Point]]:
     """The points between gaps."""
     runs: list[list[Point]] = [[]]
     for x, y in zip(series.x, series.y, strict=True):
-        if y is None or not math.isfinite(y):
+        if y is None or not math.isfinite(y) or (log_y and y <= 0):
             if runs[-1] and series.style != "dots":
                 runs.append([])
         else:
             runs[-1].append((x, y))
     return [run for run in runs if run]
+
+
+# --- shares and sections --------------------------------------------------------------------------------------------
+
+
+def _shares(pen: Pen, shares: Shares) -> None:
+    pen.text(0, 11, shares.title, size=8.5)
+    at, words = 0.0, 0.0
+    for k, (name, size) in enumerate(shares.parts):
+        colour, length = COLOURS[k % len(COLOURS)], WIDTH * size / max(shares.whole, 1e-9)
+        pen.box(at, TOP, length, 13, fill=colour)
+        said = f"{name} {size:.0f} {shares.unit}"
+        pen.text(words, TOP + 25, said, size=7.5, colour=colour)
+        at, words = at + length, words + 4.2 * len(said) + 12
+    pen.box(0, TOP, WIDTH, 13, stroke=SOFT)
+
+
+def _extent(outline: Outline) -> Point:
+    xs, ys = zip(*[p for line in (*outline.lines, *outline.bold) for p in line], strict=True)
+    return max(xs) - min(xs), max(ys) - min(ys)
+
+
+def _outline_scale(outline: Outline) -> float:
+    across, up = _extent(outline)
+    return min((WIDTH - 20) / max(across, 1e-9), OUTLINE_HEIGHT / max(up, 1e-9))
+
+
+def _outline(pen: Pen, outline: Outline) -> None:
+    pen.text(0, 11, outline.title, size=8.5)
+    scale = _outline_scale(outline)
+    every = [p for line in (*outline.lines, *outline.bold) for p in line]
+    left, top = min(x for x, _ in every), max(y for _, y in every)
+    for lines, colour, width in ((outline.lines, INK, 1.0), (outline.bold, COLOURS[0], 2.5)):
+        for line in lines:
+            pen.line([(10 + scale * (x - left), TOP + 4 + scale * (top - y)) for x, y in line], colour, width)
 
 
 # --- over the detector ----------------------------------------------------------------------------------------------

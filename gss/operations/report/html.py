@@ -5,20 +5,20 @@ from __future__ import annotations
 from html import escape
 
 from gss.operations.report.draw import WIDTH, draw, height_of
-from gss.operations.report.parts import Arrows, Cells, Drawing, Fact, Note, Picture, Plot, Report, Section, Table
+from gss.operations.report.parts import Drawing, Drawn, Fact, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import SvgPen
 
 STYLE = """
 @page { size: A4; margin: 15mm }
 body { font: 10pt/1.4 system-ui, sans-serif; color: #111; background: #fff; max-width: 180mm; margin: 8mm auto }
 h1 { font-size: 16pt; margin: 0 0 1mm } h2 { font-size: 11pt; margin: 6mm 0 1.5mm; border-bottom: 1px solid #999 }
-h3 { font-size: 10pt; margin: 3mm 0 1mm } p { margin: 1mm 0 } .soft { color: #555 }
+h3 { font-size: 10pt; margin: 3mm 0 1mm } p { margin: 1mm 0; white-space: pre-line } .soft { color: #555 }
 .note { border-left: 3px solid #a04600; padding-left: 3mm; margin: 2mm 0 } .severe { border-color: #bf1e2e }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .6mm 3mm .6mm 0; vertical-align: top; border-bottom: 1px solid #ddd }
-dl { display: grid; grid-template-columns: repeat(2, 1fr); gap: .6mm 8mm; margin: 0 }
+dl { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .6mm 8mm; margin: 0 }
 dl div { display: flex; justify-content: space-between; border-bottom: 1px solid #eee }
-dt { color: #555 } dd { margin: 0; font-variant-numeric: tabular-nums }
+dt { color: #555 } dd { margin: 0 0 0 3mm; text-align: right; overflow-wrap: anywhere; font-variant-numeric: tabular-nums }
 figure { margin: 3mm 0; break-inside: avoid } tr { break-inside: avoid } svg, img { width: 100%; height: auto }
 @media print { body { margin: 0; max-width: none } }
 """
@@ -68,7 +68,7 @@ def _drawn(drawing: Drawing) -> str:
     )
 
 
-def as_svg(drawing: Plot | Arrows | Cells) -> str:
+def as_svg(drawing: Drawn) -> str:
     """One drawing."""
     pen = SvgPen(WIDTH, height_of(drawing), drawing.title)
     draw(pen, drawing)
@@ -78,4 +78,7 @@ def as_svg(drawing: Plot | Arrows | Cells) -> str:
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(c)}</th>" for c in table.columns)
     rows = "".join("<tr>" + "".join(f"<td>{escape(v)}</td>" for v in row) + "</tr>" for row in table.rows)
-    return f"<h3>{escape(table.title)}</h3><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    title = f"<h3>{escape(table.title)}</h3>" if table.title else ""
+    if not table.rows:
+        return f"{title}<p class='soft'>None.</p>"
+    return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

@@ -43,7 +43,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Plot:
-    """Axes with series. ``log_y``: decades. ``time``: x are Unix seconds."""
+    """Axes with series. ``log_x``, ``log_y``: decades. ``time``: x are Unix seconds."""
 
     title: str
     x_label: str
@@ -52,6 +52,7 @@ class Plot:
     levels: list[Level] = field(default_factory=list)
     log_y: bool = False
     time: bool = False
+    log_x: bool = False
     kind: str = "plot"
 
 
@@ -93,7 +94,50 @@ class Picture:
     kind: str = "picture"
 
 
-Drawing = Plot | Arrows | Cells | Picture
+Place = tuple[float, float]
+"""On the sky: right ascension and declination in degrees. On a drawing to scale: millimetres across and up."""
+
+
+@dataclass(frozen=True)
+class SkyMap:
+    """The whole sky by Mollweide, ICRS, right ascension to the left. ``values``: HEALPix ring pixels of ``nside``, white where None
+    or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``: lines. ``mark``: a place and words."""
+
+    title: str
+    nside: int
+    values: list[Number]
+    note: str = ""
+    stars: list[tuple[float, float, float]] = field(default_factory=list)
+    solid: list[list[Place]] = field(default_factory=list)
+    dashed: list[list[Place]] = field(default_factory=list)
+    mark: tuple[float, float, str] | None = None
+    kind: str = "sky"
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Parts beside each other in a whole, in ``unit``."""
+
+    title: str
+    parts: list[tuple[str, float]]
+    whole: float
+    unit: str
+    kind: str = "shares"
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Lines to scale in millimetres, y upwards: a section through a thing. ``bold``: what light goes through."""
+
+    title: str
+    lines: list[list[Place]]
+    bold: list[list[Place]] = field(default_factory=list)
+    kind: str = "outline"
+
+
+Drawn = Plot | Arrows | Cells | SkyMap | Shares | Outline
+"""What a pen draws."""
+Drawing = Drawn | Picture
 
 
 @dataclass(frozen=True)
@@ -160,11 +204,19 @@ def _section(s: dict[str, Any]) -> Section:
     )
 
 
+KINDS: dict[str, type[Arrows | Cells | Picture | SkyMap | Shares | Outline]] = {
+    "arrows": Arrows,
+    "cells": Cells,
+    "picture": Picture,
+    "sky": SkyMap,
+    "shares": Shares,
+    "outline": Outline,
+}
+
+
 def _drawing(d: dict[str, Any]) -> Drawing:
     if d["kind"] == "plot":
         return Plot(
             **{**d, "series": [Series(**s) for s in d["series"]], "levels": [Level(**level) for level in d["levels"]]}
         )
-    if d["kind"] == "picture":
-        return Picture(**d)
-    return Arrows(**d) if d["kind"] == "arrows" else Cells(**d)
+    return KINDS[d["kind"]](**d)

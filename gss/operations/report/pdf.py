@@ -117,7 +117,11 @@ class _Sheet:
 
     def table(self, table: Table) -> None:
         """Columns as wide as their longest word, squeezed alike where they do not fit."""
-        self.words(table.title, bold=True, gap=0)
+        if table.title:
+            self.words(table.title, bold=True, gap=0)
+        if not table.rows:
+            self.words("None.", colour=SOFT)
+            return
         shown = table.rows[:MOST_ROWS]
         wide = [max(len(row[k]) for row in [table.columns, *shown]) for k in range(len(table.columns))]
         across = self.pdf.w - 2 * MARGIN

@@ -1,0 +1,232 @@
+"""The quality report of a catalogue as a sheet to read and to print."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gss.operations.report.parts import Fact, Level, Number, Plot, Report, Section, Series, Shares, SkyMap, Table
+
+NEED = 5
+ENDLESS = 1e6
+SHOWN_STARS = 60
+ARCSEC_RAD = math.pi / 648_000
+UNKNOWN = "Not known: the catalogue was not built here."
+
+
+def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> Report:
+    """The whole sheet. ``report``: plain values as ``operations.catalogues.catalogue_report`` makes them; what is missing is
+    said."""
+    return Report(
+        f"Catalogue {manifest.get('name') or manifest.get('image_sha256', '')[:8] or 'without a name'}",
+        _byline(manifest),
+        [
+            Section("Figures", facts=_figures(manifest, report)),
+            _histogram(report) or Section("Stars per field", UNKNOWN),
+            _envelope(report) or Section("Envelope", UNKNOWN),
+            _ambiguity(report) or Section("Where stars can be mistaken", UNKNOWN),
+            _lifetime(report) or Section("Lifetime", UNKNOWN),
+            _bank(report) or Section("Bank", UNKNOWN),
+            _funnel(report) or Section("From catalogue to bank", UNKNOWN),
+            _screening(manifest),
+            _corrections(manifest),
+            _quantisation(manifest) or Section("Number widths on board", UNKNOWN),
+            _source(manifest) or Section("Source", UNKNOWN),
+            Section("Asked for", facts=_flat(manifest.get("parameters", {}))),
+        ],
+    )
+
+
+def _byline(m: Mapping[str, Any]) -> str:
+    words = [
+        f"camera {m.get('profile_name', 'not told')}",
+        f"format {m.get('format_name', 'not told')}",
+        _validity(m),
+        f"by {m.get('author') or 'nobody named'}",
+        str(m.get("tool", "")),
+        f"SHA-256 {m.get('image_sha256', 'not told')}",
+    ]
+    return ", ".join(word for word in words if word)
+
+
+def _validity(m: Mapping[str, Any]) -> str:
+    start, end = str(m.get("valid_from") or "")[:16], str(m.get("valid_to") or "")[:16]
+    return f"valid {start} to {end} UTC" if end else "no end of validity"
+
+
+def _figures(m: Mapping[str, Any], report: Mapping[str, Any]) -> list[Fact]:
+    counts, q = m.get("counts", {}), report.get("quality") or {}
+    facts = [
+        ("stars", f"{counts.get('stars', '–')}"),
+        ("pairs", f"{counts.get('pairs', '–')}"),
+        ("epoch", _number(m.get("epoch_jyear"), 4)),
+        ("frame", str(m.get("frame", "–"))),
+    ]
+    if q:
+        facts += [
+            ("mean stars per field", f"{q['mean']:.2f}"),
+            ("P(fewer than 3)", f"{100 * q['p_fewer_than_3']:.3f} %"),
+            ("P(fewer than 5)", f"{100 * q['p_fewer_than_5']:.3f} %"),
+            ("fewest stars found", f"{q['worst_stars']} at {q['worst_ra_deg']:.2f}° {q['worst_dec_deg']:+.2f}°"),
+            ("candidates per query", _number(q.get("candidates_per_query"), 2)),
+            ("candidates per star", _number(q.get("candidates_per_star"), 2)),
+            ("fields blinded", f"{100 * (q.get('blinded_share') or 0.0):.2f} %"),
+        ]
+    return [Fact(*fact) for fact in facts]
+
+
+def _histogram(report: Mapping[str, Any]) -> Section | None:
+    q = report.get("quality")
+    if not q:
+        return None
+    edges, counts = [float(k) for k in range(len(q["histogram"]) + 1)], [float(n) for n in q["histogram"]]
+    few = Series(f"fewer than {NEED}", edges[: NEED + 1], list(counts[:NEED]), "bars")
+    rest = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
+    mean = Level(q["mean"] + 0.5, f"mean {q['mean']:.1f}", vertical=True)
+    words = f"{q['pointings']} random pointings within the limits."
+    plot = Plot("Stars per field", "stars in the field", "fields", [rest, few], [mean])
+    return Section("Stars per field", words, drawings=[plot])
+
+
+def _envelope(report: Mapping[str, Any]) -> Section | None:
+    e, q = report.get("envelope"), report.get("quality")
+    if not e:
+        return None
+    peak = 100 * max(e["fraction"], default=0.0)
+    drawn = SkyMap(
+        "Share of time in the field",
+        e["nside"],
+        list(e["fraction"]),
+        f"darkest {peak:.2g} %; edge at the start solid, at the end dashed; ICRS, Mollweide",
+        [(s["ra_deg"], s["dec_deg"], s["v_mag"]) for s in report.get("sky", []) if s["state"] == "kept"],
+        e["outline_start"],
+        e["outline_end"],
+        (q["worst_ra_deg"], q["worst_dec_deg"], f"fewest stars: {q['worst_stars']}") if q else None,
+    )
+    return Section("Envelope", drawings=[drawn])
+
+
+def _ambiguity(report: Mapping[str, Any]) -> Section | None:
+    a = report.get("ambiguity")
+    if not a:
+        return None
+    words = f"Other triangles like one of the field's brightest, within {a['tolerance_arcsec']:.0f}″."
+    if a.get("worst") is not None and a["worst"] < ENDLESS:
+        words += f" Most: {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°."
+    tones = [_decades(v) for v in a["value"]]
+    drawn = SkyMap("Other triangles per triangle", a["nside"], tones, "0.001 to 100 by tone")
+    return Section("Where stars can be mistaken", words, drawings=[drawn])
+
+
+def _decades(value: Number) -> Number:
+    """Tone on a scale of five decades from a thousandth."""
+    return None if not value else min(1.0, max(0.0, (math.log10(value) + 3) / 5))
+
+
+def _lifetime(report: Mapping[str, Any]) -> Section | None:
+    life = report.get("lifetime")
+    if not life:
+        return None
+    until = f"until {life['until'][:10]}" if life.get("until") else "longer than was looked at"
+    if not life["days_curve"]:
+        return Section("Lifetime", "Nothing drifts: the field stays.")
+    shares = [None if y is None else 100 * y for y in life["share_curve"]]
+    line = Level(100 * life["threshold"], f"{life['threshold']:.0%} {until}")
+    series = Series("covered", list(life["days_curve"]), shares)
+    plot = Plot("Fields still inside the envelope", "days after the end of validity", "%", [series], [line])
+    return Section("Lifetime", drawings=[plot])
+
+
+def _bank(report: Mapping[str, Any]) -> Section | None:
+    sizes = report.get("sizes")
+    if not sizes:
+        return None
+    parts, whole = list(sizes["by_part"].items()), float(sizes["bank_bytes"])
+    used = sum(size for _, size in parts)
+    words = f"{used:.0f} of {whole:.0f} bytes, {whole - used:.0f} free."
+    return Section("Bank", words, drawings=[Shares("Bytes of the bank", parts, whole, "B")])
+
+
+def _funnel(report: Mapping[str, Any]) -> Section | None:
+    rows = [[f["label"], f"{-f['stars'] if f['kind'] == 'drop' else f['stars']}"] for f in report.get("funnel", [])]
+    return _listed("From catalogue to bank", ("step", "stars"), rows) if rows else None
+
+
+def _screening(m: Mapping[str, Any]) -> Section:
+    found = (m.get("assessment") or {}).get("screening")
+    if not found:
+        return Section("Screening list", "Not asked for.")
+    rows = [[reason, str(stars)] for reason, stars in found["counts"].items()]
+    named = [
+        [f"HIP {s['hip']}", ", ".join(s["reasons"]), str(s["companions"]), "kept" if s["kept"] else "left out"]
+        for s in found["stars"][:SHOWN_STARS]
+    ]
+    ring = f"mean {_number(found['mean_companions'], 2)}, most {_number(found['most_companions'], 0)}"
+    tables = [Table("", ["reason", "stars in the envelope"], rows)]
+    tables += [Table("Stars", ["star", "reasons", "in its ring", ""], named)] if named else []
+    facts = [Fact("stars in the ring of each", ring), Fact("chance of a third star", _short(found["third"]))]
+    return Section("Screening list", facts=facts, tables=tables)
+
+
+def _corrections(m: Mapping[str, Any]) -> Section:
+    facts = m.get("corrections") or {}
+    if not facts:
+        old = "Proper motion to the epoch; the manifest is of version 1 and names no others."
+        return Section("Corrections", old if m.get("tool") else UNKNOWN)
+    rows = [
+        [str(a.get("name")), f"{a.get('stars', '–')}", f"{_short(a.get('largest'))} {a.get('unit', '')}"]
+        for a in facts.get("applied", [])
+    ]
+    return _listed("Corrections", ("correction", "stars", "largest"), rows)
+
+
+def _quantisation(m: Mapping[str, Any]) -> Section | None:
+    q = m.get("quantisation")
+    if not q:
+        return None
+    facts = [
+        Fact("worst position", _arcsec(q.get("position_rad"))),
+        Fact("worst distance", _arcsec(q.get("distance_rad"))),
+        Fact("worst magnitude", _number(q.get("v_mag"), 6)),
+    ]
+    return Section("Number widths on board", facts=facts)
+
+
+def _source(m: Mapping[str, Any]) -> Section | None:
+    facts = [Fact("catalogue", str(m["source"]))] if m.get("source") else []
+    facts += _flat(m.get("source_facts") or {})
+    if not facts:
+        return None
+    return Section("Source", facts=[*facts, Fact("table SHA-256", str(m.get("star_table_sha256", "–")))])
+
+
+def _listed(title: str, columns: Sequence[str], rows: list[list[str]]) -> Section:
+    return Section(title, tables=[Table("", list(columns), rows)])
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> list[Fact]:
+    """Nested plain values as lines; angles in radians say so in their names and get their degrees."""
+    found: list[Fact] = []
+    for name, value in values.items():
+        label = f"{before}{name}"
+        if isinstance(value, Mapping):
+            found += _flat(value, f"{label}.")
+        elif name.endswith("_rad") and value is not None:
+            degrees = [math.degrees(v) for v in (value if isinstance(value, list | tuple) else [value])]
+            found.append(Fact(label.removesuffix("_rad"), " to ".join(f"{d:.4g}°" for d in degrees)))
+        elif value not in (None, "", [], {}):
+            found.append(Fact(label, str(value)[:200]))
+    return found
+
+
+def _number(value: Any, decimals: int) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, int | float) else str(value if value is not None else "–")
+
+
+def _arcsec(angle_rad: Any) -> str:
+    return "–" if angle_rad is None else f"{angle_rad / ARCSEC_RAD:.3g}″"

@@ -1,0 +1,154 @@
+"""The pass report as a sheet to read and to print."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from datetime import datetime
+
+from gss.api.schemas.contacts import ReportOut
+from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
+
+GAP_SHARE, GAP_S = 0.02, 12.0
+"""A line is not drawn across more than this share of the span, and this time, without a sample."""
+
+
+def contact_sheet(report: ReportOut) -> Report:
+    """The whole sheet."""
+    c = report.contact
+    firmware, profile = report.firmware or "not told", report.profile or "not told"
+    until = _when(c.ended) if c.ended else "still open"
+    return Report(
+        f"Contact {c.id}: {c.device}",
+        f"{c.url}, {_when(c.started)} to {until} ({_duration(c.duration_s)}), firmware {firmware}, profile {profile}",
+        [
+            *([Section("Note", c.note)] if c.note else []),
+            Section("Link and volume", facts=_link_facts(report)),
+            _record(report),
+            Section("Attitude", facts=_attitude_facts(report), drawings=[*_plots(report)]),
+            *_lists(report),
+        ],
+        _notes(report),
+    )
+
+
+def _notes(report: ReportOut) -> list[Note]:
+    missing = report.record.unexplained
+    if not missing:
+        return []
+    return [Note(f"The record has {missing} gaps without a cause.", "The section Record names them.")]
+
+
+def _lists(report: ReportOut) -> list[Section]:
+    c = report.contact
+    return [
+        _listed(
+            "Commands",
+            ("sent", "command", "by", "result", "detail"),
+            [(_clock(x.created), x.name, x.user, x.result, x.detail) for x in c.command_list],
+        ),
+        _listed(
+            "Transfers",
+            ("what", "way", "state", "bytes", "resent", "reason"),
+            [(x.subject, x.direction, x.state, f"{x.size}", f"{x.resent}", x.reason) for x in c.transfers],
+        ),
+        _listed(
+            "Alarms",
+            ("raised", "alarm", "worst", "state", "closed", "by"),
+            [(_clock(a.raised), a.text, a.worst, a.state, _clock(a.closed), a.acknowledged_by or "") for a in c.alarms],
+        ),
+        _listed("Frames", ("received", "frame"), [(_clock(f.received), f.name) for f in c.frame_list]),
+        _listed(
+            "Raw capture",
+            ("file", "bytes", "kept"),
+            [(f.file, f"{f.bytes}", "yes" if f.present else "dropped") for f in c.captures],
+        ),
+    ]
+
+
+def _listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+    return Section(title, tables=[Table("", list(columns), [list(row) for row in rows])])
+
+
+def _link_facts(report: ReportOut) -> list[Fact]:
+    c, v = report.contact, report.volumes
+    facts = [
+        ("received", f"{v.rx_bytes} B"),
+        ("sent", f"{v.tx_bytes} B"),
+        ("telemetry packets", f"{v.telemetry_packets}"),
+        ("good packets", f"{c.counters.get('good', 0)}"),
+        ("damaged packets", f"{100 * c.error_rate:.2f} %"),
+        ("missing by sequence", f"{c.counters.get('gaps', 0)}"),
+        ("bad checksum", f"{c.counters.get('bad_crc', 0)}"),
+        ("too long or short", f"{c.counters.get('too_long', 0) + c.counters.get('too_short', 0)}"),
+        ("frames", f"{c.frames}, {v.frame_bytes} B"),
+    ]
+    return [Fact(*fact) for fact in facts]
+
+
+def _attitude_facts(report: ReportOut) -> list[Fact]:
+    a = report.attitude
+    sigma = a.sigma_cross_arcsec_median
+    facts = [
+        ("iterations", f"{a.iterations}"),
+        ("solved", f"{a.solved}" + (f" ({100 * a.share:.1f} %)" if a.share is not None else "")),
+        ("median sigma across", "–" if sigma is None else f"{sigma:.1f}″"),
+    ]
+    for name, pointing in (("first", a.first), ("last", a.last)):
+        if pointing is not None:
+            ra, dec, roll = pointing
+            facts += [(f"{name} RA", f"{ra:.4f}°"), (f"{name} Dec", f"{dec:+.4f}°"), (f"{name} roll", f"{roll:.3f}°")]
+    return [Fact(*fact) for fact in facts]
+
+
+def _record(report: ReportOut) -> Section:
+    r = report.record
+    said = (
+        f"{r.held} of {r.expected} housekeeping packets ({100 * r.share:.2f} %); {r.unexplained} gaps without a cause"
+    )
+    gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in r.gaps]
+    silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
+    tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]
+    if silences:
+        tables.append(Table("No good packet for more than 3 s", ["from", "to", "for", "cause"], silences))
+    return Section("Record", said, tables=tables)
+
+
+def _plots(report: ReportOut) -> list[Plot]:
+    plots = [_plot(s.title, s.unit, s.t, s.y) for s in report.series if any(y is not None for y in s.y)]
+    if report.quality:
+        plots.append(
+            _plot("Damaged packets", "%", [at for at, _ in report.quality], [100 * y for _, y in report.quality])
+        )
+    return plots
+
+
+def _plot(title: str, unit: str, t: Sequence[float], y: Sequence[Number]) -> Plot:
+    return Plot(title, "UTC", unit, [_broken(title, t, y)], time=True)
+
+
+def _broken(label: str, t: Sequence[float], y: Sequence[Number]) -> Series:
+    """With nothing between samples that are too far apart to be joined."""
+    longest_s = max(GAP_S, GAP_SHARE * (t[-1] - t[0]))
+    at, value = [t[0]], [y[0]]
+    for (before, _), (now, sample) in itertools.pairwise(zip(t, y, strict=True)):
+        if now - before > longest_s:
+            at.append((before + now) / 2)
+            value.append(None)
+        at.append(now)
+        value.append(sample)
+    return Series(label, at, value)
+
+
+def _when(at: datetime) -> str:
+    return f"{at:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _clock(at: datetime | None) -> str:
+    return f"{at:%H:%M:%S}" if at else "–"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min {rest:02d} s" if hours else f"{minutes} min {rest:02d} s"

@@ -1,0 +1,102 @@
+"""A design record as a sheet to keep or send: figures, curves, baffle, tables."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import Any
+
+from gss.operations.report.parts import Level, Note, Outline, Place, Plot, Report, Section, Series, Table
+
+TRADE = ("camera", "f, mm", "f/", "field, °", "pixel, ″", "limit V", "stars", "< 3, %", "across, ″", "roll, ″")
+
+
+def design_sheet(record: dict[str, Any]) -> Report:
+    """The whole sheet."""
+    changed = ", ".join(f"{k} {record['camera'][k]:g} (was {_plain(record['base'][k])})" for k in record["changed"])
+    looks = f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
+    sections = [
+        Section("Figures", tables=[_figures(group, rows) for group, rows in _groups(record["figures"])]),
+        Section("Curves", drawings=[_curve(c) for c in record["curves"] if c["lines"]]),
+        Section("Baffle, section to scale", drawings=[_baffle(b) for b in record["baffles"]]),
+        Section("Cameras", tables=[_trade(record["cameras"])]),
+    ]
+    if record["trade"]:
+        sections.append(Section("Lenses of this camera", tables=[_trade(record["trade"])]))
+    camera = "; ".join(f"{k} {_plain(v)}" for k, v in record["camera"].items() if k != "name")
+    return Report(
+        f"Camera design: {record['profile']}{', edited' if changed else ''}",
+        "; ".join([changed or "as in the document", record["sky"], looks]),
+        [*sections, Section("All numbers of the camera", camera)],
+        [Note(n) for n in (*record["notes"], record["baffle_problem"]) if n],
+    )
+
+
+def _plain(value: Any) -> str:
+    return "auto" if value is None else f"{value:g}"
+
+
+def _groups(figures: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    return [(group, list(rows)) for group, rows in groupby(figures, key=lambda f: str(f["group"]))]
+
+
+def _figures(group: str, figures: list[dict[str, Any]]) -> Table:
+    rows = [
+        [
+            f["label"],
+            "–" if f["value"] is None else f"{f['value']:.4g}",
+            f["unit"],
+            "" if f["paper"] is None else f"{f['paper']:g}",
+            f["source"] + (f"; paper: {f['paper_source']}" if f["paper_source"] else ""),
+        ]
+        for f in figures
+    ]
+    return Table(group, ["figure", "value", "unit", "paper", "from"], rows)
+
+
+def _trade(cameras: list[dict[str, Any]]) -> Table:
+    rows = [
+        [
+            r["name"],
+            f"{r['focal_mm']:.2f}",
+            f"{r['f_number']:.2f}",
+            f"{r['fov_deg'][0]:.1f} × {r['fov_deg'][1]:.1f}",
+            f"{r['pixel_arcsec']:.1f}",
+            f"{r['limit_mag']:.2f}",
+            f"{r['stars']:.1f}",
+            f"{100 * r['p_fewer_3']:.2f}",
+            *("–" if v is None else f"{v:.2f}" for v in (r["cross_arcsec"], r["roll_arcsec"])),
+        ]
+        for r in cameras
+    ]
+    return Table("", list(TRADE), rows)
+
+
+def _curve(c: dict[str, Any]) -> Plot:
+    """With the documents' points among the lines."""
+    lines = [Series(line["label"], line["x"], line["y"]) for line in c["lines"]]
+    if c["marks"]:
+        label, xs, ys = c["marks"][0]["source"], [m["x"] for m in c["marks"]], [m["y"] for m in c["marks"]]
+        lines.append(Series(label, xs, ys, "dots"))
+    span = [x for line in c["lines"] for x in line["x"]]
+    uprights = [
+        Level(u["x"], f"{u['label']} {u['x']:.3g}", vertical=True)
+        for u in c["uprights"]
+        if min(span) <= u["x"] <= max(span)
+    ]
+    return Plot(c["title"], c["x_label"], c["y_label"], lines, uprights, log_y=c["log_y"], log_x=c["log_x"])
+
+
+def _baffle(b: dict[str, Any]) -> Outline:
+    outer = max(w[2] for w in b["walls_mm"])
+
+    def wall(z: float) -> float:
+        return float(next((w[2] for w in b["walls_mm"] if z <= w[1] + 1e-6), outer))
+
+    lines: list[list[Place]] = []
+    for side in (-1, 1):
+        lines += [[(z0, side * r), (z1, side * r)] for z0, z1, r in b["walls_mm"]]
+        lines += [[(z, side * wall(z)), (z, side * r)] for z, r in b["edges_mm"]]
+    lens = b["lens_radius_mm"]
+    stages = "One stage" if b["kind"] == "one" else "Two stages"
+    said = f"{stages}, {b['length_mm']:.1f} mm long, ⌀ {2 * outer:.1f} mm, keeps out from {b['exclusion_deg']:.1f}°"
+    return Outline(said, lines, [[(0.0, -lens), (0.0, lens)]])
