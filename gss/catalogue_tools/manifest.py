@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -13,6 +13,7 @@ from gss.domain.errors import BadInput, CorruptData
 from gss.domain.profiles import CameraProfile
 
 MANIFEST_VERSION = 2
+LARGEST = 0x7FFF_FFFF
 # What version 2 added; a paper of version 1 says nothing of these.
 SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
 SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and names from d3-celestial (BSD-3)"
@@ -73,9 +74,9 @@ def read_manifest(text: str) -> Manifest:
     try:
         content = json.loads(text)
         claimed = content.pop("manifest_sha256")
+        found = hashlib.sha256(_canonical(content)).hexdigest()
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise CorruptData("not a catalogue manifest", expected="JSON with manifest_sha256", got=str(error)) from None
-    found = hashlib.sha256(_canonical(content)).hexdigest()
     if claimed != found:
         raise CorruptData("the manifest was changed after it was written", expected=str(claimed), got=found)
     names = {f.name for f in fields(Manifest)}
@@ -83,7 +84,35 @@ def read_manifest(text: str) -> Manifest:
     wanted = {"1": names - set(SINCE_2), str(MANIFEST_VERSION): names}.get(str(version))
     if wanted is None or set(content) != wanted:
         raise CorruptData("a manifest of another version", expected=f"1 or {MANIFEST_VERSION}", got=str(version))
+    _check_types(content)
     return Manifest(**{**content, "hip": tuple(content["hip"])})
+
+
+def _check_types(content: Mapping[str, Any]) -> None:
+    """A hash can be computed by anybody: each value must be of its field's type, and what is in it too."""
+    inner: dict[str, Callable[[Any], bool]] = {
+        "str": lambda value: isinstance(value, str),
+        "int": _whole,
+        "float": _number,
+        "dict[str, Any]": lambda value: isinstance(value, dict),
+        "dict[str, int]": lambda value: isinstance(value, dict) and all(map(_whole, value.values())),
+        "dict[str, float | None]": lambda value: (
+            isinstance(value, dict) and all(v is None or _number(v) for v in value.values())
+        ),
+        "tuple[int, ...]": lambda value: isinstance(value, list) and all(map(_whole, value)),
+    }
+    for f in fields(Manifest):
+        if f.name in content and not inner[str(f.type)](content[f.name]):
+            got = repr(content[f.name])[:60]
+            raise CorruptData(f"{f.name} of the manifest is of another type", expected=str(f.type), got=got)
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def manifest_of(content: Mapping[str, Any]) -> Manifest:

@@ -166,7 +166,7 @@ def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
         if values.get("reduced") is not None:
             values["reduced"] = ReducedFrame(**values["reduced"])
         return BuildRequest(**values)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise CorruptData("the manifest's parameters are no request", got=f"{type(error).__name__}: {error}") from None
 
 

@@ -52,11 +52,31 @@ def load_dictionary() -> Dictionary:
 def parse_dictionary(text: str) -> Dictionary:
     """Dictionary from YAML text; BadInput names the row that is wrong."""
     try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise BadInput("dictionary is not YAML", got=str(error)) from error
+        content = yaml.load(text, _PlainLoader)  # noqa: S506  # a safe loader that knows less
+    except (yaml.YAMLError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise BadInput("dictionary is not YAML", got=str(error)[:300] or type(error).__name__) from error
     if not isinstance(content, dict):
         raise BadInput("dictionary is empty", expected="a mapping with commands, telemetry, events, services")
+    try:
+        return _dictionary(content)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
+        # A row of another shape: what is missing or of a wrong type is in the error's own words.
+        got = f"{type(error).__name__}: {error}"[:200]
+        raise BadInput(
+            "a row of the dictionary is not as it must be", expected="its keys and types", got=got
+        ) from error
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """No aliases: they grow a few bytes into gigabytes, and a dictionary says everything once."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("an alias (*) stands for a value")
+        return super().compose_node(parent, index)
+
+
+def _dictionary(content: Mapping[str, Any]) -> Dictionary:
     known_keys("dictionary", content, "version device_model limit_sets enums commands telemetry events services")
     enums = {name: read_choices(name, rows) for name, rows in content.get("enums", {}).items()}
     dictionary = Dictionary(

@@ -38,7 +38,7 @@ def known_keys(where: str, row: Row, keys: str) -> None:
     """BadInput where a row says more than anybody reads."""
     unknown = set(row) - set(keys.split())
     if unknown:
-        raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(sorted(unknown)))
+        raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(map(str, sorted(unknown, key=str))))
 
 
 def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:

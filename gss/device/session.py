@@ -314,6 +314,10 @@ class HostSession:
             self._undecodable += 1
 
     def _report(self, packet: Packet, command: Command, now_s: float) -> None:
+        sent = self._lane.record(packet.request_id)
+        if sent is not None and sent.command.code != command.code:
+            # Its values would be taken for those of the command that was sent under this id.
+            raise CorruptData("a report names another command", expected=sent.command.name, got=command.name)
         stage_reached, facts = read_report(packet, command, self._dictionary)
         stages = self._lane.report(packet.request_id, stage_reached, now_s, facts)
         self._repeated_ids += bool(facts["replayed"]) or not stages

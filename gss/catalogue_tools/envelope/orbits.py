@@ -91,6 +91,7 @@ def read_tle(text: str) -> Satrec:
         satellite = Satrec.twoline2rv(*lines)
     except (ValueError, IndexError) as error:
         raise BadInput("TLE cannot be read", expected="numbers in their columns", got=str(error)) from None
+    _check_epoch(satellite)
     if satellite.error:
         raise BadInput(
             "TLE describes no orbit",
@@ -133,7 +134,16 @@ def ordered(what: str, limits: Range, hint: str = "") -> Range:
     return low, high
 
 
+def _check_epoch(satellite: Satrec) -> None:
+    try:
+        sat_epoch_datetime(satellite)
+    except (ValueError, OverflowError) as error:
+        raise BadInput("the epoch of the TLE is no date", expected="a year and its day", got=str(error)) from None
+
+
 def _check_line(line: str) -> None:
+    if not line.isascii():
+        raise BadInput("TLE line is not plain text", expected="ASCII", got=line)
     if len(line) != 69 or not line[68].isdigit():
         raise BadInput("TLE line has the wrong length", expected="69 columns", got=f"{len(line)} columns: {line!r}")
     total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10

@@ -3,6 +3,7 @@ tables all come from this one description."""
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 
 AnyArray = NDArray[Any]
 Columns = dict[str, AnyArray]
+NUMBER_TYPE = re.compile(r"[<|](?:[ui][124]|f[48])")
+MOST_IN_A_ROW = 64
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,20 @@ class Rows:
         if self.records:
             return (Block(self.table, np.dtype([(f.name, f.type) for f in self.fields]), count),)
         return tuple(Block(self.table, np.dtype(f.type), count, f.name) for f in self.fields)
+
+
+def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
+    """The type that a file's layout describes: a number, so many of it in a row, or a record. ValueError for all else: numpy reads
+    a small language, which no file may speak to it."""
+    if isinstance(described, str) and NUMBER_TYPE.fullmatch(described):
+        sizes = [n for n in shape if type(n) is int and 0 < n <= MOST_IN_A_ROW]
+        if len(sizes) == len(shape) <= 1:
+            return np.dtype((described, tuple(sizes)))
+    elif isinstance(described, list) and 0 < len(described) <= MOST_IN_A_ROW:
+        pairs = [(str(name), dtype_of(kind, ()).str) for name, kind in described]
+        if all(name.isidentifier() for name, _ in pairs):
+            return np.dtype(pairs)
+    raise ValueError(f"a type {str(described)[:60]!r} of shape {str(shape)[:60]}")
 
 
 def to_bytes(blocks: Sequence[Block], columns: Columns) -> bytes:

@@ -12,7 +12,7 @@ import re
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import AnyArray, Block
+from gss.catalogue_tools.formats.blocks import AnyArray, Block, dtype_of
 from gss.catalogue_tools.formats.registry import blocks_of, decode, read_header
 from gss.domain.errors import BadInput, CorruptData
 
@@ -116,18 +116,12 @@ def read_c_source(text: str) -> bytes:
         raise BadInput("not a catalogue in C source", expected="the gss-layout line of its first comment")
     arrays = dict(ARRAY.findall(COMMENT.sub("", text)))
     try:
-        layout = [(str(n), _dtype(d, shape), int(count)) for n, d, shape, count in json.loads(found[1])]
-    except (ValueError, TypeError) as error:
+        layout = [(str(n), dtype_of(d, shape), int(count)) for n, d, shape, count in json.loads(found[1])]
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise CorruptData("the layout line of the C source is damaged", expected="a list", got=str(error)) from None
     image = b"".join(_parsed(name, dtype, count, arrays.get(name)).tobytes() for name, dtype, count in layout)
     decode(image)
     return image
-
-
-def _dtype(described: str | list[list[str]], shape: list[int]) -> np.dtype:
-    if isinstance(described, str):
-        return np.dtype((described, tuple(shape)))
-    return np.dtype([(str(n), str(t)) for n, t in described])
 
 
 def _parsed(name: str, dtype: np.dtype, count: int, text: str | None) -> AnyArray:

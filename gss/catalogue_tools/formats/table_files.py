@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import zipfile
 from collections.abc import Callable, Mapping
@@ -17,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Block, Columns, block_columns, to_bytes
+from gss.catalogue_tools.formats.blocks import Block, Columns, block_columns, dtype_of, to_bytes
 from gss.catalogue_tools.formats.registry import blocks_of, decode, read_header
+from gss.catalogue_tools.sources.star_list_guards import check_ecsv_header
 from gss.domain.errors import BadInput, CorruptData
 
 LAYOUT = "layout"
@@ -89,12 +91,7 @@ def _tables(image: bytes) -> tuple[Tables, list[dict[str, Any]]]:
 
 
 def _block(entry: Mapping[str, Any]) -> tuple[str, Block]:
-    described = entry["type"]
-    dtype: np.dtype[Any] = (
-        np.dtype((described, tuple(entry["shape"])))
-        if isinstance(described, str)
-        else np.dtype([(str(n), str(t)) for n, t in described])
-    )
+    dtype = dtype_of(entry["type"], entry["shape"])
     rows, bits = entry["rows"], tuple(entry["bits"])
     if not all(type(number) is int and number > 0 for number in (rows, *bits)) or len(bits) not in (
         0,
@@ -263,7 +260,9 @@ def _write_ecsv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
 def _read_ecsv(data: bytes) -> Columns:
     from astropy.io import ascii as text_tables
 
-    table = text_tables.read(data.decode().splitlines(), format="ecsv", guess=False)
+    lines = data.decode().splitlines()
+    check_ecsv_header([line[2:] for line in itertools.takewhile(lambda line: line.startswith("#"), lines)])
+    table = text_tables.read(lines, format="ecsv", guess=False)
     return {n: np.asarray(table[n]) for n in table.colnames}
 
 

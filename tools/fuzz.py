@@ -1,0 +1,205 @@
+"""``python -m tools.fuzz TARGET --minutes N``: look for input that breaks a promise; the corpus is where it starts.
+
+With atheris (``pip install atheris``) the search follows coverage; without, bytes are mutated by a seeded generator. What fails is
+written as ``regression-…`` beside the corpus; the tests replay it from then on. ``all`` takes every target in turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+CORPUS = Path(__file__).parent.parent / "tests" / "fuzz" / "corpus"
+LONGEST_S = 10
+MOST_MEMORY_BYTES = 4 << 30
+INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFF_FFFF, 0xFFFF_FFFF)
+WORDS = (
+    *b'nan inf -1 0 1e999 99999999999999999999 null true {} [] "" " \' # *a , : [[[[[[[[ 1_000 0x10 2026-13-45'.split(),
+    *(
+        b"&a ",
+        b"\n",
+        b"\r\n",
+        b"\t",
+        b": ",
+        b"- ",
+        b"  ",
+        b"{a: {a: {a: ",
+        b"!!python/name:os.system ",
+        b"<!ENTITY a 'b'>",
+    ),
+    *(b"\0", b"\xff\xfe", "²".encode(), "−".encode(), "٣".encode()),
+)
+
+
+def seeds_of(target: str) -> list[bytes]:
+    """The kept inputs of a target, in order."""
+    return [path.read_bytes() for path in sorted((CORPUS / target).iterdir()) if path.is_file()]
+
+
+def mutated(rng: random.Random, pool: list[bytes], most_bytes: int, text: bool) -> bytes:
+    """A few random changes to one input of the pool."""
+    data = bytearray(rng.choice(pool))
+    for _ in range(1 << rng.randrange(4)):
+        _change(rng, data, pool, text)
+    return bytes(data[:most_bytes])
+
+
+def _change(rng: random.Random, data: bytearray, pool: list[bytes], text: bool) -> None:
+    at = rng.randrange(len(data) + 1)
+    end = min(len(data), at + 1 + min(int(rng.expovariate(0.1)), 400))
+    kind = rng.randrange(9 if text else 7)
+    if kind == 0 and data:
+        data[at % len(data)] ^= 1 << rng.randrange(8)
+    elif kind == 1 and data:
+        data[at % len(data)] = rng.randrange(256)
+    elif kind == 2:
+        del data[at:end]
+    elif kind == 3:
+        data[at:at] = data[at:end] * rng.choice((1, 1, 2, 20))
+    elif kind == 4:
+        other = rng.choice(pool)
+        start = rng.randrange(len(other) + 1)
+        data[at:end] = other[start : start + rng.randrange(400)]
+    elif kind == 5:
+        size = rng.choice((1, 2, 4, 8))
+        value = rng.choice(INTERESTING) & ((1 << 8 * size) - 1)
+        data[at : at + size] = value.to_bytes(size, rng.choice(("big", "little")))
+    elif kind == 6:
+        data[at:end] = rng.choice(WORDS)
+    elif kind == 7:
+        _swap_line(rng, data)
+    else:
+        _swap_token(rng, data)
+
+
+def _swap_line(rng: random.Random, data: bytearray) -> None:
+    lines = bytes(data).split(b"\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    lines[i] = lines[j] if rng.random() < 0.5 else b""
+    data[:] = b"\n".join(lines)
+
+
+def _swap_token(rng: random.Random, data: bytearray) -> None:
+    """One value becomes a word that has broken parsers before."""
+    marks = [i for i, c in enumerate(data) if c in b' ,:[]{}<>"=\n\t;']
+    if len(marks) > 1:
+        i = rng.randrange(len(marks) - 1)
+        data[marks[i] + 1 : marks[i + 1]] = rng.choice(WORDS)
+
+
+def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseException], None]) -> tuple[int, float]:
+    """Run mutated inputs until the time is over; ``keep`` takes each that failed. How many ran, and the slowest in seconds."""
+    from tools.fuzz_targets import TARGETS
+
+    target, pool, rng = TARGETS[name], seeds_of(name), random.Random(seed)  # not a secret
+    signal.signal(signal.SIGALRM, _too_long)
+    end_s, count, slowest_s = time.monotonic() + seconds, 0, 0.0
+    while time.monotonic() < end_s:
+        data = mutated(rng, pool, target.most_bytes, target.text)
+        began_s = time.monotonic()
+        signal.alarm(LONGEST_S)
+        try:
+            target.fuzz_one(data)
+        except Exception as error:
+            keep(data, error)
+        finally:
+            signal.alarm(0)
+        count, slowest_s = count + 1, max(slowest_s, time.monotonic() - began_s)
+    return count, slowest_s
+
+
+def _too_long(_signal: int, _frame: FrameType | None) -> None:
+    raise TimeoutError(f"more than {LONGEST_S} s for one input")
+
+
+def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException], None]:
+    """Writes the first input of each place that raised."""
+
+    def keep(data: bytes, error: BaseException) -> None:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        ours = next((f for f in reversed(traceback.extract_tb(error.__traceback__)) if "/gss/" in f.filename), frame)
+        place = f"{type(error).__name__} in {Path(ours.filename).name}:{ours.lineno} {ours.name}"
+        if place in seen:
+            return
+        seen.add(place)
+        path = CORPUS / name / f"regression-{hashlib.sha256(data).hexdigest()[:10]}"
+        path.write_bytes(data)
+        print(f"{name}: {place}: {str(error)[:200]}\n  kept as {path.name}", flush=True)
+
+    return keep
+
+
+def _with_atheris(name: str, seconds: int) -> int:
+    """libFuzzer ends the process at the first failure, so each search is a process of its own."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        code = f"import tools.fuzz as f; f.atheris_main({name!r})"
+        options = [
+            folder,
+            str(CORPUS / name),
+            f"-max_total_time={seconds}",
+            f"-timeout={LONGEST_S}",
+            "-rss_limit_mb=4096",
+        ]
+        options += [f"-artifact_prefix={CORPUS / name}/regression-", "-print_final_stats=1", "-verbosity=1"]
+        return subprocess.run([sys.executable, "-c", code, *options], check=False).returncode
+
+
+def atheris_main(name: str) -> None:
+    """Inside the process that libFuzzer drives."""
+    import atheris
+
+    with atheris.instrument_imports(include=["gss"]):
+        from tools.fuzz_targets import TARGETS
+    warnings.simplefilter("ignore")
+    atheris.Setup(sys.argv, TARGETS[name].fuzz_one)
+    atheris.Fuzz()
+
+
+def main() -> int:
+    """Search; 1 when something was found."""
+    from tools.fuzz_targets import TARGETS
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("target", choices=[*TARGETS, "all"])
+    parser.add_argument("--minutes", type=float, default=1.0, help="for each target")
+    parser.add_argument("--seed", type=int, default=int(time.time()), help="of our own mutation")
+    parser.add_argument("--engine", choices=("auto", "atheris", "own"), default="auto")
+    arguments = parser.parse_args()
+    names = list(TARGETS) if arguments.target == "all" else [arguments.target]
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
+    warnings.simplefilter("ignore")
+    failed = False
+    for name in names:
+        if arguments.engine == "atheris" or (arguments.engine == "auto" and _has_atheris()):
+            failed |= _with_atheris(name, int(arguments.minutes * 60)) != 0
+            continue
+        seen: set[str] = set()
+        count, slowest_s = search(name, arguments.minutes * 60, arguments.seed, keep_in_corpus(name, seen))
+        print(
+            f"{name}: {count} inputs, seed {arguments.seed}, slowest {slowest_s:.2f} s, {len(seen)} defects", flush=True
+        )
+        failed |= bool(seen)
+    return int(failed)
+
+
+def _has_atheris() -> bool:
+    import importlib.util
+
+    return importlib.util.find_spec("atheris") is not None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,222 @@
+"""The good examples that fuzzing starts from: ``python -m tools.fuzz_seeds`` writes tests/fuzz/corpus anew, regressions stay.
+
+Real bytes of our own writers, as small as they can be; what fuzzing found lies beside them as ``regression-*``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from gss.catalogue_tools.envelope.attitude import AttitudeLimits
+from gss.catalogue_tools.formats.table_files import export_table
+from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.onboard import FORMATS, c_source, encode
+from gss.catalogue_tools.request import BuildRequest, TleOrbit, parameters_of
+from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.sources.star_list_export import write_star_list
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.catalogue_tools.tables.triplets import encode_triplets, triplets_of
+from gss.device.dictionary_file import load_dictionary
+from gss.device.golden import build_golden
+from gss.device.protocol.frame import encode_frame
+from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.packet import Packet, PacketType, encode_packet
+from gss.device.session import HostSession
+from gss.device.simulator.factory import burn_golden
+from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.memory import Memory
+from gss.device.simulator.orbit import Inertial
+from gss.device.simulator.sky import Sky
+from gss.device.tables import encode_table
+from gss.domain.profiles import profile
+from gss.domain.triplets import TripletClasses
+from gss.operations.studies.dark_frames import as_bytes
+from gss.pipeline.fixed_pattern import FixedPattern
+
+CORPUS = Path(__file__).parent.parent / "tests" / "fuzz" / "corpus"
+TLE = (
+    "1 25544U 98067A   26150.51782528  .00016717  00000-0  10270-3 0  9006\n"
+    "2 25544  51.6400 208.9163 0006317  69.9862  25.2906 15.49560532    00\n"
+)
+DICTIONARY = """version: 1
+device_model: X
+enums: {onoff: [{name: "off", value: 0}, {name: "on", value: 1, hazard: warning}]}
+limit_sets: [{name: eclipse, note: n}]
+commands:
+- {name: GO, code: 1, subsystem: s, purpose: p, idempotent: true, accept_s: 1, complete_s: 2, hazard: critical, hazard_reason: r,
+   arguments: [{name: a, type: u8, min: 0, max: 9, default: 1}, {name: b, type: enum, enum: onoff}],
+   returns: [{name: rows, list: [{name: v, type: f32}]}], preconditions: [{field: t, op: lt, value: 3, text: x}]}
+telemetry:
+- {name: housekeeping, code: 1, purpose: p, stale_after_s: 5, fields: [
+   {name: t, type: i16, unit: °C, conversion: {linear: [0.1, 2]}, watch: [0, 5], critical: [-9, null], persistence: 2,
+    sets: {eclipse: {watch: [1, 2]}}}]}
+events: [{name: BOOT, code: 1, severity: ok, purpose: p}]
+services: [{name: CHUNK, packet: transfer, code: 4, purpose: p, fields: [{name: data, type: rest}]}]
+"""
+
+
+@lru_cache(maxsize=8)
+def small_bank(format_name: str = "cubestar") -> bytes:
+    """Stars to V 0.8 with all their pairs, in one of the on-board formats."""
+    stars = propagate(load_stars(0.8), 2026.0)
+    return encode(stars, distance_table(stars, 0.01, 0.4), format_name, "cubestar")
+
+
+@lru_cache(maxsize=1)
+def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
+    """What a simulated sensor and the ground say in a minute, as records of a capture and as packets that came down."""
+    camera, memory = profile("cubestar"), Memory.in_ram()
+    burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
+    motion = Inertial.pointing(1.4661, 0.0873, 0.3)
+    tracker, now_s = StarTracker(camera, Sky(camera, motion, 2026.0, 1), memory), 100.0
+    device, host = Device(load_dictionary(), Identity(), memory, tracker, now_s), HostSession(load_dictionary())
+    host.link_up(now_s)
+    receiver, said, packets = LineReceiver(from_device=True), [], []
+    for step in range(1200):
+        now_s += 0.05
+        up, _ = host.poll(now_s)
+        device.advance(now_s)
+        device.feed(up, now_s)
+        frame = device.next_frame(now_s) or b""
+        host.feed(frame, now_s)
+        said += [(1.7e9 + now_s, way, data) for way, data in ((1, up), (0, frame)) if data]
+        packets += receiver.feed(frame)
+        if step == 20:
+            host.submit("GET_STATUS", {}, now_s)
+            host.submit("TAKE_IMAGE", {}, now_s)
+        if step == 200:
+            host.start_download("frame", 1, now_s)
+    return said, packets
+
+
+def _records(packets: list[Packet]) -> bytes:
+    kinds = list(PacketType)
+    heads = (struct.pack(">BBHH", kinds.index(p.type), p.code, p.request_id, len(p.payload)) for p in packets)
+    return b"".join(head + p.payload for head, p in zip(heads, packets, strict=True))
+
+
+def _pictures() -> Iterator[tuple[str, bytes]]:
+    from astropy.io import fits
+    from PIL import Image
+
+    pixels = (np.indices((12, 16)).sum(axis=0) * 7).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x0132] = "2026:01:02 03:04:05"
+    for name, mode, options in (
+        ("png", "L", {}),
+        ("png", "RGBA", {}),
+        ("png", "P", {}),
+        ("jpeg", "RGB", {"exif": exif}),
+        ("tiff", "L", {"compression": "tiff_lzw"}),
+        ("tiff", "RGB", {}),
+        ("tiff", "I;16", {}),
+    ):
+        file = io.BytesIO()
+        picture = (
+            Image.fromarray(pixels.astype(np.uint16) << 4) if mode == "I;16" else Image.fromarray(pixels).convert(mode)
+        )
+        picture.save(file, name, **options)
+        yield f"{mode.lower().replace(';', '')}.{name}", file.getvalue()
+    for kind in (np.int16, np.float32):
+        hdu = fits.PrimaryHDU(pixels.astype(kind))
+        hdu.header.update({"EXPTIME": 0.5, "DATE-OBS": "2026-01-02T03:04:05", "INSTRUME": "X"})
+        file = io.BytesIO()
+        hdu.writeto(file)
+        yield f"{np.dtype(kind).name}.fits", file.getvalue()
+    file = io.BytesIO()
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(np.tile(pixels, (2, 2)))]).writeto(file)
+    yield "packed.fits", file.getvalue()
+
+
+def _request() -> BuildRequest:
+    limits = AttitudeLimits("zenith")
+    start = datetime(2026, 1, 1, tzinfo=UTC)
+    return BuildRequest("cubestar", "cubestar", Rules(3.0), orbit=TleOrbit(TLE), attitude=limits, start=start)
+
+
+def _paper() -> str:
+    texts = ("n", "a", "t", "cubestar", "cubestar", "0" * 64, "s", "0" * 64, "icrs", 2026.0, "2026-01-01T00:00:00Z", "")
+    asked = json.loads(json.dumps(parameters_of(_request())))
+    counted = ({"k": 1.5}, {"stars": 2}, {"header": 64}, {"q": None}, {"p": None}, (1, 2), "0" * 64)
+    return Manifest(
+        *texts,
+        asked,
+        *counted,
+    ).as_json()
+
+
+def seeds() -> Iterator[tuple[str, str, bytes]]:
+    """(target, name, bytes)."""
+    said, packets = _contact()
+    line = b"".join(data for _, way, data in said if way == 0)[:6000]
+    yield "frames", "contact-cobs", line
+    yield "frames", "contact-slip", b"".join(encode_frame(encode_packet(p), "slip") for p in packets[:8])
+    for kind in PacketType:
+        for p in [p for p in packets if p.type is kind][:2]:
+            yield "packets", f"{kind.name.lower()}-{p.code}", encode_packet(p)
+            yield "packets", f"payload-{kind.name.lower()}-{p.code}", p.payload
+    yield "session", "greeted", _records(packets[:12])
+    transfer = [p for p in packets if p.type in (PacketType.TRANSFER, PacketType.REPORT)]
+    yield "session", "transfer", _records([p for p in transfer if len(p.payload) < 300][:20])
+    for name, part in (("contact", said[:40]), ("middle", said[200:230])):
+        yield "capture", name, b"".join(struct.pack("<dBI", s, way, len(d)) + d for s, way, d in part)[:8000]
+    yield "capture", "records", _records(packets[:12])
+    for name, data in _pictures():
+        yield "image", name, data
+    few = propagate(load_stars(0.3), 2026.0)
+    for kind in ("csv", "ecsv", "votable", "fits"):
+        yield f"star-list-{kind}", "bright", write_star_list(few, kind)
+    yield (
+        "star-list-csv",
+        "semicolon",
+        b"# epoch = J2000\n# frame: FK5\nname;RA;Dec;V\nx;12:34:56;-1 2 3;1.5\ny;1:2:3;4 5 6;2\n",
+    )
+    yield "tle", "satellite", TLE.encode()
+    yield "tle", "named", b"ISS\n" + TLE.encode()
+    yield "dictionary", "small", DICTIONARY.encode()
+    yield "manifest", "version-2", _paper().encode()
+    for name in FORMATS:
+        yield "bank", name, small_bank(name)
+    values = {"distortion": "brown", "focal_length_px": 1000.0, "k1": -0.1}
+    yield "device-table", "calibration", encode_table("calibration", "cubestar", values)
+    yield "device-table", "parameters", encode_table("parameters", "cubestar", {"chain": "cubestar", "threshold": 30.0})
+    yield "device-table", "triplets", _triplets()
+    yield "table-fits", "bank", export_table(small_bank(), "fits")
+    yield "table-zip", "bank", export_table(small_bank(), "csv")
+    for kind in ("csv", "ecsv", "parquet"):
+        with zipfile.ZipFile(io.BytesIO(export_table(small_bank(), kind))) as archive:
+            for member in archive.namelist():
+                if member.startswith(("layout", "stars")):
+                    yield f"table-{kind}", member.partition(".")[0], member.encode() + b"\n" + archive.read(member)
+    yield "c-source", "bank", c_source(small_bank()).encode()
+    flat = FixedPattern(np.zeros((8, 8), np.float32), np.array([[3, 1]], np.intp), 0.5)
+    yield "dark-frame", "flat", as_bytes(flat)
+
+
+def _triplets() -> bytes:
+    stars = propagate(load_stars(1.2), 2026.0)
+    return encode_triplets(triplets_of(stars, TripletClasses.of(2e-4), 0.7, 0.6))
+
+
+def main() -> None:
+    """Write the corpus."""
+    for target, name, data in seeds():
+        folder = CORPUS / target
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"seed-{name}").write_bytes(data)
+    print(json.dumps({p.name: len(list(p.iterdir())) for p in sorted(CORPUS.iterdir()) if p.is_dir()}))
+
+
+if __name__ == "__main__":
+    main()

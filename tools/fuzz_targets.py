@@ -1,0 +1,335 @@
+"""What bytes from outside run into, one function a target: ``fuzz_one(data)`` lets nothing out but a defect.
+
+Contract of every parser here: a GssError says what is wrong, or there is a result; never another exception, never much time or
+memory. Parsers of the line promise more and raise nothing at all. Formats with checksums are tried twice: as the bytes are, and
+with their checksums made right, because a sender who means harm can compute them too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from typing import Any
+
+from gss.catalogue_tools.envelope.orbits import altitude_of_tle, from_tle
+from gss.catalogue_tools.formats.registry import blocks_of, decode, encoded_again, part_bytes
+from gss.catalogue_tools.formats.table_files import export_table, import_table
+from gss.catalogue_tools.manifest import check_image, manifest_of, read_manifest
+from gss.catalogue_tools.onboard import c_source, read_c_source
+from gss.catalogue_tools.request import request_from
+from gss.catalogue_tools.sources.star_list_mapping import ListMapping
+from gss.catalogue_tools.sources.star_lists import read_star_list
+from gss.catalogue_tools.tables.triplets import decode_triplets
+from gss.device.dictionary_file import load_dictionary, parse_dictionary
+from gss.device.protocol import codec
+from gss.device.protocol.frame import FRAMINGS, MAX_PACKET_BYTES, Deframer, encode_frame
+from gss.device.protocol.line import LineSender
+from gss.device.protocol.packet import PacketType, decode_packet, encode_packet, with_crc
+from gss.device.session import HostSession
+from gss.device.tables import decode_table, encode_table
+from gss.domain.errors import GssError
+from gss.operations.frames.frame_files import read_frame
+from gss.operations.line.capture_decoder import CaptureDecoder
+from gss.operations.line.raw_capture import read_capture
+from gss.operations.studies.dark_frames import from_bytes
+
+MOST_RECORDS = 200
+RECORD = struct.Struct(">BBHH")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One parser. ``text``: mutate its input as text too. ``most_bytes``: longer inputs teach nothing new."""
+
+    fuzz_one: Callable[[bytes], None]
+    text: bool = False
+    most_bytes: int = 1 << 16
+
+
+# --- the line -------------------------------------------------------------------------------------------------------
+
+
+def frames(data: bytes) -> None:
+    """Both framings: nothing raised, memory bounded, the same packets however the stream was cut, and all come back."""
+    step = 1 + (data[0] if data else 0)
+    for name in FRAMINGS:
+        whole, pieces = Deframer(framing=name), Deframer(framing=name)
+        expected = whole.feed(data)
+        found: list[bytes] = []
+        for at in range(0, len(data), step):
+            found += pieces.feed(data[at : at + step])
+            _require(pieces.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame outgrew its bound")
+        _require(found == expected, "the cut of the stream decided what was read")
+        for packet in expected:
+            _require(Deframer(framing=name).feed(encode_frame(packet, name)) == [packet], "a packet did not come back")
+
+
+def packets(data: bytes) -> None:
+    """A packet and its payload by every layout of the dictionary; what can be read is written as it was."""
+    for candidate in (data, with_crc(data)):
+        packet = decode_packet(candidate)
+        if hasattr(packet, "payload"):
+            _require(decode_packet(encode_packet(packet)) == packet, "a packet did not come back")
+    for layout in _layouts():
+        with suppress(GssError):
+            found = codec.decode(layout, data)
+            _require(
+                codec.decode(layout, codec.encode(layout, found.raw, found.lists)).lists is not None, "no way back"
+            )
+
+
+@lru_cache(maxsize=1)
+def _layouts() -> list[Any]:
+    d = load_dictionary()
+    arguments = [c.arguments for c in d.commands] + [c.returns for c in d.commands]
+    return [*arguments, *(p.fields for p in d.telemetry if not _converted(p)), *(s.fields for s in d.services)]
+
+
+def _converted(packet: Any) -> bool:
+    return any(field.conversion.coefficients for field in packet.values)
+
+
+def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
+    """Packets before they are framed: u8 type, u8 code, u16 request id, u16 length, payload; so that checksums are right."""
+    found, at = [], 0
+    while at + RECORD.size <= len(data) and len(found) < MOST_RECORDS:
+        kind, code, request_id, length = RECORD.unpack_from(data, at)
+        at += RECORD.size
+        payload = data[at : at + min(length, 1900)]
+        at += len(payload)
+        found.append((list(PacketType)[kind % len(PacketType)], code, request_id, payload))
+    return found
+
+
+def session(data: bytes) -> None:
+    """The ground's side of the line, greeted and with a command and a transfer under way, hears what no sensor says."""
+    dictionary = load_dictionary()
+    host, now_s = HostSession(dictionary), 100.0
+    host.link_up(now_s)
+    host.feed(data, now_s)
+    sender = LineSender(to_device=False, prefix=dictionary.prefix)
+    with suppress(GssError):
+        host.submit("GET_STATUS", {}, now_s)
+        host.start_download("frame", 1, now_s)
+    for kind, code, request_id, payload in _records(data):
+        now_s += 0.05
+        host.poll(now_s)
+        host.feed(sender.packet(PacketType(kind), code, request_id, payload), now_s)
+    host.poll(now_s + 100.0)
+    host.link_lost(now_s + 101.0)
+
+
+def capture(data: bytes) -> None:
+    """The file of a raw capture, and whatever the line said as one record."""
+    for file in (data, struct.pack("<dBI", 1.7e9, 0, len(data)) + data):
+        decoder = CaptureDecoder(load_dictionary())
+        for at_s, direction, piece in read_capture(io.BytesIO(file)):
+            decoder.feed(at_s, direction, piece)
+    decoder = CaptureDecoder(load_dictionary())
+    senders = [LineSender(to_device=up, prefix=load_dictionary().prefix) for up in (False, True)]
+    for k, (kind, code, request_id, payload) in enumerate(_records(data)):
+        up = int(kind == PacketType.COMMAND)
+        decoder.feed(float(k), up, senders[up].packet(PacketType(kind), code, request_id, payload))
+
+
+# --- files of users -------------------------------------------------------------------------------------------------
+
+
+def image(data: bytes) -> None:
+    """A frame from a file: FITS, PNG, TIFF, JPEG by content."""
+    with suppress(GssError):
+        frame = read_frame(data, "fuzzed")
+        _require(frame.pixels.ndim == 2 and frame.pixels.dtype.kind in "uf", "no plain frame")
+
+
+def _star_list(kind: str) -> Callable[[bytes], None]:
+    def fuzz_one(data: bytes) -> None:
+        for mapping in (None, ListMapping(epoch_jyear=2000.0, frame="icrs")):
+            with suppress(GssError):
+                read_star_list(data, kind, mapping)
+
+    return fuzz_one
+
+
+def tle(data: bytes) -> None:
+    """Two lines, as given and with their checksums made right."""
+    text = data.decode("utf-8", "replace")
+    for candidate in (text, "\n".join(map(_with_tle_sum, text.splitlines()[:4]))):
+        with suppress(GssError):
+            altitude_of_tle(candidate)
+        with suppress(GssError):
+            from_tle(candidate, datetime(2026, 6, 1, tzinfo=UTC), 7.0)
+
+
+def _with_tle_sum(line: str) -> str:
+    if len(line) < 68 or line[0] not in "12":
+        return line
+    return line[:68] + str(sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10)
+
+
+def dictionary(data: bytes) -> None:
+    """Another dictionary."""
+    with suppress(GssError):
+        parse_dictionary(data.decode("utf-8", "replace"))
+
+
+def manifest(data: bytes) -> None:
+    """The paper of a catalogue, as given and with its hash made right; what was read can be used."""
+    text = data.decode("utf-8", "replace")
+    for candidate in (text, _with_manifest_sum(text)):
+        with suppress(GssError):
+            paper = read_manifest(candidate)
+            _require(read_manifest(paper.as_json()) == paper, "a manifest did not come back")
+            with suppress(GssError):
+                check_image(paper, b"")
+            with suppress(GssError):
+                manifest_of(paper.as_dict())
+            with suppress(GssError):
+                request_from(paper.parameters)
+
+
+def _with_manifest_sum(text: str) -> str:
+    try:
+        content = json.loads(text)
+        content.pop("manifest_sha256", None)
+        plain = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        return json.dumps(content | {"manifest_sha256": hashlib.sha256(plain.encode()).hexdigest()})
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return text
+
+
+def bank(data: bytes) -> None:
+    """A bank image, as given and with its checksums made right; what can be read can be written in every way."""
+    for candidate in (data, _with_bank_sums(data)):
+        with suppress(GssError):
+            decode(candidate)
+            part_bytes(candidate)
+            whole = b"".join(piece for _, piece in blocks_of(candidate))
+            _require(candidate.startswith(whole), "the blocks are not the image")
+            with suppress(GssError):
+                encoded_again(candidate)
+            with suppress(GssError):
+                c_source(candidate)
+            with suppress(GssError):
+                export_table(candidate, "csv")
+
+
+def _with_bank_sums(data: bytes) -> bytes:
+    """Body CRC at 56, header CRC at 60. The body ends where the image says, or where the data do."""
+    if len(data) < 64:
+        return data
+    fixed = bytearray(data)
+    fixed[56:60] = zlib.crc32(data[64:]).to_bytes(4, "little")
+    fixed[60:64] = zlib.crc32(bytes(fixed[:60])).to_bytes(4, "little")
+    return bytes(fixed)
+
+
+def device_table(data: bytes) -> None:
+    """Calibration, parameter and triplet tables, as given and with their checksums made right."""
+    for candidate in (data, _with_table_sums(data)):
+        for kind in ("calibration", "parameters"):
+            with suppress(GssError):
+                profile, values = decode_table(kind, candidate)
+                with suppress(GssError):  # names that the wire's format allows and ours does not
+                    _require(decode_table(kind, encode_table(kind, profile, values))[0] == profile, "no way back")
+        with suppress(GssError):
+            decode_triplets(candidate)
+
+
+def _with_table_sums(data: bytes) -> bytes:
+    if len(data) < 64:
+        return data
+    fixed = bytearray(data)
+    if data[:4] == b"GSST":
+        end = 64 + 6 * int.from_bytes(data[12:16], "little")
+        fixed[56:60] = zlib.crc32(data[64:end]).to_bytes(4, "little")
+        fixed[60:64] = zlib.crc32(bytes(fixed[:60])).to_bytes(4, "little")
+    else:
+        fixed[44:48] = (len(data) - 64).to_bytes(4, "little")
+        fixed[56:60] = zlib.crc32(data[64:]).to_bytes(4, "little")
+        fixed[60:64] = zlib.crc32(bytes(fixed[:60])).to_bytes(4, "little")
+    return bytes(fixed)
+
+
+def _table_file(kind: str) -> Callable[[bytes], None]:
+    def fuzz_one(data: bytes) -> None:
+        with suppress(GssError):
+            import_table(data, kind)
+
+    return fuzz_one
+
+
+def _inside_zip(kind: str) -> Callable[[bytes], None]:
+    """Inside the ZIP: first line the name of a member that the rest replaces, because damage to packed bytes goes nowhere."""
+
+    def fuzz_one(data: bytes) -> None:
+        name, _, content = data.partition(b"\n")
+        members = dict(_good_members(kind))
+        members[name.decode("ascii", "replace")[:60] or "x"] = content
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w") as archive:
+            for member, piece in members.items():
+                archive.writestr(zipfile.ZipInfo(member), piece)
+        with suppress(GssError):
+            import_table(file.getvalue(), kind)
+
+    return fuzz_one
+
+
+@lru_cache(maxsize=3)
+def _good_members(kind: str) -> tuple[tuple[str, bytes], ...]:
+    from tools.fuzz_seeds import small_bank
+
+    with zipfile.ZipFile(io.BytesIO(export_table(small_bank(), kind))) as archive:
+        return tuple((name, archive.read(name)) for name in archive.namelist())
+
+
+def c_sources(data: bytes) -> None:
+    """A catalogue in C."""
+    with suppress(GssError):
+        read_c_source(data.decode("utf-8", "replace"))
+
+
+def dark_frame(data: bytes) -> None:
+    """A kept dark frame."""
+    with suppress(GssError):
+        from_bytes(data)
+
+
+def _require(holds: bool, what: str) -> None:
+    if not holds:
+        raise AssertionError(what)
+
+
+TARGETS: dict[str, Target] = {
+    "frames": Target(frames, most_bytes=8192),
+    "packets": Target(packets, most_bytes=4096),
+    "session": Target(session, most_bytes=8192),
+    "capture": Target(capture),
+    "image": Target(image),
+    "star-list-csv": Target(_star_list("csv"), text=True),
+    "star-list-ecsv": Target(_star_list("ecsv"), text=True),
+    "star-list-votable": Target(_star_list("votable"), text=True),
+    "star-list-fits": Target(_star_list("fits")),
+    "tle": Target(tle, text=True, most_bytes=1024),
+    "dictionary": Target(dictionary, text=True),
+    "manifest": Target(manifest, text=True),
+    "bank": Target(bank, most_bytes=1 << 14),
+    "device-table": Target(device_table, most_bytes=8192),
+    "table-fits": Target(_table_file("fits")),
+    "table-zip": Target(_table_file("csv")),
+    "table-csv": Target(_inside_zip("csv"), text=True),
+    "table-ecsv": Target(_inside_zip("ecsv"), text=True),
+    "table-parquet": Target(_inside_zip("parquet")),
+    "c-source": Target(c_sources, text=True),
+    "dark-frame": Target(dark_frame),
+}
