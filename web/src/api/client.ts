@@ -60,8 +60,8 @@ async function answer<R>(path: string, init?: RequestInit): Promise<R> {
   return (response.status === 204 ? null : await response.json()) as R;
 }
 
-const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
-const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> =>
+export const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
+export const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> =>
   answer<R>(path, {
     method: 'POST',
     headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' },
@@ -69,7 +69,7 @@ const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R>
     signal: signal ?? null,
   });
 
-const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
+export const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
   answer<R>(path, { method, headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' }, body: body === undefined ? null : JSON.stringify(body) });
 
 export interface RawImage {
@@ -160,6 +160,7 @@ export const api = {
   jobs: () => get<T.Job[]>('/jobs'),
   cancelJob: (id: number) => post<T.Job>(`/jobs/${id}/cancel`),
   events: (after: number, limit = 200) => get<T.EventRow[]>(`/events?after=${after}&limit=${limit}`),
+  eventsOf: (start: string, end: string, limit = 500) => get<T.EventRow[]>(`/events${query({ start, end, limit })}`),
   authority: () => get<T.Authority>('/authority'),
   authorityAction: (action: 'take' | 'release' | 'break', reason = '') => post<T.Authority>(`/authority/${action}`, action === 'break' ? { reason } : undefined),
   withdraw: (id: number) => post<T.Command>(`/commands/${id}/withdraw`),
@@ -208,7 +209,7 @@ export const api = {
   steerReplay: (body: { speed?: number | null; paused?: boolean; at?: string }) => send<T.Replay>('PUT', '/replay', body),
   endReplay: () => send<T.Replay>('DELETE', '/replay'),
   contacts: () => get<T.Contact[]>('/contacts'),
-  sky: (mag = 4.5) => get<T.Sky>(`/sky?mag=${mag}`),
+  sky: (mag = 4.5, at?: string) => get<T.Sky>(`/sky${query({ mag, at })}`),
   profiles: () => get<T.Profile[]>('/profiles'),
   designCameras: () => get<T.DesignCameras>('/design/cameras'),
   design: (body: T.DesignIn, signal?: AbortSignal) => post<T.Design>('/design', body, signal),

@@ -87,6 +87,13 @@ export function kib(bytes: number): string {
   return `${fixed(bytes / 1024, 1)} KiB`;
 }
 
+/** Bytes in the largest fitting unit of 1024. */
+export function bytes(n: number): string {
+  const units = ['B', 'KiB', 'MiB', 'GiB', 'TiB'];
+  const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log2(n) / 10)) : 0;
+  return `${fixed(n / 1024 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
+}
+
 export function hex(value: number): string {
   return value.toString(16);
 }

@@ -1,0 +1,65 @@
+"""The documents as pages of our own origin."""
+
+from __future__ import annotations
+
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+
+from gss.api import errors
+from gss.api.present.help_page import Document, help_page
+from gss.api.routers import help as help_router
+
+
+@pytest.fixture(scope="module")
+def reader():
+    """A client of the documents alone."""
+    app = FastAPI()
+    errors.install(app)
+    app.include_router(help_router.router)
+    with TestClient(app) as client:
+        yield client
+
+
+def test_contents_chapters_and_pictures_are_served(reader):
+    """/help leads to every chapter; a chapter has its headings as anchors; its pictures come from here."""
+    contents = reader.get("/help")
+    assert contents.status_code == 200
+    assert "/help/operator" in contents.text
+    chapter = reader.get("/help/operator")
+    assert 'id="alarms"' in chapter.text
+    assert 'src="/help/pictures/' in chapter.text
+    assert reader.get("/help/pictures/live.png").headers["content-type"] == "image/png"
+
+
+@pytest.mark.parametrize("name", ["nothing", "..%2Fpyproject", "README.md", "%00", "pictures"])
+def test_what_is_no_chapter_is_a_page_that_says_so(reader, name):
+    """Only known names are files; the rest is told with the contents beside it."""
+    answer = reader.get(f"/help/{name}")
+    assert answer.status_code == 404
+    assert "Operator" in answer.text or "no such" in answer.text or "Not Found" in answer.text
+
+
+@pytest.mark.parametrize("name", ["..%2F..%2Fpyproject.toml", "live.md", ".png", "x%00.png"])
+def test_a_picture_is_only_ever_a_picture(reader, name):
+    """Nothing outside the folder, nothing of another kind."""
+    assert reader.get(f"/help/pictures/{name}").status_code == 404
+
+
+def test_a_document_runs_nothing(tmp_path):
+    """Markup in a document is shown, not run; a script for an address is no link."""
+    text = "# T\n\n<script>alert(1)</script> <b onclick=x>hi</b>\n\n[a](javascript:alert(1)) ![p](../x/y.png) [c](other.md#part)"
+    known = {"other": Document("other", "Other", ".", tmp_path / "other.md")}
+    page = help_page(text, None, known)
+    assert "<script>" not in page.split("</head>")[1]
+    assert "&lt;script&gt;" in page
+    assert "javascript:" not in page.replace("[a](javascript:alert(1))", "")
+    assert 'src="/help/pictures/y.png"' in page
+    assert 'href="/help/other#part"' in page
+
+
+def test_two_headings_of_one_name_have_two_anchors():
+    """The second gets a number, as on code hosts."""
+    page = help_page("# A\n\n## Part `x`\n\n## Part `x`\n", None, {})
+    assert 'id="part-x"' in page
+    assert 'id="part-x-1"' in page

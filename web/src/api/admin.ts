@@ -1,0 +1,32 @@
+/** What an admin asks and changes; apart from client.ts, so that it is fetched with the page only. */
+import { get, post, query, send } from './client';
+import type { Job } from './types';
+
+export interface UserRow { id: number; name: string; role: string; enabled: boolean; has_password: boolean; created: string; created_by: string; last_sign_in: string | null }
+export interface OneTimeLink { link: string; expires: string }
+export interface SessionRow { id: number; name: string; role: string; created: string; last_seen: string; expires: string; address: string; agent: string; own: boolean }
+export interface TokenRow { id: number; name: string; role: string; scopes: string[]; created: string; created_by: string; expires: string; revoked: string | null; last_used: string | null }
+export interface AuditRow { seq: number; at: string; who: string; role: string; action: string; target: string; result: string; detail: string; address: string }
+export interface AuditVerdict { rows: number; last_hash: string; problem: string }
+export interface HealthCheck { name: string; state: string; value: string; text: string }
+export interface Health { state: string; checks: HealthCheck[] }
+export interface Backup { name: string; created: string; bytes: number }
+
+export const admin = {
+  users: () => get<UserRow[]>('/users'),
+  addUser: (name: string, role: string) => post<OneTimeLink>('/users', { name, role }),
+  changeUser: (id: number, body: { role?: string; enabled?: boolean }) => send<UserRow>('PUT', `/users/${id}`, body),
+  newLink: (id: number) => post<OneTimeLink>(`/users/${id}/link`),
+  sessions: () => get<SessionRow[]>('/sessions'),
+  endSession: (id: number) => send<null>('DELETE', `/sessions/${id}`),
+  tokens: () => get<TokenRow[]>('/tokens'),
+  addToken: (body: { name: string; role: string; days: number; scopes: string[] }) => post<{ key: string }>('/tokens', body),
+  revokeToken: (id: number) => send<null>('DELETE', `/tokens/${id}`),
+  audit: (filter: Record<string, string | number | undefined>) => get<AuditRow[]>(`/audit${query(filter)}`),
+  verifyAudit: () => get<AuditVerdict>('/audit/verify'),
+  health: () => get<Health>('/admin/health'),
+  backups: () => get<Backup[]>('/admin/backups'),
+  backUp: () => post<Job>('/admin/backups'),
+  checkStore: () => post<Job>('/admin/check-store'),
+  runRetention: () => post<Job>('/admin/retention/run'),
+};
