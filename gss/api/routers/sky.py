@@ -8,21 +8,22 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Query
 
-from gss.api.deps import App
+from gss.api.deps import App, Moment
 from gss.api.schemas.sky import BodyOut, ChartStarOut, ProfileOut, SkyOut
 from gss.catalogue_tools.onboard import FORMATS
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.profiles import PROFILES
 from gss.operations.clock import utc_now
+from gss.operations.frames.place import EARTH_EXCLUSION_RAD
 from gss.operations.frames.sky import bodies
 
 router = APIRouter(tags=["sky"])
 
 
 @router.get("/sky")
-def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5) -> SkyOut:
-    """Stars to a magnitude, Sun and Moon now."""
-    now = utc_now()
+def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Moment | None = None) -> SkyOut:
+    """Stars to a magnitude; Sun, Moon and, from a known place, the Earth: now or at a moment."""
+    now = at or utc_now()
     bright = app.stars.brighter_than(mag)
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
     stars = [
@@ -40,7 +41,14 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5) -> SkyOu
                 exclusion_deg=math.degrees(body.exclusion_rad),
             )
         )
-    return SkyOut(utc=now, stars=stars, bodies=found)
+    place = app.place.at(now)
+    if place is not None:
+        below_ra, below_dec = (math.degrees(float(v)) for v in ra_dec_from_unit(place.earth_icrs))
+        exclusion, radius = math.degrees(EARTH_EXCLUSION_RAD), math.degrees(place.earth_radius_rad)
+        found.append(
+            BodyOut(name="Earth", ra_deg=below_ra, dec_deg=below_dec, exclusion_deg=exclusion, radius_deg=radius)
+        )
+    return SkyOut(utc=now, place="" if place is None else place.words, stars=stars, bodies=found)
 
 
 @router.get("/profiles")

@@ -16,18 +16,21 @@ class ChartStarOut(Out):
 
 
 class BodyOut(Out):
-    """Sun or Moon, geocentric, with the angle the boresight should keep."""
+    """Sun, Moon or, where the camera's place is known, the Earth. ``exclusion_deg``: angle that the boresight should keep from
+    the centre, from the limb for the Earth; ``radius_deg``: how large the body looks (0 where that does not matter)."""
 
     name: str
     ra_deg: float
     dec_deg: float
     exclusion_deg: float
+    radius_deg: float = 0.0
 
 
 class SkyOut(Out):
-    """Stars and bodies of a chart."""
+    """Stars and bodies of a chart. ``place``: how the camera's place is known; empty where it is not, and then there is no Earth."""
 
     utc: Utc
+    place: str
     stars: list[ChartStarOut]
     bodies: list[BodyOut]
 

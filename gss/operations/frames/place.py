@@ -1,0 +1,102 @@
+"""Where the camera is, as far as the ground was told: the orbit given to the sensor, else that of the catalogue in use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from sgp4.api import jday
+
+from gss.catalogue_tools.corrections.ephemeris import teme_from_icrs
+from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, jyear_of, read_tle
+from gss.device.dictionary import Dictionary
+from gss.device.protocol.codec import check_arguments
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.frames import orbit_from_icrs
+from gss.operations.line.clock_correlation import Correlation
+from gss.operations.transfers.bank_history import BankHistoryService
+from gss.pipeline.chains.apriori import KnownOrbit
+from gss.store import commands as store
+from gss.store.engine import Database
+
+EARTH_EXCLUSION_RAD = math.radians(25.0)
+"""Angle that the boresight should keep from the Earth's limb."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """``km``: (3,) from the Earth's centre in ICRS axes. ``words``: how it is known."""
+
+    km: Array
+    words: str
+
+    @property
+    def earth_icrs(self) -> Array:
+        """(3,) direction to the Earth's centre."""
+        return np.asarray(-self.km / np.linalg.norm(self.km))
+
+    @property
+    def earth_radius_rad(self) -> float:
+        """How large the Earth looks."""
+        return math.asin(min(1.0, EARTH_RADIUS_M / 1000 / float(np.linalg.norm(self.km))))
+
+
+class PlaceService:
+    """Answers where the camera was or will be. ``clock``: the device's clock against UTC, None while unknown."""
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        database: Database,
+        banks: BankHistoryService,
+        clock: Callable[[], Correlation | None],
+    ) -> None:
+        self._dictionary, self._database, self._banks, self._clock = dictionary, database, banks, clock
+
+    def at(self, moment: datetime) -> Place | None:
+        """The place at a time with a time zone; None where nobody told an orbit."""
+        return self._as_told(moment) or self._as_built(moment)
+
+    def _as_told(self, moment: datetime) -> Place | None:
+        """From the newest SET_ORBIT that completed; its epoch is on the device's clock, so both clocks must be known."""
+        with self._database.unit_of_work() as session:
+            found = store.page(session, store.Filter(names=("SET_ORBIT",), results=("completed",)), 1)
+        clock = self._clock()
+        if not found or clock is None:
+            return None
+        told = check_arguments(self._dictionary.command("SET_ORBIT"), found[0].arguments)  # with its defaults
+        return Place(circular_km(told, clock.device_of(moment.timestamp())), "orbit told by SET_ORBIT")
+
+    def _as_built(self, moment: datetime) -> Place | None:
+        stay = self._banks.active()
+        catalogue = None if stay is None else stay.catalogue
+        if catalogue is None or catalogue.request.get("orbit") != "tle":
+            return None
+        try:
+            return Place(tle_km(str(catalogue.request.get("tle", "")), moment), f"TLE of catalogue {catalogue.name}")
+        except BadInput:  # too old or too new for that moment: then it is not known
+            return None
+
+
+def circular_km(told: Mapping[str, Any], device_s: float) -> Array:
+    """(3,) km, ICRS axes: the arguments of SET_ORBIT at a moment of the device's clock."""
+    raan, inclination, latitude = (math.radians(float(told[f"{a}_deg"])) for a in ("raan", "inclination", "latitude"))
+    orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * float(told["altitude_km"]), float(told["epoch_s"]))
+    now = orbit.elements_at(device_s)
+    nadir = orbit_from_icrs(now.raan_rad, now.inclination_rad, now.latitude_rad)[2]
+    return np.asarray(-nadir * (EARTH_RADIUS_M + orbit.altitude_m) / 1000)
+
+
+def tle_km(text: str, moment: datetime) -> Array:
+    """(3,) km, ICRS axes, by SGP4. BadInput where the element set has no orbit at that time."""
+    utc = moment.astimezone(UTC)
+    jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
+    error, place_km, _ = read_tle(text).sgp4(jd, part)
+    if error:
+        raise BadInput("the element set has no orbit at that time", expected="a time near its epoch", got=f"{utc}")
+    return np.asarray(teme_from_icrs(jyear_of(moment)).T @ np.asarray(place_km))
