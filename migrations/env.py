@@ -1,4 +1,4 @@
-"""Alembic's entry: plain online migrations; SQLite alters tables by copying them (batch)."""
+"""Alembic's entry: online migrations, all in one transaction; SQLite alters tables by copying them (batch)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from alembic import context
 
-from gss.store.engine import open_engine
+from gss.store.engine import open_for_migration
 from gss.store.models import Base, UtcDateTime
 
 
@@ -15,10 +15,14 @@ def render_item(kind: str, item: Any, _context: Any) -> str | bool:
     return "sa.DateTime()" if kind == "type" and isinstance(item, UtcDateTime) else False
 
 
-engine = open_engine(context.config.get_main_option("sqlalchemy.url") or "")
+engine = open_for_migration(context.config.get_main_option("sqlalchemy.url") or "")
 with engine.connect() as connection:
     context.configure(
-        connection=connection, target_metadata=Base.metadata, render_as_batch=True, render_item=render_item
+        connection=connection,
+        target_metadata=Base.metadata,
+        render_as_batch=True,
+        render_item=render_item,
+        transactional_ddl=True,
     )
     with context.begin_transaction():
         context.run_migrations()

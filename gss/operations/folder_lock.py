@@ -30,3 +30,15 @@ def folder_lock(folder: Path) -> Iterator[None]:
                 hint="stop it, or give another folder with --data",
             ) from None
         yield
+
+
+@contextmanager
+def named_lock(path: Path, words: str, *, wait: bool = False) -> Iterator[None]:
+    """Hold a file; Conflict with these words when another thread or process holds it, or wait for it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            raise Conflict(words, got=str(path), hint="wait until it has ended") from None
+        yield

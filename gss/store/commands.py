@@ -11,9 +11,11 @@ from sqlalchemy import Select, String, cast, func, or_, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
-from gss.store.models import Command, CommandStage
+from gss.store.models import Choice, Command, CommandStage
 
 BATCH = 500
+USED_IDS = "request_ids.used"
+LARGEST_ID = 0xFFFF_FFFE
 OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
 
 
@@ -142,8 +144,17 @@ def of_unknown_fate(session: Session, limit: int) -> list[Command]:
 
 
 def last_request_id(session: Session) -> int:
-    """Largest request id ever used; 0 before the first."""
-    return session.scalar(select(func.max(Command.request_id))) or 0
+    """Largest request id that may have been used; 0 before the first."""
+    floor = session.get(Choice, USED_IDS)
+    used = session.scalar(select(func.max(Command.request_id))) or 0
+    return max(used, int(floor.value["upto"]) if floor else 0)
+
+
+def skip_request_ids(session: Session, number: int, now: datetime) -> None:
+    """Count so many more as used: a record that was put back does not know what was sent after it was made, and the device
+    answers an id that it remembers with the old result."""
+    upto = min(last_request_id(session) + number, LARGEST_ID)
+    session.merge(Choice(name=USED_IDS, value={"upto": upto}, changed=now, user="gss restore"))
 
 
 def left_in_flight(session: Session) -> list[Command]:

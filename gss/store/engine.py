@@ -9,12 +9,19 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Engine, create_engine, event, func, select
+from alembic.script import ScriptDirectory
+from alembic.util import CommandError
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
 
+QUICK_CHECK_BYTES = 512 << 20
+DAMAGED_HINT = (
+    "stop the server, keep the folder as it is; `gss check store` says what is wrong, `gss restore` puts a backup in place; "
+    "the raw captures hold what came since"
+)
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
@@ -44,21 +51,80 @@ def _tune_sqlite(connection: Any, _record: Any) -> None:
     cursor.close()
 
 
-def migrate(url: str) -> None:
-    """Upgrade the database to the newest schema; nothing happens where it is there already."""
+def open_for_migration(url: str) -> Engine:
+    """An engine whose transactions hold changes of the schema too: a server that is killed half-way leaves the old schema, whole.
+    SQLite's tables are altered by copying them, which its own watch over references would take for removals."""
+    engine = open_engine(url)
+    if url.startswith("sqlite"):
+        event.listen(engine, "connect", _hold_schema)
+        event.listen(engine, "begin", _begin)
+    return engine
+
+
+def _hold_schema(connection: Any, _record: Any) -> None:
+    connection.isolation_level = None  # the driver would end the transaction before each change of the schema
+    connection.execute("PRAGMA foreign_keys=OFF")
+
+
+def _begin(connection: Connection) -> None:
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
+def migration_config(url: str) -> Config:
+    """Where the migrations are, and on what."""
     config = Config()
     config.set_main_option("script_location", str(SHIPPED if SHIPPED.is_dir() else CHECKOUT))
     config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
+    return config
+
+
+def known_schemas() -> list[str]:
+    """Names of all schemas that this version knows, oldest first."""
+    return [step.revision for step in ScriptDirectory.from_config(migration_config("")).walk_revisions()][::-1]
+
+
+def migrate(url: str) -> None:
+    """Upgrade the database to the newest schema; nothing happens where it is there already. CorruptData where its file is damaged:
+    a server does not go on with half a record."""
+    config = migration_config(url)
+    _check_pages(url)
     try:
         command.upgrade(config, "head")
+    except CommandError as error:
+        raise CorruptData(
+            "the database is of a version that this one does not know",
+            expected=f"a schema up to {known_schemas()[-1]}",
+            got=str(error),
+            hint="start the newer version again, or restore a backup made before it: gss restore",
+        ) from error
     except DatabaseError as error:
         if not url.startswith("sqlite"):
             cause = str(error.orig).strip().splitlines()[0]
             raise StoreDown(
                 "the database server cannot be used", got=cause, hint="look at the server and at GSS_DATABASE"
             ) from None
-        hint = "restore it from a backup, or give another folder with --data"
-        raise CorruptData("the database cannot be opened", got=str(error.orig), hint=hint) from error
+        raise CorruptData("the database cannot be opened", got=str(error.orig), hint=DAMAGED_HINT) from error
+
+
+def _check_pages(url: str) -> None:
+    """Look at an SQLite file's pages before anything is written, where that takes no more than a second or two."""
+    path = Path(make_url(url).database or "")
+    if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
+        return
+    engine = open_engine(url)
+    try:
+        with engine.connect() as connection:
+            found = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
+    except OperationalError as error:
+        raise StoreDown(
+            "the database cannot be opened now", got=str(error.orig), hint="look at disk and locks"
+        ) from error
+    except DatabaseError as error:
+        found = [str(error.orig)]
+    finally:
+        engine.dispose()
+    if found != ["ok"]:
+        raise CorruptData("the database is damaged", got="; ".join(found)[:300], hint=DAMAGED_HINT)
 
 
 SERVER_LOCK = 0x6773_7301
@@ -91,11 +157,20 @@ def sole_server(url: str) -> Iterator[None]:
         engine.dispose()
 
 
+def _is_damage(error: DatabaseError) -> bool:
+    """SQLite's own words for a page that cannot be; its other errors have classes of their own."""
+    return type(error.orig).__name__ == "DatabaseError" and any(
+        words in str(error.orig) for words in ("malformed", "not a database")
+    )
+
+
 class Database:
     """Sessions on one engine. Rows stay readable after their transaction has ended."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
+        self.damage = ""
+        """What the database said when it met a damaged page; "" while it has met none."""
         self._sessions = sessionmaker(engine, expire_on_commit=False)
 
     @contextmanager
@@ -109,6 +184,11 @@ class Database:
             raise StoreDown(
                 "the database cannot be used now", got=cause, hint="look at disk space and locks"
             ) from error
+        except DatabaseError as error:
+            if not _is_damage(error):
+                raise
+            self.damage = str(error.orig)
+            raise CorruptData("the database is damaged", got=self.damage, hint=DAMAGED_HINT) from error
 
     def close(self) -> None:
         """Give back all connections."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from gss.device.dictionary import Dictionary
 from gss.device.session import HostSession
 from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters, SessionEvent
 from gss.device.transport import ByteStream, open_stream
-from gss.domain.errors import Conflict, GssError, LinkDown
+from gss.domain.errors import Conflict, GssError, LinkDown, StoreDown
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture, Retention
@@ -67,6 +67,11 @@ class LinkService:
         self._wake = threading.Event()
         self._stopping = False
         self._capture: RawCapture | None = None
+        self.uncaptured_bytes = 0
+        """Bytes of the line that the capture could not take since the server started."""
+        self.capture_fails = ""
+        """Why the capture is not being written now; "" while it is."""
+        self._lost_from = 0
         self._reopen = False
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
 
@@ -195,7 +200,10 @@ class LinkService:
             self._tell([*events, *more])
             if now_s > next_count_s:
                 next_count_s = now_s + BYTES_EVERY_S
-                self._count_bytes()
+                try:
+                    self._count_bytes()
+                except StoreDown as error:  # bytes are counted again later; the line goes on without a store
+                    log.warning("the contact's bytes were not stored: %s", error)
 
     def _tell(self, events: Sequence[SessionEvent]) -> None:
         if not events:
@@ -266,8 +274,29 @@ class LinkService:
                 )
 
     def _record(self, direction: int, data: bytes) -> None:
-        if data and self._capture:
+        """First of all. A disk that takes nothing more does not end the contact: the loss is counted and told, and each
+        following piece is tried again."""
+        if not data or self._capture is None:
+            return
+        try:
             self._capture.write(self._now().timestamp(), direction, data)
+        except OSError as error:
+            if not self.capture_fails:
+                self._lost_from = self.uncaptured_bytes
+                self._complain(f"the raw capture cannot be written, its record has a hole from here on: {error}")
+            self.capture_fails = str(error)
+            self.uncaptured_bytes += len(data)
+        else:
+            if self.capture_fails:
+                self.capture_fails = ""
+                lost = self.uncaptured_bytes - self._lost_from
+                self._complain(f"the raw capture goes on; {lost} bytes of the line are not in it")
+
+    def keep_captures(self, keep_bytes: int) -> None:
+        """From now on the oldest files of the raw capture go when all together pass this."""
+        self._retention = replace(self._retention, keep_bytes=keep_bytes)
+        if self._capture is not None:
+            self._capture.keep_at_most(keep_bytes)
 
 
 def _less(now: DirectionCounters, then: DirectionCounters) -> DirectionCounters:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -39,7 +40,7 @@ class RawCapture:
         self._retention = retention or Retention()
         self._sizes: dict[str, int] = {}
         self._part = -1
-        self._file: BinaryIO = self._next()
+        self._file, self._size = self._next(), 0
 
     @property
     def name(self) -> str:
@@ -52,28 +53,42 @@ class RawCapture:
         return [{"file": name, "bytes": size} for name, size in self._sizes.items()]
 
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
-        """Append one record; it is in the operating system's hands when this returns."""
+        """Append one record; it is in the operating system's hands when this returns. OSError where it cannot be written (a full
+        disk): then nothing of it is in the file, and the next one can be tried."""
         if not data:
             return
-        if self._file.tell() >= self._retention.file_bytes:
+        if self._size >= self._retention.file_bytes:
+            following = self._next()
             self._file.close()
-            self._file = self._next()
+            self._file, self._size = following, 0
             self._drop_oldest()
-        self._file.write(RECORD.pack(unix_s, direction, len(data)) + data)
-        self._file.flush()
-        self._sizes[Path(self._file.name).name] = self._file.tell()
+        record = RECORD.pack(unix_s, direction, len(data)) + data
+        try:
+            done = 0
+            while done < len(record):
+                done += self._file.write(memoryview(record)[done:])
+        except OSError:
+            self._file.truncate(self._size)
+            self._file.seek(self._size)
+            raise
+        self._size += len(record)
+        self._sizes[Path(self._file.name).name] = self._size
+
+    def keep_at_most(self, keep_bytes: int) -> None:
+        """From now on the oldest files go when all together pass this."""
+        self._retention = replace(self._retention, keep_bytes=keep_bytes)
 
     def close(self) -> None:
         """End the file."""
         self._file.close()
 
-    def _next(self) -> BinaryIO:
+    def _next(self) -> FileIO:
         """The next file. A database that starts anew counts its contacts from 1 again; what is there stays."""
         while True:
             self._part += 1
             path = self._folder / f"{self.name}-{self._part:03d}.raw"
             try:
-                file = path.open("xb")
+                file = path.open("xb", buffering=0)
             except FileExistsError:
                 continue
             self._sizes[path.name] = 0

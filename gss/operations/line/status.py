@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -16,6 +17,8 @@ from gss.operations.telemetry.alarm_words import SIGNAL
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.transfers.banks import BankService, BankView
+
+log = logging.getLogger("gss.status")
 
 TICK_S = 1.0
 UP_WITHIN_S = 3.0
@@ -69,7 +72,6 @@ class Header:
     dictionary_acknowledged: bool
     alarms: list[Alarm]
     contact_id: int | None
-    user: str
     authority: str | None
     utc: datetime
 
@@ -85,11 +87,10 @@ class StatusService:
         alarms: AlarmService,
         bus: EventBus,
         now: Now,
-        user: str,
         authority: AuthorityService,
     ) -> None:
         self._link, self._telemetry, self._banks, self._latched = link, telemetry, banks, alarms
-        self._bus, self._now, self._user, self._authority = bus, now, user, authority
+        self._bus, self._now, self._authority = bus, now, authority
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
@@ -110,10 +111,15 @@ class StatusService:
 
     def _run(self) -> None:
         while not self._stop.wait(TICK_S):
-            for tick in self.tickers:
-                tick()
-            self._bus.publish("link", self.header())
-            self._bus.publish("telemetry", (self._telemetry.values(), self._latched.of_field()))
+            for look in (*self.tickers, self._tell):
+                try:
+                    look()
+                except Exception:  # a full disk or a locked database must not end the one who tells of it
+                    log.exception("%r failed", look)
+
+    def _tell(self) -> None:
+        self._bus.publish("link", self.header())
+        self._bus.publish("telemetry", (self._telemetry.values(), self._latched.of_field()))
 
     def header(self) -> Header:
         """The state now."""
@@ -144,7 +150,6 @@ class StatusService:
             dictionary_acknowledged=self._link.dictionary_acknowledged,
             alarms=alarms,
             contact_id=self._link.contact_id,
-            user=self._user,
             authority=self._authority.holder(),
             utc=self._now(),
         )

@@ -12,8 +12,8 @@ from gss.operations.telemetry.value_words import formatted
 from gss.store.models import Alarm
 
 LONGEST = 120
-EVENT, LINK, CATALOGUE = "event", "link", "catalogue"
-UNMEASURED = (EVENT, LINK, CATALOGUE)
+EVENT, LINK, CATALOGUE, STORE = "event", "link", "catalogue", "store"
+UNMEASURED = (EVENT, LINK, CATALOGUE, STORE)
 """Alarms that are not about a field have these for a packet."""
 SIGNAL: Key = (LINK, "housekeeping")
 
@@ -42,6 +42,8 @@ def title_of(dictionary: Dictionary, row: Alarm) -> str:
         return "Loss of signal"
     if row.packet == CATALOGUE:
         return f"Catalogue {row.field}"
+    if row.packet == STORE:
+        return row.field.capitalize()
     field = field_of(dictionary, row)
     return field.title if field else row.field
 

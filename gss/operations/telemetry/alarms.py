@@ -24,6 +24,7 @@ from gss.operations.telemetry.alarm_words import (
     EVENT,
     LINK,
     SIGNAL,
+    STORE,
     UNMEASURED,
     AlarmView,
     cut,
@@ -247,8 +248,8 @@ class AlarmService:
 
     def _is_fresh(self, row: Alarm) -> bool:
         """Is the value that raised it still coming?"""
-        if row.packet in (LINK, CATALOGUE):
-            return row.packet == CATALOGUE or self._link.connected
+        if row.packet in (LINK, CATALOGUE, STORE):
+            return row.packet != LINK or self._link.connected
         found = self._telemetry.board.latest(row.packet)
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
         return found is not None and (self._now() - found[0]).total_seconds() <= stale_s
@@ -283,7 +284,7 @@ class AlarmService:
     def _level(self, row: Alarm) -> State:
         if row.state not in ("raised", "acked"):
             return State.OK
-        if row.packet in (LINK, CATALOGUE):
+        if row.packet in (LINK, CATALOGUE, STORE):
             return State(row.worst)
         return self._telemetry.board.counted((row.packet, row.field))
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
 from gss.device.dictionary import Dictionary
 from gss.device.session_events import SessionEvent, Telemetry
+from gss.domain.errors import StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.telemetry.archive import Archive
@@ -18,6 +20,7 @@ from gss.store import telemetry as store
 from gss.store.engine import Database
 from gss.store.models import TelemetryPacket
 
+log = logging.getLogger("gss.telemetry")
 __all__ = ["FieldValue", "TelemetryService", "plain"]
 
 
@@ -35,6 +38,12 @@ class TelemetryService:
         self.limits.changed_hooks.append(self.board.limits_changed)
         self.judged_hooks: list[Callable[[Sequence[Judgement]], None]] = []
         self.contact: Callable[[], int | None] = lambda: None
+        self.has_room: Callable[[], bool] = lambda: True
+        self.unstored = 0
+        """Packets that could not be stored since the server started."""
+        self.store_fails = ""
+        """Why they are not being stored now; "" while they are."""
+        self._unstored_from = 0
 
     def handle(self, events: Sequence[SessionEvent]) -> None:
         """Store the telemetry among these events in one transaction, then judge it and make it the latest."""
@@ -42,14 +51,38 @@ class TelemetryService:
         if not packets:
             return
         at = self._now()
-        with self._database.unit_of_work() as session:
-            store.add_batch(session, [self._row(packet, at) for packet in packets])
+        self._store(packets, at)
         judgements = [judgement for packet in packets for judgement in self.board.take(packet, at)]
         for packet in packets:
             if packet.packet == "timing":
                 self._bus.publish("cycle", (at, dict(packet.values)))
         for hook in self.judged_hooks:
             hook(judgements)
+
+    def _store(self, packets: Sequence[Telemetry], at: datetime) -> None:
+        """All or none. Without a store the values are judged and shown all the same: an alarm must not depend on a disk."""
+        cause = "" if self.has_room() else "the disk is full"
+        if not cause:
+            try:
+                with self._database.unit_of_work() as session:
+                    store.add_batch(session, [self._row(packet, at) for packet in packets])
+            except StoreDown as error:
+                cause = str(error)
+        before, self.store_fails = self.store_fails, cause
+        if cause and not before:
+            self._unstored_from = self.unstored
+            self._say("critical", f"telemetry is not stored, the raw capture has it: {cause}")
+        elif before and not cause:
+            lost = self.unstored - self._unstored_from
+            self._say("watch", f"telemetry is stored again; {lost} packets of before are in the raw capture only")
+        if cause:
+            self.unstored += len(packets)
+
+    def _say(self, severity: str, text: str) -> None:
+        try:
+            self._bus.record("telemetry", severity, text)
+        except StoreDown:
+            log.exception("not recorded: %s", text)
 
     def _row(self, packet: Telemetry, at: datetime) -> TelemetryPacket:
         return TelemetryPacket(

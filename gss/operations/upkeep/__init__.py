@@ -1,0 +1,1 @@
+"""Keeping the installation well: disk, retention, backup and restore, checking the store, health and figures."""

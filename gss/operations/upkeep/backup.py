@@ -1,0 +1,243 @@
+"""Backups of a running server: the database at one moment, and every byte that it names then.
+
+A folder per backup holds the database's copy and a manifest; the bytes of frames, images and captures lie beside them under their
+hashes, once for all backups: the second backup copies only what is new. A backup is there as a whole or not at all: it is made
+under another name, and renamed when everything is on the disk.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import tarfile
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from gss import __version__
+from gss.domain.errors import BadInput, GssError, NotFound
+from gss.operations.clock import Now, iso_z
+from gss.operations.events import EventBus
+from gss.operations.folder_lock import named_lock
+from gss.operations.jobs import JobService, Progress, Run
+from gss.operations.line.raw_capture import capture_files
+from gss.operations.upkeep.disk import DiskGuard
+from gss.operations.upkeep.manifest import MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
+from gss.store import upkeep as store
+from gss.store.blobs import BlobStore
+from gss.store.dump import dump, kind_of
+from gss.store.engine import Database
+from gss.store.models import Job
+
+POOL = "blobs"
+UNFINISHED = ".unfinished"
+BUSY = "another backup or removal is under way"
+
+
+class BackupService:
+    """Makes backups, lists them, gives them away, and removes the oldest."""
+
+    def __init__(
+        self,
+        database: Database,
+        url: str,
+        blobs: BlobStore,
+        captures: Path,
+        folder: Path,
+        lock: Path,
+        disk: DiskGuard,
+        jobs: JobService,
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._database, self._url, self._blobs, self._captures = database, url, blobs, captures
+        self._folder, self._lock, self._disk = folder, lock, disk
+        self._jobs, self._bus, self._now = jobs, bus, now
+        jobs.resumable("backup", self._job)
+
+    def start(self, *, keep: int = 0, user: str) -> Job:
+        """Make one as a job; afterwards only the ``keep`` newest stay (0: all)."""
+        self._disk.check("a backup", self.needed_bytes())
+        return self._jobs.begin("backup", "backup", {"keep": keep, "user": user})
+
+    def _job(self, run: Run) -> dict[str, Any]:
+        if run.checkpoint:  # it was finished before the server died
+            return run.checkpoint
+        made = self.make(run.progress)
+        result = {"name": made.name, "bytes": made.total_bytes, "blobs": len(made.blobs)}
+        run.keep(result)
+        removed = self.prune(run.request["keep"]) if run.request["keep"] else []
+        self._bus.record("upkeep", "ok", f"backup {made.name} made, by {run.request['user']}", **result)
+        return result | {"removed": removed}
+
+    def needed_bytes(self) -> int:
+        """About how much the next one will write: the database; what is new since the last one is not known before."""
+        with self._database.unit_of_work() as session:
+            return store.database_bytes(session)
+
+    def make(self, progress: Progress = lambda *_: None) -> Manifest:
+        """Make one now. The database first, then the bytes it names: they were there before their rows."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        with named_lock(self._lock, BUSY):
+            for left in self._folder.glob(f"*{UNFINISHED}"):
+                shutil.rmtree(left)
+            at = self._now()
+            name = self._free_name(at)
+            draft = self._folder / f"{name}{UNFINISHED}"
+            draft.mkdir()
+            manifest = self._fill(draft, name, at, progress)
+            manifest.write(draft)
+            _sync(draft)
+            draft.rename(self._folder / name)
+            _sync(self._folder)
+        return manifest
+
+    def _fill(self, draft: Path, name: str, at: datetime, progress: Progress) -> Manifest:
+        kind = kind_of(self._url)
+        file = draft / {"sqlite": "gss.db", "postgresql": "gss.sql"}[kind]
+        progress(0, 0, "copying the database")
+        with self._database.unit_of_work() as session:
+            schema = store.schema_version(session)
+            # Read before the copy is made: what is added meanwhile is copied too many, never too few, by the second look below.
+            first = {r.sha256 for r in store.references(session)}
+        dump(self._url, file)
+        with self._database.unit_of_work() as session:
+            wanted = first | {r.sha256 for r in store.references(session)}
+        pool, kept = BlobStore(str(self._folder / POOL)), {}
+        captures = capture_files(self._captures)
+        total = len(wanted) + len(captures)
+        for k, key in enumerate(sorted(wanted)):
+            progress(k, total, f"{k} of {total} files")
+            size = self._copy(pool, key)
+            if size is not None:
+                kept[key] = size
+        stored: dict[str, str] = {}
+        for k, path in enumerate(captures, len(wanted)):
+            progress(k, total, f"{k} of {total} files")
+            try:
+                data = path.read_bytes()
+            except FileNotFoundError:  # the oldest go as new ones come
+                continue
+            stored[path.name] = pool.put(data)
+            kept[stored[path.name]] = len(data)
+        progress(total, total, "sealing")
+        return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
+
+    def _copy(self, pool: BlobStore, key: str) -> int | None:
+        """Its size; None where it is missing or damaged at the source, which checking the store tells."""
+        if pool.exists(key):
+            return pool.size(key)
+        self._disk.check("a backup")
+        try:
+            data = self._blobs.get(key)
+        except GssError as error:
+            self._bus.record("upkeep", "warning", f"not in the backup: {error}")
+            return None
+        pool.put(data)
+        return len(data)
+
+    def _free_name(self, at: datetime) -> str:
+        name, k = f"{at:%Y-%m-%dT%H%M%SZ}", 1
+        while (self._folder / name).exists():
+            name, k = f"{at:%Y-%m-%dT%H%M%SZ}-{k}", k + 1
+        return name
+
+    # --- those that there are -----------------------------------------------------------------------------------
+
+    def every(self) -> list[Manifest]:
+        """Newest first; a folder that is no whole backup is left out."""
+        found = []
+        for folder in sorted(self._folder.glob("*"), reverse=True):
+            if folder.is_dir() and NAME.fullmatch(folder.name):
+                try:
+                    found.append(read_manifest(folder))
+                except GssError:
+                    continue
+        return found
+
+    def newest_at(self) -> datetime | None:
+        """When the newest was made."""
+        newest = next(iter(self.every()), None)
+        return datetime.fromisoformat(newest.created) if newest else None
+
+    def get(self, name: str) -> Manifest:
+        """The backup of that name."""
+        if not NAME.fullmatch(name):
+            raise BadInput("not the name of a backup", expected="2026-12-01T180000Z", got=name[:40])
+        if not (self._folder / name).is_dir():
+            raise NotFound("no such backup", got=name)
+        return read_manifest(self._folder / name)
+
+    def remove(self, name: str) -> None:
+        """Remove one; its bytes go with the next :meth:`prune`."""
+        self.get(name)
+        shutil.rmtree(self._folder / name)
+
+    def prune(self, keep: int) -> list[str]:
+        """Remove all but the newest, and the bytes that none of those needs."""
+        with named_lock(self._lock, BUSY):
+            old = [made.name for made in self.every()[keep:]]
+            for name in old:
+                shutil.rmtree(self._folder / name)
+            needed = {key for made in self.every() for key in made.blobs}
+            pool = BlobStore(str(self._folder / POOL))
+            for key in list(pool.keys()):
+                if key not in needed:
+                    pool.delete(key)
+        return old
+
+    def archive(self, name: str) -> Iterator[bytes]:
+        """One backup as a tar file, a piece at a time: what ``gss restore`` takes."""
+        made, folder = self.get(name), self._folder / name
+        pool, sink = BlobStore(str(self._folder / POOL)), _Sink()
+        with tarfile.open(fileobj=sink, mode="w|", format=tarfile.PAX_FORMAT) as tar:
+            for file in (MANIFEST, SEAL, made.database):
+                tar.add(folder / file, arcname=f"{name}/{file}", filter=_plain)
+                yield from sink.take()
+            for key in sorted(made.blobs):
+                data = pool.get(key)
+                head = tarfile.TarInfo(f"{POOL}/{key[:2]}/{key[2:]}")
+                head.size, head.mode = len(data), 0o600
+                tar.addfile(head, io.BytesIO(data))
+                yield from sink.take()
+        yield from sink.take()
+
+
+class _Sink(io.RawIOBase):
+    """What a tar writer has written and nobody has taken yet."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._held: list[bytes] = []
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        self._held.append(bytes(data))
+        return len(data)
+
+    def take(self) -> list[bytes]:
+        held, self._held = self._held, []
+        return held
+
+
+def _plain(member: tarfile.TarInfo) -> tarfile.TarInfo:
+    """Nobody's name and rights."""
+    member.uid = member.gid = 0
+    member.uname = member.gname = ""
+    member.mode = 0o600
+    return member
+
+
+def _sync(folder: Path) -> None:
+    """The folder's entries and files are on the disk."""
+    for path in [*folder.glob("*"), folder]:
+        if path.is_file() or path == folder:
+            handle = os.open(path, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)

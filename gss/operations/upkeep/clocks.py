@@ -1,0 +1,38 @@
+"""The server's clock against the one that never jumps: a jump is told, and what counts days waits until the clock is trusted."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from gss.operations.clock import Monotonic, Now
+from gss.operations.events import EventBus
+
+JUMP_S = 5.0
+STEADY_AFTER_S = 3600.0
+
+
+class ClockWatch:
+    """Looks once a second."""
+
+    def __init__(self, bus: EventBus, now: Now, monotonic_s: Monotonic) -> None:
+        self._bus, self._now, self._monotonic_s = bus, now, monotonic_s
+        self._last: tuple[datetime, float] = (now(), monotonic_s())
+        self._steady_from_s = self._last[1]
+        self.last_jump_s: float | None = None
+        """Seconds of the last jump, forward positive; None before the first."""
+
+    def tick(self) -> None:
+        """Compare; a jump is an event, and counts as the beginning of a new clock."""
+        now, mono_s = self._now(), self._monotonic_s()
+        (before, before_s), self._last = self._last, (now, mono_s)
+        jump_s = (now - before).total_seconds() - (mono_s - before_s)
+        if abs(jump_s) <= JUMP_S:
+            return
+        self.last_jump_s, self._steady_from_s = jump_s, mono_s
+        way = "forward" if jump_s > 0 else "back"
+        text = f"the server's clock jumped {way} by {abs(jump_s):.1f} s: moments before and after are of two clocks"
+        self._bus.record("clock", "warning", text, jump_s=round(jump_s, 3))
+
+    def steady(self) -> bool:
+        """Has it run for an hour without a jump?"""
+        return self._monotonic_s() - self._steady_from_s >= STEADY_AFTER_S

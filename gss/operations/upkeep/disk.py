@@ -1,0 +1,104 @@
+"""Room on the disk: what is large stops before the disk is full, so that nothing is ever half written.
+
+Below ``watch`` there is an alarm. Below ``stop`` imports, downloads, builds and backups are refused with words. Below a quarter of
+``stop`` decoded telemetry is not stored any more: the raw capture, which comes first and can be decoded again, has the rest.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gss.domain.errors import StoreDown
+from gss.domain.limits import State
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.alarm_words import STORE
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.telemetry_board import Key
+
+LAST_SHARE = 4
+DISK: Key = (STORE, "disk")
+CAPTURE: Key = (STORE, "raw capture")
+TELEMETRY: Key = (STORE, "telemetry record")
+Usage = Callable[[Path], tuple[int, int]]
+
+
+def usage_of(folder: Path) -> tuple[int, int]:
+    """(free, total) bytes of the file system that a folder is on, as a program without privileges can use them."""
+    usage = shutil.disk_usage(folder)
+    return usage.free, usage.total
+
+
+@dataclass(frozen=True)
+class DiskState:
+    """How much room there is, and what follows from it."""
+
+    free_bytes: int
+    total_bytes: int
+    level: State
+    text: str
+
+
+class DiskGuard:
+    """Looks before something large is written."""
+
+    def __init__(self, folder: Path, watch_bytes: int, stop_bytes: int, usage: Usage = usage_of) -> None:
+        self.folder, self.watch_bytes, self.stop_bytes = folder, watch_bytes, stop_bytes
+        self._usage = usage
+
+    def look(self) -> DiskState:
+        """The state now."""
+        free, total = self._usage(self.folder)
+        text = f"{megabytes(free)} of {megabytes(total)} free"
+        if free < self.stop_bytes:
+            return DiskState(free, total, State.CRITICAL, f"{text}: imports, downloads and backups are stopped")
+        level = State.WARNING if free < self.watch_bytes else State.OK
+        return DiskState(free, total, level, text)
+
+    def check(self, what: str, needed_bytes: int = 0) -> None:
+        """StoreDown where ``what`` would leave too little room."""
+        free, _ = self._usage(self.folder)
+        if free - needed_bytes < self.stop_bytes:
+            raise StoreDown(
+                f"the disk is nearly full: no room for {what}",
+                expected=f"at least {megabytes(self.stop_bytes + needed_bytes)} free",
+                got=megabytes(free),
+                hint="free space, or let retention remove old pixels (Admin, Retention)",
+            )
+
+    def has_room_for_rows(self) -> bool:
+        """May decoded telemetry still be stored? What is left below that belongs to captures, commands and alarms."""
+        return self._usage(self.folder)[0] >= self.stop_bytes // LAST_SHARE
+
+
+class DiskWatch:
+    """Raises, follows and ends the alarms: little room, a capture or a record that is not being written."""
+
+    def __init__(self, disk: DiskGuard, alarms: AlarmService, link: LinkService, telemetry: TelemetryService) -> None:
+        self._disk, self._alarms, self._link, self._telemetry = disk, alarms, link, telemetry
+
+    def tick(self) -> None:
+        """Look once."""
+        found = self._disk.look()
+        limit = ""
+        if found.level is not State.OK:
+            low = self._disk.stop_bytes if found.level is State.CRITICAL else self._disk.watch_bytes
+            limit = f"below {megabytes(low)} free ({found.level})"
+        self._alarms.watch(DISK, found.level, round(found.free_bytes / 1e9, 3), f"Disk: {found.text}", limit)
+        lost, unstored = self._link.uncaptured_bytes, self._telemetry.unstored
+        self._lost(CAPTURE, self._link.capture_fails, lost, f"{lost} bytes of the line are not in it")
+        self._lost(TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only")
+
+    def _lost(self, key: Key, why: str, count: int, text: str) -> None:
+        level = State.CRITICAL if why else State.OK
+        self._alarms.watch(
+            key, level, float(count), f"{key[1].capitalize()}: {text}", f"not written: {why}" if why else ""
+        )
+
+
+def megabytes(count: float) -> str:
+    """Bytes in words: MB or GB."""
+    return f"{count / 1e9:.1f} GB" if count >= 1e10 else f"{count / 1e6:.0f} MB"

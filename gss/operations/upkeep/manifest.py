@@ -1,0 +1,88 @@
+"""What a backup holds: the database's copy, and by their hashes the bytes and raw captures that belong to it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from gss.domain.errors import BadInput, CorruptData, NotFound
+
+FORMAT = "gss-backup 1"
+MANIFEST, SEAL = "manifest.json", "manifest.sha256"
+NAME = re.compile(r"\d{4}-\d\d-\d\dT\d{6}Z(-\d+)?")
+SHA256 = re.compile(r"[0-9a-f]{64}")
+CAPTURE = re.compile(r"contact-\d+-\d+\.raw")
+DATABASE = {"sqlite": "gss.db", "postgresql": "gss.sql"}
+BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """``blobs``: bytes of each by its hash; ``captures``: hash by file name. ``schema``: the migration it is at."""
+
+    name: str
+    created: str
+    version: str
+    schema: str
+    kind: str
+    database_bytes: int
+    database_sha256: str
+    blobs: dict[str, int] = field(default_factory=dict)
+    captures: dict[str, str] = field(default_factory=dict)
+    format: str = FORMAT
+
+    @property
+    def database(self) -> str:
+        """Name of the database's file."""
+        return DATABASE[self.kind]
+
+    @property
+    def total_bytes(self) -> int:
+        """Of everything that it names."""
+        return self.database_bytes + sum(self.blobs.values())
+
+    def write(self, folder: Path) -> None:
+        """Into a folder, with its own hash beside it."""
+        data = json.dumps(asdict(self), indent=1, sort_keys=True).encode()
+        (folder / MANIFEST).write_bytes(data)
+        (folder / SEAL).write_text(hashlib.sha256(data).hexdigest() + f"  {MANIFEST}\n")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a backup's folder; NotFound, CorruptData or BadInput where it cannot be trusted."""
+    if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
+        raise NotFound("this is no backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
+    data = (folder / MANIFEST).read_bytes()
+    if hashlib.sha256(data).hexdigest() != (folder / SEAL).read_text().split()[0]:
+        raise CorruptData("the backup's manifest was changed", expected="the hash beside it", got=str(folder))
+    try:
+        record = json.loads(data)
+        if record.get("format") != FORMAT:
+            raise BadInput("a backup of another format", expected=FORMAT, got=str(record.get("format")))
+        made = Manifest(**record)
+    except (ValueError, TypeError, AttributeError) as error:
+        raise CorruptData("the backup's manifest cannot be read", got=str(error)) from None
+    # These names become paths.
+    keys = [*made.blobs, made.database_sha256, *made.captures.values()]
+    if made.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
+        raise CorruptData("the backup's manifest names what is no hash", got=str(folder))
+    if not all(CAPTURE.fullmatch(name) for name in made.captures):
+        raise CorruptData("the backup's manifest names what is no capture", got=str(folder))
+    return made
+
+
+def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = lambda: None) -> str:
+    """Of a whole file; ``each`` is called between blocks and may raise to cancel."""
+    if isinstance(file, Path):
+        with file.open("rb") as opened:
+            return sha256_of(opened, each)
+    digest = hashlib.sha256()
+    while block := file.read(BLOCK):
+        digest.update(block)
+        each()
+    return digest.hexdigest()

@@ -1,0 +1,156 @@
+"""From a backup to a data folder that a server can be started on. Everything is verified before anything is put in place, and
+nothing that is there is ever written over."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+import tarfile
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gss.domain.errors import BadInput, Conflict, CorruptData, NotFound
+from gss.operations.clock import Now
+from gss.operations.upkeep.backup import POOL
+from gss.operations.upkeep.manifest import DATABASE, MANIFEST, SEAL, Manifest, read_manifest, sha256_of
+from gss.store import commands
+from gss.store.blobs import BlobStore
+from gss.store.dump import SQLITE, load
+from gss.store.engine import Database, known_schemas, migrate, open_engine
+
+NEW_IDS = 1_000_000
+"""Commands that may have been sent since the backup: their ids must not be used again, the device remembers its last ones."""
+MEMBER = re.compile(
+    rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
+)
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What was put in place."""
+
+    manifest: Manifest
+    folder: Path
+    files: int
+
+
+def restore(
+    source: Path, into: Path, now: Now, *, database_url: str = "", blobs_url: str = "", tell: Tell = lambda _: None
+) -> Restored:
+    """Put a backup, a folder or a tar file of it, into an empty or new folder. A PostgreSQL backup goes into the empty database
+    of ``database_url``; bytes go into ``blobs_url`` where that is given. Conflict, CorruptData or BadInput: nothing is put in
+    place."""
+    into = into.resolve()
+    if into.exists() and (not into.is_dir() or any(into.iterdir())):
+        raise Conflict("restoring writes over nothing", expected="an empty or new folder", got=str(into))
+    with _opened(source, into.parent, tell) as folder:
+        manifest = read_manifest(folder)
+        if manifest.schema not in known_schemas():
+            raise BadInput(
+                "the backup is of a newer version of GSS",
+                expected=f"a schema up to {known_schemas()[-1]}",
+                got=manifest.schema,
+                hint=f"install GSS {manifest.version} or newer",
+            )
+        if manifest.kind != SQLITE and not database_url:
+            raise BadInput("this backup is of PostgreSQL", expected="GSS_DATABASE: an empty database to fill")
+        tell("verifying")
+        pool = _verified(folder, manifest)
+        draft = into.with_name(f".{into.name}.restoring")
+        shutil.rmtree(draft, ignore_errors=True)
+        draft.mkdir(parents=True)
+        try:
+            tell(f"copying {len(manifest.blobs)} files")
+            _fill(draft, folder, manifest, pool, blobs_url)
+            url = f"sqlite:///{draft / 'gss.db'}"
+            if manifest.kind != SQLITE:
+                load(database_url, folder / manifest.database)
+                url = database_url
+            _make_ready(url, now)
+            if into.exists():
+                into.rmdir()
+            draft.rename(into)
+        except BaseException:
+            shutil.rmtree(draft, ignore_errors=True)
+            raise
+    return Restored(manifest, into, len(manifest.blobs))
+
+
+@contextlib.contextmanager
+def _opened(source: Path, beside: Path, tell: Tell) -> Iterator[Path]:
+    """The backup's folder; a tar file is unpacked first, under names that we choose."""
+    if source.is_dir():
+        yield source
+        return
+    if not source.is_file():
+        raise NotFound("there is no such backup", got=str(source))
+    beside.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as held:
+        tell("unpacking")
+        yield _unpack(source, Path(held))
+
+
+def _unpack(source: Path, held: Path) -> Path:
+    name = ""
+    try:
+        with tarfile.open(source, "r|*") as tar:
+            for member in tar:
+                if not member.isfile() or not MEMBER.fullmatch(member.name):
+                    raise CorruptData("this is no backup", expected="files of a backup only", got=member.name[:100])
+                if not member.name.startswith(f"{POOL}/"):
+                    name = name or member.name.split("/")[0]
+                path = held / member.name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                content = tar.extractfile(member)
+                if content is not None:
+                    with content, path.open("xb") as file:
+                        shutil.copyfileobj(content, file)
+    except (tarfile.TarError, EOFError, OSError) as error:
+        raise CorruptData("the backup's file cannot be read to its end", got=str(error)) from error
+    if not name:
+        raise CorruptData("this is no backup", expected=MANIFEST, got=str(source))
+    return held / name
+
+
+def _verified(folder: Path, manifest: Manifest) -> BlobStore:
+    """Every byte is what its name says."""
+    if not (folder / manifest.database).is_file():
+        raise CorruptData("the backup's database is missing", expected=manifest.database, got=str(folder))
+    if sha256_of(folder / manifest.database) != manifest.database_sha256:
+        raise CorruptData("the backup's database is damaged", expected=f"SHA-256 {manifest.database_sha256[:12]}…")
+    if not (folder.parent / POOL).is_dir() and manifest.blobs:
+        raise CorruptData(
+            "the backup's bytes are missing", expected=f"a folder {POOL} beside it", got=str(folder.parent)
+        )
+    pool = BlobStore(str(folder.parent / POOL)) if manifest.blobs else BlobStore(tempfile.gettempdir())
+    for key in manifest.blobs:
+        pool.get(key)  # checks its hash
+    return pool
+
+
+def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_url: str) -> None:
+    if manifest.kind == SQLITE:
+        shutil.copyfile(folder / manifest.database, draft / "gss.db")
+    captures = set(manifest.captures.values())
+    target = BlobStore(blobs_url or str(draft / "blobs"))
+    for key in manifest.blobs:
+        if key not in captures:
+            target.put(pool.get(key))
+    (draft / "captures").mkdir()
+    for name, key in manifest.captures.items():
+        (draft / "captures" / name).write_bytes(pool.get(key))
+
+
+def _make_ready(url: str, now: Now) -> None:
+    """To the newest schema; and from here on command ids begin where none was used after the backup."""
+    migrate(url)
+    database = Database(open_engine(url))
+    try:
+        with database.unit_of_work() as session:
+            commands.skip_request_ids(session, NEW_IDS, now())
+    finally:
+        database.close()

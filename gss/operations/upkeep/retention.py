@@ -1,0 +1,264 @@
+"""Retention: what may go, when, and in which order. Rows of frames, their solutions, commands, alarms, contacts and the audit
+record always stay; what goes are pixels, raw telemetry packets, old lines of the record, and the oldest raw captures.
+
+Nothing goes by itself until somebody has said so: every age and size is "for ever" at first. A removal runs as a job in small
+transactions, so that the line never waits for it, and goes on where it was after a crash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.folder_lock import named_lock
+from gss.operations.jobs import JobService, Run
+from gss.operations.line.link import LinkService
+from gss.operations.upkeep.clocks import ClockWatch
+from gss.store import choices
+from gss.store import upkeep as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Job
+
+CHOICE, DONE = "retention", "retention.done"
+FRAMES_AT_ONCE = 200
+THIN_EVERY_S = 60.0
+DAY = timedelta(days=1)
+MOST_DAYS, MOST_GB, MOST_MB = 36_500, 1_000_000.0, 100_000_000
+FIGURES = ("frames", "bytes", "packets", "thinned", "events")
+
+
+@dataclass(frozen=True)
+class Policy:
+    """0 keeps for ever. ``frames_days``, ``frames_gb``: pixels go by age, and the oldest while all together are larger;
+    ``keep_frames``: never of so many newest. ``telemetry_thin_days``: after so long one packet a minute of each kind stays;
+    ``telemetry_days``: none. ``captures_mb`` 0: as GSS_CAPTURE_KEEP_MB says. ``backups_keep``: newest backups that stay."""
+
+    frames_days: float = 0
+    frames_gb: float = 0
+    keep_frames: int = 100
+    telemetry_thin_days: float = 0
+    telemetry_days: float = 0
+    events_days: float = 0
+    captures_mb: int = 0
+    backups_keep: int = 0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            most = MOST_DAYS if f.name.endswith("_days") else MOST_GB if f.name.endswith("_gb") else MOST_MB
+            if not 0 <= value <= most:
+                raise BadInput(f"{f.name} is out of range", expected=f"0 (for ever) to {most:g}", got=str(value))
+        if 0 < self.telemetry_days <= self.telemetry_thin_days:
+            raise BadInput(
+                "packets would go before they are thinned",
+                expected=f"thinning before {self.telemetry_days:g} days",
+                got=f"{self.telemetry_thin_days:g} days",
+            )
+
+
+class RetentionService:
+    """Keeps the policy, forecasts, and removes."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        jobs: JobService,
+        bus: EventBus,
+        link: LinkService,
+        lock: Path,
+        now: Now,
+    ) -> None:
+        self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
+        self._link, self._lock, self._now = link, lock, now
+        jobs.resumable("retention", self.work)
+
+    def start(self) -> None:
+        """Put the policy of the captures in force."""
+        if self.policy().captures_mb:
+            self._link.keep_captures(self.policy().captures_mb << 20)
+
+    def policy(self) -> Policy:
+        """What is in force."""
+        value = _choice(self._database, CHOICE)
+        names = {f.name for f in fields(Policy)}
+        return Policy(**{k: v for k, v in value.items() if k in names})
+
+    def choose(self, policy: Policy, *, user: str) -> Policy:
+        """Put another policy in force from the next run on; the captures' size at once."""
+        with self._database.unit_of_work() as session:
+            choices.write(session, CHOICE, asdict(policy), self._now(), user)
+        if policy.captures_mb:
+            self._link.keep_captures(policy.captures_mb << 20)
+        words = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
+        self._bus.record("upkeep", "watch", f"retention changed by {user}: {words or 'keep everything'}")
+        return policy
+
+    def run(self, *, user: str) -> Job:
+        """Remove now what the policy lets go; a job."""
+        return self._jobs.begin("retention", "retention", {"policy": asdict(self.policy()), "user": user})
+
+    def last_run(self) -> datetime | None:
+        """When a removal last ended."""
+        at = _choice(self._database, DONE).get("at")
+        return datetime.fromisoformat(at) if at else None
+
+    def removed_before(self) -> datetime | None:
+        """Housekeeping older than this may be thinned or gone: its gaps are retention's."""
+        found = _choice(self._database, DONE)
+        moments = [datetime.fromisoformat(found[k]) for k in ("packets_before", "thinned_before") if found.get(k)]
+        return max(moments, default=None)
+
+    # --- removing -----------------------------------------------------------------------------------------------
+
+    def work(self, run: Run) -> dict[str, Any]:
+        """Not while a backup is being made: it must find the bytes that its rows name."""
+        with named_lock(self._lock, "", wait=True):
+            return self._remove(run)
+
+    def _remove(self, run: Run) -> dict[str, Any]:
+        """Step by step; the checkpoint is what it has removed, and bytes whose rows are marked already."""
+        kept = run.checkpoint or {"at": self._now().isoformat(), "pending": []}
+        policy, at = Policy(**run.request["policy"]), datetime.fromisoformat(kept["at"])
+        removed: dict[str, int] = dict(kept.get("removed") or dict.fromkeys(FIGURES, 0))
+        self._drop(kept["pending"], removed)
+        self._pixels(policy, at, removed, run)
+        packets, thinned = _before(at, policy.telemetry_days), _before(at, policy.telemetry_thin_days)
+        with self._database.unit_of_work() as session:
+            kinds = store.packet_kinds(session)
+        for kind in kinds:
+            if packets is not None:
+                self._batches(run, removed, "packets", at, partial(_packets_of, kind, packets))
+            if thinned is not None:
+                self._thin(run, removed, kind, at, thinned)
+        events = _before(at, policy.events_days)
+        if events is not None:
+            self._batches(run, removed, "events", at, partial(_lines, events))
+        self._note(at, packets, thinned)
+        if any(removed.values()):
+            packets_gone = removed["packets"] + removed["thinned"]
+            words = (
+                f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} lines of the record"
+            )
+            self._bus.record("upkeep", "ok", f"retention removed {words}", **removed)
+        return {"removed": removed}
+
+    def _pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: Run) -> None:
+        going = list(self.going(policy, at))
+        for group in _groups(going):
+            run.progress(removed["frames"], len(going), f"pixels of {removed['frames']} of {len(going)} frames")
+            keys = sorted({p.sha256 for p in group})
+            removed["frames"] += len(group)
+            with self._database.unit_of_work() as session:
+                store.remove_pixels(session, [p.frame_id for p in group], at)
+                # The rows first, the bytes after: a crash between leaves bytes too many, never a row that promises too much.
+                run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)
+            self._drop(keys, removed)
+
+    def going(self, policy: Policy, at: datetime) -> Iterator[store.Pixels]:
+        """Whose pixels the policy lets go, oldest first."""
+        if not policy.frames_days and not policy.frames_gb:
+            return
+        with self._database.unit_of_work() as session:
+            used = store.used_by_studies(session)
+            held = list(store.pixels_held(session))
+            total = store.pixel_bytes(session)[1]
+        old = _before(at, policy.frames_days)
+        for pixels in held[: max(0, len(held) - policy.keep_frames)]:
+            too_many = bool(policy.frames_gb) and total > policy.frames_gb * 1e9
+            if pixels.frame_id not in used and (too_many or (old is not None and pixels.received < old)):
+                total -= pixels.size
+                yield pixels
+
+    def _drop(self, keys: list[str], removed: dict[str, int]) -> None:
+        """Bytes that no row needs any more."""
+        with self._database.unit_of_work() as session:
+            needed = store.still_needed(session, keys)
+        for key in keys:
+            if key not in needed and self._blobs.exists(key):
+                removed["bytes"] += self._blobs.size(key)
+                self._blobs.delete(key)
+
+    def _batches(
+        self, run: Run, removed: dict[str, int], name: str, at: datetime, remove: Callable[[Any], int]
+    ) -> None:
+        while True:
+            run.progress(removed[name], 0, f"{name}: {removed[name]} removed")
+            with self._database.unit_of_work() as session:
+                gone = remove(session)
+                removed[name] += gone
+                run.keep({"at": at.isoformat(), "pending": [], "removed": removed}, session)
+            if not gone:
+                return
+
+    def _thin(self, run: Run, removed: dict[str, int], kind: str, at: datetime, before: datetime) -> None:
+        reached = None
+        while True:
+            run.progress(removed["thinned"], 0, f"thinning {kind}: {removed['thinned']} removed")
+            with self._database.unit_of_work() as session:
+                gone, reached = store.thin_packets(session, kind, reached, before, THIN_EVERY_S)
+                removed["thinned"] += gone
+                run.keep({"at": at.isoformat(), "pending": [], "removed": removed}, session)
+            if reached is None:
+                return
+
+    def _note(self, at: datetime, packets: datetime | None, thinned: datetime | None) -> None:
+        old = _choice(self._database, DONE)
+        value = old | {"at": at.isoformat()}
+        for name, moment in (("packets_before", packets), ("thinned_before", thinned)):
+            if moment is not None:
+                value[name] = max(old.get(name) or "", moment.isoformat())
+        with self._database.unit_of_work() as session:
+            choices.write(session, DONE, value, self._now(), "gss")
+
+
+class DailyRetention:
+    """Starts a removal once a day; not while the server's clock is in doubt: an hour's trust is worth more than a day's room."""
+
+    def __init__(self, retention: RetentionService, clocks: ClockWatch, now: Now) -> None:
+        self._retention, self._clocks, self._now = retention, clocks, now
+        self._next: datetime | None = None
+
+    def tick(self) -> None:
+        """Called about once a second."""
+        now = self._now()
+        if self._next is None:
+            last = self._retention.last_run()
+            self._next = now if last is None else last + DAY
+        # A clock that was set back must not put the next run off for years.
+        self._next = min(self._next, now + DAY)
+        if now < self._next or not self._clocks.steady():
+            return
+        self._next = now + DAY
+        if any(v for k, v in asdict(self._retention.policy()).items() if k.endswith(("_days", "_gb"))):
+            self._retention.run(user="gss, daily")
+
+
+def _choice(database: Database, name: str) -> dict[str, Any]:
+    with database.unit_of_work() as session:
+        return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})
+
+
+def _packets_of(kind: str, before: datetime, session: Any) -> int:
+    return store.remove_packets(session, kind, before)
+
+
+def _lines(before: datetime, session: Any) -> int:
+    return store.remove_events(session, before)
+
+
+def _before(at: datetime, days: float) -> datetime | None:
+    return at - days * DAY if days else None
+
+
+def _groups(items: list[store.Pixels]) -> Iterator[tuple[store.Pixels, ...]]:
+    for k in range(0, len(items), FRAMES_AT_ONCE):
+        yield tuple(items[k : k + FRAMES_AT_ONCE])

@@ -1,0 +1,99 @@
+"""A consistent copy of a database that is in use, and the way back.
+
+SQLite: ``VACUUM INTO`` copies one moment's state while others go on reading and writing. PostgreSQL: its own ``pg_dump`` and
+``psql``; their absence is said, and the password goes to them by the environment, never by the command line.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+from sqlalchemy import URL, inspect, make_url
+
+from gss.domain.errors import Conflict, CorruptData, NotFound, StoreDown
+from gss.store.engine import open_engine
+
+LOOK_EVERY = 10_000
+"""Steps of SQLite's machine between two looks whether somebody cancelled."""
+SQLITE, POSTGRES = "sqlite", "postgresql"
+
+
+def kind_of(url: str) -> str:
+    """Which of the two a URL names."""
+    return SQLITE if url.startswith("sqlite") else POSTGRES
+
+
+def dump(url: str, file: Path, cancelled: Callable[[], bool] = lambda: False) -> None:
+    """Copy the database into a new file; StoreDown where it or the disk does not let us. What was written is removed then."""
+    try:
+        if kind_of(url) == SQLITE:
+            _copy_sqlite(Path(make_url(url).database or ""), file, cancelled)
+        else:
+            _run("pg_dump", url, ["--no-owner", "--no-privileges", "--file", str(file)])
+    except BaseException:
+        file.unlink(missing_ok=True)
+        raise
+
+
+def _copy_sqlite(source: Path, file: Path, cancelled: Callable[[], bool]) -> None:
+    if not source.is_file():
+        raise NotFound("there is no database", got=str(source))
+    connection = sqlite3.connect(source, timeout=30)
+    try:
+        connection.set_progress_handler(lambda: int(cancelled()), LOOK_EVERY)
+        connection.execute("VACUUM INTO ?", (str(file),))
+    except sqlite3.DatabaseError as error:
+        if "interrupted" in str(error):
+            return
+        bad = isinstance(error, sqlite3.OperationalError)
+        text, hint = "the database cannot be copied", "gss check store says what is wrong with it"
+        raise (StoreDown if bad else CorruptData)(text, got=str(error), hint=hint) from error
+    finally:
+        connection.close()
+    with file.open("r+b") as copy:
+        os.fsync(copy.fileno())
+
+
+def load(url: str, file: Path) -> None:
+    """Fill an empty PostgreSQL database from a dump; Conflict where there are tables already."""
+    engine = open_engine(url)
+    try:
+        tables = inspect(engine).get_table_names()
+    finally:
+        engine.dispose()
+    if tables:
+        raise Conflict("the database is not empty", expected="an empty database", got=f"{len(tables)} tables")
+    _run("psql", url, ["--quiet", "--single-transaction", "--set", "ON_ERROR_STOP=1", "--file", str(file)])
+
+
+def _run(program: str, url: str, arguments: list[str]) -> None:
+    found = shutil.which(program)
+    if found is None:
+        raise StoreDown(
+            f"{program} is not installed here: it copies a PostgreSQL database",
+            expected=program,
+            hint="apt install postgresql-client, or use the database server's own backup",
+        )
+    made = make_url(url)
+    done = subprocess.run(  # noqa: S603 - a found program, no shell
+        [found, *arguments], env={**os.environ, **_environment(made)}, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        cause = (done.stderr.strip().splitlines() or ["no words"])[-1]
+        raise StoreDown(f"{program} did not succeed", got=cause, hint="look at the database server")
+
+
+def _environment(url: URL) -> dict[str, str]:
+    parts = {
+        "PGHOST": url.host,
+        "PGPORT": url.port,
+        "PGUSER": url.username,
+        "PGPASSWORD": url.password,
+        "PGDATABASE": url.database,
+    }
+    return {name: str(value) for name, value in parts.items() if value}

@@ -1,0 +1,239 @@
+"""What upkeep asks of the tables: which bytes are still needed, how much there is, what is old enough to go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import delete, func, inspect, select, text, update
+from sqlalchemy.orm import Session
+
+from gss.store.models import (
+    Analysis,
+    Base,
+    Calibration,
+    Catalogue,
+    DeviceTable,
+    Event,
+    Frame,
+    StarList,
+    TelemetryPacket,
+    Transfer,
+)
+from gss.store.transfers import ENDED
+
+BATCH = 2000
+PIXEL_BYTES = {"|u1": 1, "|i1": 1, "<u2": 2, "<i2": 2, "<f4": 4, "<f8": 8}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Bytes that something needs. ``size``: what they must be long, None where nobody says."""
+
+    sha256: str
+    by: str
+    size: int | None = None
+
+
+def references(session: Session) -> Iterator[Reference]:
+    """Everything that the rows say is kept as bytes."""
+    frames = select(Frame.id, Frame.sha256, Frame.dtype, Frame.columns * Frame.rows)
+    for row_id, sha256, dtype, pixels in session.execute(frames.where(Frame.pixels_removed.is_(None))):
+        yield Reference(sha256, f"frame {row_id}", pixels * PIXEL_BYTES[dtype] if dtype in PIXEL_BYTES else None)
+    for model, word in ((Catalogue, "catalogue"), (DeviceTable, "table"), (StarList, "star list")):
+        for row_id, sha256, size in session.execute(select(model.id, model.sha256, model.size)):
+            yield Reference(sha256, f"{word} {row_id}", size)
+    uploads = select(Transfer.id, Transfer.options).where(Transfer.direction == "up", Transfer.state.not_in(ENDED))
+    for row_id, options in session.execute(uploads):
+        if options.get("content"):
+            yield Reference(options["content"], f"transfer {row_id}")
+    for row_id, result in session.execute(select(Calibration.id, Calibration.result)):
+        dark = result.get("dark_frame")
+        key = dark.get("key", "") if isinstance(dark, dict) else ""
+        if key:
+            yield Reference(key, f"dark frame of calibration {row_id}")
+
+
+def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
+    """Those of some bytes, of removed frames, that another row needs."""
+    needed: set[str] = set()
+    for model in (Catalogue, DeviceTable, StarList):
+        needed |= set(session.scalars(select(model.sha256).where(model.sha256.in_(keys))))
+    living = select(Frame.sha256).where(Frame.sha256.in_(keys), Frame.pixels_removed.is_(None))
+    needed |= set(session.scalars(living))
+    for options in session.scalars(select(Transfer.options).where(Transfer.state.not_in(ENDED))):
+        needed |= {options.get("content", "")} & set(keys)
+    return needed
+
+
+# --- frames -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Pixels that are there: of which frame, since when, how many bytes."""
+
+    frame_id: int
+    sha256: str
+    received: datetime
+    size: int
+
+
+def pixels_held(session: Session) -> Iterator[Pixels]:
+    """Every frame that has pixels and is no favourite, oldest first."""
+    columns = (Frame.id, Frame.sha256, Frame.received, Frame.dtype, Frame.columns * Frame.rows)
+    query = select(*columns).where(Frame.pixels_removed.is_(None), Frame.favourite.is_(False)).order_by(Frame.id)
+    for row_id, sha256, received, dtype, pixels in session.execute(query.execution_options(yield_per=BATCH)):
+        yield Pixels(row_id, sha256, received, pixels * PIXEL_BYTES.get(dtype, 2))
+
+
+def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, int]:
+    """(frames with pixels, their bytes), of those received since then."""
+    query = select(Frame.dtype, func.count(), func.sum(Frame.columns * Frame.rows))
+    query = query.where(Frame.pixels_removed.is_(None)).group_by(Frame.dtype)
+    if since is not None:
+        query = query.where(Frame.received >= since)
+    rows = session.execute(query).all()
+    return sum(n for _, n, _ in rows), sum(int(total or 0) * PIXEL_BYTES.get(dtype, 2) for dtype, _, total in rows)
+
+
+def used_by_studies(session: Session) -> set[int]:
+    """Frames that a calibration or an analysis was made from: it can be checked only while they have their pixels."""
+    used: set[int] = set()
+    for model in (Calibration, Analysis):
+        for request in session.scalars(select(model.request)):
+            for name in ("frame_ids", "dark_ids", "other_ids", "flat_pairs"):
+                used |= set(_numbers(request.get(name) or ()))
+    return used
+
+
+def _numbers(values: Iterable[Any]) -> Iterator[int]:
+    for value in values:
+        if isinstance(value, list | tuple):
+            yield from _numbers(value)
+        elif isinstance(value, int):
+            yield value
+
+
+def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> None:
+    """Say of these frames that their pixels have gone; everything else of them stays."""
+    session.execute(update(Frame).where(Frame.id.in_(frame_ids)).values(pixels_removed=at))
+
+
+def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:
+    """Retention never takes a favourite's pixels."""
+    session.execute(update(Frame).where(Frame.id == frame_id).values(favourite=favourite))
+
+
+# --- packets and events -----------------------------------------------------------------------------------------
+
+
+def packet_kinds(session: Session) -> list[str]:
+    """Names of the packets that are stored."""
+    return sorted(session.scalars(select(TelemetryPacket.packet).distinct()))
+
+
+def count_packets(session: Session, before: datetime | None = None, since: datetime | None = None) -> int:
+    """Stored packets of a span."""
+    query = select(func.count()).select_from(TelemetryPacket)
+    if before is not None:
+        query = query.where(TelemetryPacket.received < before)
+    if since is not None:
+        query = query.where(TelemetryPacket.received >= since)
+    return session.scalar(query) or 0
+
+
+def remove_packets(session: Session, packet: str, before: datetime, limit: int = BATCH) -> int:
+    """Remove the oldest packets of one kind, so many at once; how many went."""
+    old = select(TelemetryPacket.id).where(TelemetryPacket.packet == packet, TelemetryPacket.received < before)
+    ids = list(session.scalars(old.order_by(TelemetryPacket.received).limit(limit)))
+    _remove(session, ids)
+    return len(ids)
+
+
+def thin_packets(
+    session: Session, packet: str, after: datetime | None, before: datetime, every_s: float, limit: int = BATCH
+) -> tuple[int, datetime | None]:
+    """Of the packets that the device sent by itself keep the first of each ``every_s``; (removed, how far this came), None where
+    the end was reached."""
+    rows = select(TelemetryPacket.id, TelemetryPacket.received).where(
+        TelemetryPacket.packet == packet, TelemetryPacket.request_id == 0, TelemetryPacket.received < before
+    )
+    if after is not None:
+        rows = rows.where(TelemetryPacket.received >= after)
+    found = session.execute(rows.order_by(TelemetryPacket.received, TelemetryPacket.id).limit(limit)).all()
+    gone: list[int] = []
+    last, kept = None, None
+    for row_id, received in found:
+        bucket = received.timestamp() // every_s
+        if bucket == last:
+            gone.append(row_id)
+        else:
+            last, kept = bucket, received
+    _remove(session, gone)
+    # The next look begins with the one that was kept: what follows in its minute goes too.
+    return len(gone), kept if len(found) == limit else None
+
+
+def _remove(session: Session, ids: Sequence[int]) -> None:
+    if ids:
+        session.execute(delete(TelemetryPacket).where(TelemetryPacket.id.in_(ids)))
+
+
+def remove_events(session: Session, before: datetime, limit: int = BATCH) -> int:
+    """Remove the oldest lines of the record, so many at once; how many went."""
+    ids = list(session.scalars(select(Event.seq).where(Event.at < before).order_by(Event.at).limit(limit)))
+    if ids:
+        session.execute(delete(Event).where(Event.seq.in_(ids)))
+    return len(ids)
+
+
+# --- the whole --------------------------------------------------------------------------------------------------
+
+
+def database_bytes(session: Session) -> int:
+    """Bytes that the database uses; pages that were freed and wait to be used again do not count."""
+    if session.get_bind().dialect.name == "sqlite":
+        pages, free, size = (session.scalar(text(f"PRAGMA {p}")) for p in ("page_count", "freelist_count", "page_size"))
+        return (int(pages) - int(free)) * int(size)
+    return int(session.scalar(text("SELECT pg_database_size(current_database())")) or 0)
+
+
+def row_counts(session: Session) -> dict[str, int]:
+    """Rows of each table that there is."""
+    there = set(inspect(session.connection()).get_table_names())
+    tables = [t for t in Base.metadata.sorted_tables if t.name in there]
+    return {t.name: session.scalar(select(func.count()).select_from(t)) or 0 for t in tables}
+
+
+def schema_version(session: Session) -> str:
+    """The migration that the database is at; "" without any."""
+    if "alembic_version" not in inspect(session.connection()).get_table_names():
+        return ""
+    return str(session.scalar(text("SELECT version_num FROM alembic_version")) or "")
+
+
+def integrity_problems(session: Session, most: int = 20) -> list[str]:
+    """What the database itself finds wrong with its file; PostgreSQL watches over that itself."""
+    if session.get_bind().dialect.name != "sqlite":
+        return []
+    found = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({most})"))]
+    return [] if found == ["ok"] else found
+
+
+def broken_links(session: Session, most: int = 20) -> list[str]:
+    """Rows that name a row of another table which is not there."""
+    if session.get_bind().dialect.name == "sqlite":
+        rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(most)
+        return [f"{row[0]} row {row[1]} names a missing row of {row[2]}" for row in rows]
+    found = []
+    for table in Base.metadata.sorted_tables:
+        for key in table.foreign_keys:
+            other = key.column.table.alias()
+            query = select(func.count()).select_from(table.outerjoin(other, key.parent == other.c[key.column.name]))
+            number = session.scalar(query.where(key.parent.is_not(None), other.c[key.column.name].is_(None)))
+            if number:
+                found.append(f"{number} rows of {table.name} name a missing row of {key.column.table.name}")
+    return found[:most]

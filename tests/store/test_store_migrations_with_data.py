@@ -1,0 +1,164 @@
+"""Every released schema, filled with data, comes through to the newest one; also when the way is cut by kill -9."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sqlite3
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+
+from gss.store.engine import Database, known_schemas, migrate, migration_config, open_engine, open_for_migration
+from gss.store.models import Base
+
+ROWS = 3
+AT = datetime(2026, 1, 2, 3, 4, 5)
+SCHEMAS = known_schemas()
+
+
+def filled(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
+    """A database at that schema with rows in every table it has, made from what the database itself says of its columns."""
+    command.upgrade(migration_config(url), schema)
+    engine = open_for_migration(url)
+    found = sa.MetaData()
+    with engine.begin() as connection:
+        found.reflect(connection)
+        tables = [t for t in found.sorted_tables if t.name != "alembic_version"]
+        for table in tables:
+            connection.execute(table.insert(), [row_of(table, k) for k in range(1, ROWS + 1)])
+    rows = read(url, [t.name for t in tables])
+    engine.dispose()
+    return rows
+
+
+def row_of(table: sa.Table, k: int) -> dict[str, Any]:
+    """Values that fit; references name the rows of the same number."""
+    return {column.name: value_of(table, column, k) for column in table.columns}
+
+
+def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
+    kind = column.type
+    if isinstance(kind, sa.Boolean):
+        return k % 2 == 0
+    if isinstance(kind, sa.Integer):
+        return k
+    if isinstance(kind, sa.Float | sa.Numeric):
+        return k + 0.25
+    if isinstance(kind, sa.DateTime):
+        return AT + timedelta(days=k, microseconds=k)
+    if isinstance(kind, sa.JSON):
+        return {"name": f"{table.name} {k}", "list": [1, "é", None, 2.5]}
+    return f"{column.name} {k} é"[: getattr(kind, "length", None) or 60]
+
+
+def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
+    engine = open_engine(url)
+    with engine.connect() as connection:
+        found = sa.MetaData()
+        found.reflect(connection, only=names)
+        held = {}
+        for name in names:
+            table = found.tables[name]
+            rows = connection.execute(table.select().order_by(*table.primary_key.columns)).mappings()
+            held[name] = [dict(row) for row in rows]
+    engine.dispose()
+    return held
+
+
+def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
+    """The newest schema, with everything of before in it, and readable by the models."""
+    after = read(url, list(before))
+    for name, rows in before.items():
+        kept = [{k: row[k] for k in rows[0] if k in row} for row in after[name]]
+        assert kept == [{k: v for k, v in row.items() if k in after[name][0]} for row in rows], name
+    engine = open_engine(url)
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        if url.startswith("sqlite"):
+            assert connection.exec_driver_sql("PRAGMA foreign_key_check").all() == []
+            assert connection.exec_driver_sql("PRAGMA integrity_check").scalar() == "ok"
+    database = Database(engine)
+    with database.unit_of_work() as session:
+        for mapper in Base.registry.mappers:
+            if mapper.local_table.name in before:
+                assert len(session.scalars(sa.select(mapper.class_)).unique().all()) == ROWS
+    database.close()
+
+
+@pytest.mark.parametrize("schema", SCHEMAS[:-1])
+def test_data_of_every_released_schema_comes_through(database_url, schema):
+    """Three rows in every table of each older schema: all of their values are in the newest one, and the models read them."""
+    before = filled(database_url, schema)
+    migrate(database_url)
+    check(database_url, before)
+
+
+def migrate_and_die(url: str, statement: int) -> bool:
+    """Migrate in a process of its own that is killed as it sends that statement; False where it ended before."""
+    child = os.fork()
+    if child == 0:
+        seen = 0
+
+        def count(*_: object) -> None:
+            nonlocal seen
+            seen += 1
+            if seen == statement:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        sa.event.listen(sa.Engine, "before_cursor_execute", count)
+        try:
+            migrate(url)
+        finally:
+            os._exit(0)
+    _, status = os.waitpid(child, 0)
+    return os.WIFSIGNALED(status)
+
+
+def test_a_migration_killed_at_any_statement_leaves_the_old_schema_whole(tmp_path: Path):
+    """kill -9 at every statement between the first schema and the newest: the old schema is there, unharmed, and the next start
+    goes the whole way."""
+    url = f"sqlite:///{tmp_path / 'full.db'}"
+    before = filled(url, SCHEMAS[0])
+    killed, statement = 0, 1
+    while True:
+        for file in tmp_path.glob("trial.db*"):
+            file.unlink()
+        shutil.copy(tmp_path / "full.db", tmp_path / "trial.db")
+        trial = f"sqlite:///{tmp_path / 'trial.db'}"
+        if not migrate_and_die(trial, statement):
+            break
+        killed += 1
+        with sqlite3.connect(tmp_path / "trial.db") as connection:
+            assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == (SCHEMAS[0],)
+            assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        connection.close()
+        assert read(trial, list(before)) == before
+        statement += max(1, statement // 3)  # each of the first, then ever fewer of the many
+    migrate(trial)
+    check(trial, before)
+    assert killed > 8
+
+
+@pytest.mark.postgres
+def test_a_migration_killed_on_postgresql_leaves_the_old_schema_whole(request, tmp_path):
+    """The same on the other database: its transactions hold the schema too."""
+    url = request.getfixturevalue("postgres_url")
+    for statement in (12, 40):
+        engine = open_engine(url)
+        with engine.begin() as connection:
+            connection.execute(sa.text("DROP SCHEMA public CASCADE"))
+            connection.execute(sa.text("CREATE SCHEMA public"))
+        engine.dispose()
+        before = filled(url, SCHEMAS[0])
+        assert migrate_and_die(url, statement)
+        assert read(url, list(before)) == before
+        migrate(url)
+        check(url, before)
