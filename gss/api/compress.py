@@ -1,0 +1,61 @@
+"""Long JSON and text go out compressed to whoever can read it; everything else passes as it is."""
+
+from __future__ import annotations
+
+import gzip
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+WORTH_BYTES = 2048
+LEVEL = 4
+KINDS = ("application/json", "text/html", "text/csv", "text/plain")
+NEVER = ("/api/session",)
+"""Answers that hold a secret are not compressed: their length must not tell anything of it."""
+
+
+class Compress:
+    """Only answers that come in one piece: streams and files that are sent as they are read stay what they are."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        wanted = scope["type"] == "http" and "gzip" in Headers(scope=scope).get("accept-encoding", "")
+        await self._app(scope, receive, _Packer(send) if wanted and not scope["path"].startswith(NEVER) else send)
+
+
+class _Packer:
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self._start: Message | None = None
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start" and _worth(Headers(raw=message["headers"])):
+            self._start = message  # held back until the body shows whether it is whole
+            return
+        if self._start is not None:
+            start, self._start = self._start, None
+            if not message.get("more_body", False):
+                message = self._packed(start, message)
+            await self._send(start)
+        await self._send(message)
+
+    def _packed(self, start: Message, message: Message) -> Message:
+        body = gzip.compress(message["body"], LEVEL, mtime=0)
+        headers = MutableHeaders(raw=start["headers"])
+        headers["Content-Encoding"], headers["Content-Length"] = "gzip", str(len(body))
+        headers.add_vary_header("Accept-Encoding")
+        start["headers"] = headers.raw
+        return {"type": "http.response.body", "body": body}
+
+
+def _worth(headers: Headers) -> bool:
+    length = headers.get("content-length", "")
+    return (
+        length.isdigit()
+        and int(length) >= WORTH_BYTES
+        and headers.get("content-type", "").startswith(KINDS)
+        and "content-encoding" not in headers
+    )

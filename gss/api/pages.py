@@ -1,0 +1,97 @@
+"""The pages' own files: read once, compressed once, kept by the browser for as long as their name says."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import mimetypes
+from dataclasses import dataclass
+from pathlib import Path
+
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+INDEX = "index.html"
+HASHED = "assets/"
+FOR_EVER = "public, max-age=31536000, immutable"
+ASK_AGAIN = "no-cache"
+COMPRESSED = ("text/", "application/json", "image/svg+xml", "text/javascript", "application/javascript")
+WORTH_BYTES = 1024
+NOT_PAGES = ("api/", HASHED, "fonts/")
+
+
+@dataclass(frozen=True)
+class File:
+    """A file as it goes out. ``gzipped`` None: not worth it."""
+
+    content: bytes
+    gzipped: bytes | None
+    etag: str
+    media_type: str
+    cache: str
+
+
+class Pages:
+    """Serves what is in a folder at the time of its last build; every other address that a browser opens is the one page, whose
+    script knows what to show there. Names of files are looked up in a list, never on the disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._built_ns = 0
+        self._paths: dict[str, Path] = {}
+        self._files: dict[str, File] = {}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a GET or HEAD."""
+        name = scope["path"].lstrip("/") or INDEX
+        self._look_again()
+        if name not in self._paths:
+            if name.startswith(NOT_PAGES) or "." in name.rsplit("/", 1)[-1]:
+                raise HTTPException(404)
+            name = INDEX
+        if scope["method"] not in ("GET", "HEAD"):
+            raise HTTPException(405, headers={"Allow": "GET, HEAD"})
+        await _answer(self._file(name), Headers(scope=scope), head=scope["method"] == "HEAD")(scope, receive, send)
+
+    def _look_again(self) -> None:
+        """The pages may be built anew while the server runs."""
+        built_ns = (self._folder / INDEX).stat().st_mtime_ns
+        if built_ns != self._built_ns:
+            found = {str(p.relative_to(self._folder)): p for p in self._folder.rglob("*") if p.is_file()}
+            self._paths = {name: path for name, path in found.items() if not name.startswith(".")}
+            self._files, self._built_ns = {}, built_ns
+
+    def _file(self, name: str) -> File:
+        known = self._files.get(name)
+        if known is None:
+            known = self._files[name] = read(self._paths[name], name)
+        return known
+
+
+def read(path: Path, name: str) -> File:
+    """Read and compress a file; one whose name holds its hash never changes."""
+    content = path.read_bytes()
+    media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    small = None
+    if media_type.startswith(COMPRESSED) and len(content) >= WORTH_BYTES:
+        small = gzip.compress(content, 9, mtime=0)
+    etag = hashlib.sha256(content).hexdigest()[:20]
+    return File(content, small, etag, media_type, FOR_EVER if name.startswith(HASHED) else ASK_AGAIN)
+
+
+def _answer(file: File, asked: Headers, *, head: bool) -> Response:
+    packed = file.gzipped is not None and "gzip" in asked.get("accept-encoding", "")
+    etag = f'"{file.etag}{"-gz" if packed else ""}"'
+    headers = {"ETag": etag, "Cache-Control": file.cache}
+    if file.gzipped is not None:
+        headers["Vary"] = "Accept-Encoding"
+    if etag in asked.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    content = file.gzipped if packed and file.gzipped is not None else file.content
+    if packed:
+        headers["Content-Encoding"] = "gzip"
+    if head:
+        return Response(headers=headers | {"Content-Length": str(len(content))}, media_type=file.media_type)
+    return Response(content, headers=headers, media_type=file.media_type)
