@@ -50,6 +50,7 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("--keep", type=Path, default=Path("never-wrong.jsonl"), metavar="FILE", help="what is done")
     p.add_argument("--again", action="store_true", help="also what FILE holds; the newer counts")
     p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
+    p.add_argument("--cluster", metavar="URL", help="a Dask scheduler instead of own processes (GSS_CLUSTER)")
     p.add_argument(
         "--page", type=Path, metavar="FILE", help="write a Markdown page of what is done, and run nothing more"
     )
@@ -112,9 +113,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(arguments: argparse.Namespace) -> int:
     """Do the rest of the campaign, or write what is done."""
+    from gss.operations.studies.executor import make_executor
     from gss.operations.studies.never_wrong import Hunt, hunt, read, selected
     from gss.operations.studies.never_wrong_page import page
     from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS
+    from gss.settings import Settings
 
     if not 1 <= arguments.workers <= 64:
         raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
@@ -133,7 +136,12 @@ def never_wrong(arguments: argparse.Namespace) -> int:
     if arguments.page is not None:
         arguments.page.write_text(page(wanted, read(arguments.keep)), "utf-8")
     else:
-        hunt(wanted, arguments.keep, workers=arguments.workers, again=arguments.again, told=told)
+        cluster = Settings().cluster if arguments.cluster is None else arguments.cluster
+        executor = make_executor(cluster, arguments.workers)
+        try:
+            hunt(wanted, arguments.keep, executor=executor, again=arguments.again, told=told)
+        finally:
+            executor.stop()
     done = read(arguments.keep)
     wrong = sorted(text for key in selected(done, wanted) for text in done[key]["wrong"])
     print("\n".join(wrong) if wrong else "no wrong answer")

@@ -8,7 +8,8 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ import pytest
 from fastapi.testclient import TestClient
 from pyarrow import parquet as pq
 
-from gss.api.app import create_app
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.cli import main
 from gss.domain.errors import GssError
@@ -29,7 +29,6 @@ from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.wiring import Services, build
 
-OPTIONS = {"base_url": "http://localhost", "headers": {"X-GSS": "1"}, "raise_server_exceptions": False}
 FRAMES = 12
 
 
@@ -55,9 +54,9 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
 
 
 @pytest.fixture(scope="module")
-def client(services: Services) -> Iterator[TestClient]:
+def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator[TestClient]:
     """A client on them."""
-    with TestClient(create_app(services), **OPTIONS) as client:
+    with client_of(services) as client:
         yield client
 
 
@@ -103,21 +102,34 @@ def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
 
 
 def test_a_killed_worker_costs_its_batch_only(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker that dies ends the job with that word; what was done is kept, and the next start does the rest."""
+    """The death of all workers costs their batches under way: these are done again, once. Who dies again and again ends the job."""
     monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 1)
     wanted = Reprocessing("far_mst", profile="cubestar")
     tasks = services.reprocessing.tasks(wanted)
 
-    def kill(_done: int, _total: int, _text: str) -> None:
-        for child in multiprocessing.active_children():
+    killed: list[int] = []
+
+    def kill_once(_done: int, _total: int, _text: str) -> None:
+        for child in [] if killed else multiprocessing.active_children():
+            killed.append(child.pid or 0)
             os.kill(child.pid or 0, signal.SIGKILL)
 
-    with pytest.raises(GssError, match="worker process died"):
-        services.reprocessing.work(wanted, tasks, kill)
-    left = services.reprocessing.tasks(wanted)
-    assert 0 < len(left) < len(tasks)
-    assert services.reprocessing.work(wanted, left, lambda *_: None)["frames"] == len(left)
+    assert services.reprocessing.work(wanted, tasks, kill_once)["frames"] == len(tasks)
+    assert killed
     assert services.reprocessing.tasks(wanted) == []
+    for task in tasks:
+        assert [s.chain for s in services.frames.detail(task.frame_id).solutions].count("far_mst") == 1
+
+    with (
+        pytest.raises(GssError, match="died again and again"),
+        closing(services.executor.in_order(end_the_worker, [9])) as results,
+    ):
+        list(results)
+
+
+def end_the_worker(status: int, _told: object) -> None:
+    """Work that no process survives."""
+    os._exit(status)
 
 
 def test_workers_and_server_give_the_same_result(client: TestClient, services: Services) -> None:

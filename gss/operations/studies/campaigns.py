@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
 from gss.domain.errors import BadInput
 from gss.operations.jobs import JobService, Run
 from gss.operations.studies import experiments
+from gss.operations.studies.executor import Executor, HereExecutor
 from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Job
@@ -33,9 +35,10 @@ class ChainRecord:
 class CampaignService:
     """Starts experiments and answers comparisons."""
 
-    def __init__(self, database: Database, jobs: JobService) -> None:
+    def __init__(self, database: Database, jobs: JobService, executor: Executor | None = None) -> None:
         self._database, self._jobs = database, jobs
-        jobs.resumable("experiments", _experiments)
+        where = executor or HereExecutor()
+        jobs.resumable("experiments", lambda run: _experiments(run, where))
 
     def run_experiments(self, names: Sequence[str], trials: int | None, seed: int) -> Job:
         """Queue experiments; the job's result holds a record of each. NotFound and BadInput before anything is queued."""
@@ -57,19 +60,23 @@ class CampaignService:
         return [_record(chain, version, group) for (chain, version), group in sorted(groups.items())]
 
 
-def _experiments(run: Run) -> dict[str, Any]:
-    """One after the other; each that is done is kept, and a crash costs the one that ran."""
+def _experiments(run: Run, executor: Executor) -> dict[str, Any]:
+    """All of them; each that is done is kept, and a crash costs those that ran."""
     names = run.request["names"]
     done = list((run.checkpoint or {}).get("experiments", ()))
-    for k, name in list(enumerate(names))[len(done) :]:
+    rest = [(name, run.request["trials"], run.request["seed"]) for name in names[len(done) :]]
 
-        def told(share: float, at: int = k, what: str = name) -> None:
-            run.progress(round(100 * (at + share)), 100 * len(names), f"{what}, {100 * share:.0f} %")
+    def told(share: float) -> None:
+        if len(done) < len(names):
+            text = f"{names[len(done)]}, {100 * share:.0f} %"
+            run.progress(round(100 * (len(done) + share)), 100 * len(names), text)
 
-        told(0.0)
-        result = experiments.run_experiment(name, trials=run.request["trials"], seed=run.request["seed"], progress=told)
-        done.append(experiments.as_record(result))
-        run.keep({"experiments": done})
+    told(0.0)
+    with closing(executor.in_order(experiments.run_item, rest, told)) as records:
+        for record in records:
+            done.append(record)
+            run.keep({"experiments": done})
+            told(0.0)
     return {"experiments": done}
 
 

@@ -114,6 +114,12 @@ def run_experiment(
     return found.rerun(stars, count, seed, progress)
 
 
+def run_item(asked: tuple[str, int | None, int], told: Progress) -> dict[str, Any]:
+    """(name, trials, seed) as executors call it: the record of the run."""
+    name, trials, seed = asked
+    return as_record(run_experiment(name, trials=trials, seed=seed, progress=told))
+
+
 def as_record(experiment: Experiment) -> dict[str, Any]:
     """Plain values, as JSON has them."""
     return asdict(experiment)

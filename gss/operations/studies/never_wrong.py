@@ -1,20 +1,21 @@
-"""The long campaign of never-wrong: shards on worker processes, each kept as a line of a file, so that a run goes on where it
-ended and what a change touched can be done again."""
+"""The long campaign of never-wrong: shards on worker processes or a cluster, each kept as a line of a file, so that a run goes on
+where it ended and what a change touched can be done again."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import gss
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput
+from gss.operations.studies.executor import Executor
 from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS, SHARD, Campaign, Shard, shards
 from gss.pipeline.experiments.never_wrong_frames import FRAME_SHARD, FrameCampaign, FrameShard, frame_shards
 
@@ -67,7 +68,7 @@ def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
     return done
 
 
-def hunt(wanted: Hunt, file: Path, *, workers: int, again: bool = False, told: Told = lambda _, __: None) -> int:
+def hunt(wanted: Hunt, file: Path, *, executor: Executor, again: bool = False, told: Told = lambda _, __: None) -> int:
     """Do what ``file`` does not hold yet, or everything ``again``; the number of shards done now."""
     held = {} if again else read(file)
     wanting = [key for key in keys(wanted) if key not in held]
@@ -75,13 +76,10 @@ def hunt(wanted: Hunt, file: Path, *, workers: int, again: bool = False, told: T
         return 0
     code = fingerprint()
     file.parent.mkdir(parents=True, exist_ok=True)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _prepare) as pool, file.open("a", encoding="utf-8") as out:
-        running = {pool.submit(_run, key): key for key in wanting}
-        for count, future in enumerate(as_completed(running), 1):
-            key = running[future]
+    with closing(executor.in_order(_run, wanting)) as answers, file.open("a", encoding="utf-8") as out:
+        for count, (key, answer) in enumerate(zip(wanting, answers, strict=True), 1):
             kind = "frames" if isinstance(key, FrameShard) else "lists"
-            record = {"kind": kind, "shard": asdict(key), "code": code} | future.result()
+            record = {"kind": kind, "shard": asdict(key), "code": code} | answer
             out.write(json.dumps(record, ensure_ascii=False) + "\n")
             out.flush()
             told(count, len(wanting))
@@ -103,20 +101,16 @@ def selected(done: Iterable[Any], wanted: Hunt) -> set[Any]:
     return set(keys(wanted)) & set(done)
 
 
-_lists: Campaign | None = None
-_frames: FrameCampaign | None = None
-
-
-def _prepare() -> None:
-    global _lists, _frames
+@lru_cache(maxsize=1)
+def _campaigns() -> tuple[Campaign, FrameCampaign]:
+    """What a process keeps from shard to shard."""
     stars = propagate(load_stars(FAINTEST_MAG), EPOCH_JYEAR)
-    _lists, _frames = Campaign(stars), FrameCampaign(stars)
+    return Campaign(stars), FrameCampaign(stars)
 
 
-def _run(key: Shard | FrameShard) -> dict[str, Any]:
-    assert _lists is not None  # noqa: S101 - the pool has called _prepare
-    assert _frames is not None  # noqa: S101 - as above
-    verdicts = _frames.run(key) if isinstance(key, FrameShard) else _lists.run(key)
+def _run(key: Shard | FrameShard, _told: Callable[[float], None]) -> dict[str, Any]:
+    lists, frames = _campaigns()
+    verdicts = frames.run(key) if isinstance(key, FrameShard) else lists.run(key)
     of = FRAME_SHARD if isinstance(key, FrameShard) else SHARD
     counts = [[*cell, number] for cell, number in sorted(verdicts.counts.items())]
     return {"of": of, "counts": counts, "wrong": list(verdicts.wrong)}

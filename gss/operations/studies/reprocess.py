@@ -1,37 +1,36 @@
-"""Run a chain over many stored frames: a job on worker processes, with progress, cancel, and resume by doing only the rest.
+"""Run a chain over many stored frames: a job on worker processes or a cluster, with progress and cancel, that survives a crash.
 
-Workers get pixels and give back plain values; the database is written here only, one transaction per batch, so that a job
-that ends anywhere leaves whole solutions and nothing else. The same frames, chain and version give the same values on any
-number of workers. What the overlays draw beside stars and regions follows from attitude and camera, and is made when asked for.
+Workers get the names of pixels and give back plain values; the database is written here only: each batch's results and the job's
+checkpoint in one transaction, in the order of the frames. A job that ends anywhere leaves whole solutions and nothing else, and
+the next server goes on behind them. The same frames, chain and version give the same values on any number of workers. What the
+overlays draw beside stars and regions follows from attitude and camera, and is made when asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
 from gss import __version__
-from gss.domain.errors import BadInput, GssError
+from gss.domain.errors import BadInput, Conflict
 from gss.domain.profiles import CameraProfile
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.frames.observer import observer_of_frame
 from gss.operations.frames.solve import CHAINS
-from gss.operations.jobs import JobService, Progress
-from gss.operations.studies.reprocess_worker import Order, Task, run_batch
-from gss.operations.studies.warm_pool import WarmPool
+from gss.operations.jobs import JobService, Keep, Progress, Run
+from gss.operations.studies.executor import Executor
+from gss.operations.studies.reprocess_worker import Order, Task, run_item
 from gss.pipeline.chains import reference
 from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Frame, Job
 
+KIND = "reprocess"
 BATCH = 8
 WORKERS = 2
-AHEAD = 3
-"""Batches per worker that wait in line."""
 TELL_S = 0.25
 """Between two reports of progress."""
 MOST_FRAMES = 100_000
@@ -49,6 +48,27 @@ class Reprocessing:
     again: bool = False
 
 
+@dataclass
+class Done:
+    """How far a job is: frames with a result, their outcomes and verdicts by number, the last frame. Its plain values are the
+    job's checkpoint."""
+
+    frames: int = 0
+    last_id: int = 0
+    elapsed_s: float = 0.0
+    counts: dict[str, int] | None = None
+
+    def count(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Add a batch."""
+        self.counts = self.counts or {}
+        for row in rows:
+            # The verdict "none" says no more than the outcome "none".
+            for key in {row["outcome"], row.get("verdict")}:
+                if key:
+                    self.counts[key] = self.counts.get(key, 0) + 1
+        self.frames, self.last_id = self.frames + len(rows), rows[-1]["frame_id"]
+
+
 class ReprocessService:
     """Starts reprocessing jobs."""
 
@@ -59,16 +79,12 @@ class ReprocessService:
         jobs: JobService,
         now: Now,
         epoch_jyear: float,
-        workers: int = WORKERS,
+        executor: Executor,
         profiles: Callable[[], Mapping[str, CameraProfile]] = dict,
     ) -> None:
         self._database, self._blobs_url, self._jobs, self._now = database, blobs_url, jobs, now
-        self._epoch_jyear, self._profiles = epoch_jyear, profiles
-        self._pool = WarmPool(workers)
-
-    def stop(self) -> None:
-        """End the worker processes."""
-        self._pool.stop()
+        self._epoch_jyear, self._profiles, self._executor = epoch_jyear, profiles, executor
+        jobs.resumable(KIND, self._resume)
 
     def start(self, wanted: Reprocessing, *, user: str, **filters: Any) -> Job:
         """Queue the job. BadInput where there is nothing to do or the chain is unknown."""
@@ -87,9 +103,13 @@ class ReprocessService:
             "frames": len(tasks),
             "again": wanted.again,
             "user": user,
+            "frame_ids": list(wanted.frame_ids),
+            "profile": wanted.profile,
+            "filters": filters,
+            "up_to": tasks[-1].frame_id,
+            "epoch_jyear": self._epoch_jyear,
         }
-        title = f"{wanted.chain} on {len(tasks)} frames"
-        return self._jobs.submit("reprocess", title, request, lambda progress: self.work(wanted, tasks, progress))
+        return self._jobs.begin(KIND, f"{wanted.chain} on {len(tasks)} frames", request)
 
     def tasks(self, wanted: Reprocessing, **filters: Any) -> list[Task]:
         """What is to be done, oldest frame first."""
@@ -102,37 +122,61 @@ class ReprocessService:
         rows = sorted((f for f in frames if f.complete and f.id not in done), key=lambda f: f.id)
         return [_task(f, wanted) for f in rows]
 
-    def work(self, wanted: Reprocessing, tasks: Sequence[Task], progress: Progress) -> dict[str, Any]:
-        """Do it; the job's result is a count of outcomes and verdicts."""
-        counts: dict[str, int] = {}
-        started_s, done, told_s = stopwatch_s(), 0, 0.0
-        order = Order(self._blobs_url, self._epoch_jyear, wanted.chain, dict(self._profiles()))
-        try:
-            with self._pool.borrowed() as pool:
-                for rows in _in_batches(pool, order, tasks, self._pool.workers * AHEAD):
-                    self._keep(rows)
-                    for row in rows:
-                        # The verdict "none" says no more than the outcome "none".
-                        for key in {row["outcome"], row.get("verdict")}:
-                            if key:
-                                counts[key] = counts.get(key, 0) + 1
-                    done += len(rows)
-                    elapsed_s = stopwatch_s() - started_s
-                    if done == len(tasks) or elapsed_s - told_s > TELL_S or done == len(rows):
-                        told_s = elapsed_s
-                        rate = done / max(1e-3, elapsed_s)
-                        progress(done, len(tasks), f"{done} of {len(tasks)} frames, {rate:.0f} frames/s")
-        except BrokenProcessPool as error:
-            raise GssError(
-                "a worker process died", got=str(error), hint="what was done is kept; start it again for the rest"
-            ) from error
-        elapsed_s = stopwatch_s() - started_s
-        return {"frames": done, "counts": counts, "elapsed_s": round(elapsed_s, 3)}
+    def _resume(self, run: Run) -> dict[str, Any]:
+        """The job from its stored request, behind its checkpoint."""
+        request = run.request
+        if request["version"] != __version__:
+            raise Conflict(
+                "the program was changed since this job began",
+                expected=request["version"],
+                got=__version__,
+                hint="what was done is kept; start it anew",
+            )
+        wanted = Reprocessing(request["chain"], tuple(request["frame_ids"]), request["profile"], request["again"])
+        done = Done(**run.checkpoint) if run.checkpoint else Done()
+        tasks = [
+            task
+            for task in self.tasks(wanted, **request["filters"])
+            if done.last_id < task.frame_id <= request["up_to"]
+        ]
+        return self.work(wanted, tasks, run.progress, done, run.keep, request["epoch_jyear"])
 
-    def _keep(self, rows: Sequence[dict[str, Any]]) -> None:
+    def work(
+        self,
+        wanted: Reprocessing,
+        tasks: Sequence[Task],
+        progress: Progress,
+        done: Done | None = None,
+        keep: Keep | None = None,
+        epoch_jyear: float | None = None,
+    ) -> dict[str, Any]:
+        """Do it; the job's result is a count of outcomes and verdicts. ``done``: what was before a crash."""
+        done = done or Done()
+        total, before_s, started_s, told_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
+        at_first = done.frames
+        order = Order(self._blobs_url, epoch_jyear or self._epoch_jyear, wanted.chain, dict(self._profiles()))
+
+        def tell(_share: float = 0.0) -> None:
+            rate = (done.frames - at_first) / max(1e-3, stopwatch_s() - started_s)
+            progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.0f} frames/s")
+
+        with closing(self._executor.in_order(run_item, _batches(order, tasks), tell)) as results:
+            for rows in results:
+                done.count(rows)
+                elapsed_s = stopwatch_s() - started_s
+                done.elapsed_s = round(before_s + elapsed_s, 3)
+                self._keep(rows, done, keep)
+                if done.frames == total or elapsed_s - told_s > TELL_S or done.frames == at_first + len(rows):
+                    told_s = elapsed_s
+                    tell()
+        return {"frames": done.frames, "counts": done.counts or {}, "elapsed_s": done.elapsed_s}
+
+    def _keep(self, rows: Sequence[dict[str, Any]], done: Done, keep: Keep | None) -> None:
         common = {"origin": "ground", "created": self._now()}
         with self._database.unit_of_work() as session:
             store.add_solutions(session, [common | row for row in rows])
+            if keep is not None:
+                keep(vars(done) | {}, session)
 
 
 def _task(frame: Frame, wanted: Reprocessing) -> Task:
@@ -154,17 +198,7 @@ def _task(frame: Frame, wanted: Reprocessing) -> Task:
     )
 
 
-def _in_batches(
-    pool: ProcessPoolExecutor, order: Order, tasks: Sequence[Task], ahead: int
-) -> Iterator[list[dict[str, Any]]]:
-    """Results as they come, what is ready at once together; only so many batches wait in the pool, so that a cancelled job ends
-    at once."""
+def _batches(order: Order, tasks: Sequence[Task]) -> Iterator[tuple[Order, list[Task]]]:
     waiting = iter(tasks)
-    running: set[Future[list[dict[str, Any]]]] = set()
-    while True:
-        while len(running) < ahead and (batch := list(islice(waiting, BATCH))):
-            running.add(pool.submit(run_batch, order, batch))
-        if not running:
-            return
-        finished, running = wait(running, return_when=FIRST_COMPLETED)
-        yield [row for future in finished for row in future.result()]
+    while batch := list(islice(waiting, BATCH)):
+        yield order, batch

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -61,6 +61,11 @@ class _Kept:
 
 
 _kept: dict[tuple[str, float], _Kept] = {}
+
+
+def run_item(item: tuple[Order, Sequence[Task]], _told: Callable[[float], None]) -> list[dict[str, Any]]:
+    """A batch as executors call it."""
+    return run_batch(*item)
 
 
 def run_batch(order: Order, tasks: Sequence[Task]) -> list[dict[str, Any]]:

@@ -1,0 +1,167 @@
+"""Long work on a Dask cluster by URL. Its scheduler does the work of a worker that died again elsewhere; results are taken once."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections import defaultdict, deque
+from collections.abc import Callable, Generator, Iterable
+from functools import partial
+from typing import Any
+
+import gss
+from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
+from gss.operations.studies.executor import AHEAD, LOOK_S, Item, Result, Told, Waiting, Work
+
+CONNECT_S = 10.0
+NO_WORKER_S = 60.0
+"""A cluster without any worker for so long fails the run."""
+TELL_S = 0.1
+
+
+class DaskExecutor:
+    """A cluster that somebody else runs: ``tcp://host:port`` of its scheduler, or ``tls://`` with Dask's own TLS settings.
+
+    Scheduler and workers unpickle what they are sent: they belong on a network of their own. The workers must have this very
+    version of the program, and must reach the blobs by the same URL.
+    """
+
+    def __init__(self, url: str, no_worker_s: float = NO_WORKER_S, connect_s: float = CONNECT_S) -> None:
+        self._url, self._no_worker_s, self._connect_s = url, no_worker_s, connect_s
+        self._lock = threading.Lock()
+        self._client: Any = None
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers now; 0 while there is none, or no scheduler yet."""
+        client = self._client
+        try:
+            return sum(client.nthreads().values()) if client is not None else 0
+        except OSError:  # the scheduler is gone; what waits for results says so
+            return 0
+
+    def stop(self) -> None:
+        """Leave the cluster; its workers go on."""
+        with self._lock:
+            client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def in_order(
+        self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
+    ) -> Generator[Result, None, None]:
+        """As :class:`Executor` says."""
+        client, rest, run = self._connected(), iter(items), f"gss-{uuid.uuid4().hex[:12]}"
+        running: deque[Any] = deque()
+        shares: dict[int, float] = defaultdict(float)
+        given = taken = 0
+        client.subscribe_topic(run, lambda event: shares.update([event[1]]))
+        try:
+            while True:
+                ahead = AHEAD * max(1, self.workers)
+                while len(running) < ahead and (more := next(rest, _END)) is not _END:
+                    # A key of its own: equal items are not one, and nothing of another run is taken for ours.
+                    key = f"{run}-{given}"
+                    running.append(
+                        client.submit(_on_worker, gss.__version__, work, more, run, given, key=key, pure=False)
+                    )
+                    given += 1
+                if not running:
+                    return
+                result: Result = self._result(running[0], partial(shares.__getitem__, taken), waiting)
+                running.popleft()
+                shares.pop(taken, None)
+                taken += 1
+                yield result
+        finally:
+            client.unsubscribe_topic(run)
+            for future in running:
+                future.cancel()
+
+    def _connected(self) -> Any:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise BadInput(
+                "a cluster is set, but Dask is not installed", hint="pip install 'gss-startracker[cluster]'"
+            ) from None
+        with self._lock:
+            if self._client is None or self._client.status != "running":
+                try:
+                    self._client = Client(self._url, timeout=self._connect_s, set_as_default=False, name="gss")
+                except (OSError, ValueError, TimeoutError) as error:
+                    raise StoreDown(
+                        "the cluster cannot be reached",
+                        expected=f"a Dask scheduler at {self._url}",
+                        got=f"{type(error).__name__}: {error}"[:200],
+                        hint="start dask scheduler there, or empty GSS_CLUSTER to work on this machine",
+                    ) from None
+            return self._client
+
+    def _result(self, future: Any, share: Callable[[], float], waiting: Waiting | None) -> Any:
+        """What a future gives; looks at the cluster meanwhile."""
+        from distributed import KilledWorker
+        from distributed import TimeoutError as Late
+        from distributed.client import FutureCancelledError
+
+        alone_s, last_s = 0.0, time.monotonic()
+        while True:
+            try:
+                return future.result(timeout=LOOK_S)
+            except Late:
+                if future.done() and future.status == "error":  # the work itself raised it
+                    raise
+            except KilledWorker as error:
+                raise GssError(
+                    "a piece of work ended every worker that took it",
+                    got=str(error)[:200],
+                    hint="look at the workers' memory and logs; what was done is kept, and a new start does the rest",
+                ) from None
+            except FutureCancelledError as error:
+                raise StoreDown(
+                    "the cluster was lost",
+                    got=str(error)[:200],
+                    hint="start its scheduler again; what was done is kept, and a new start does the rest",
+                ) from None
+            now_s = time.monotonic()
+            alone_s = 0.0 if self.workers else alone_s + now_s - last_s
+            last_s = now_s
+            if alone_s > self._no_worker_s:
+                raise StoreDown(
+                    "the cluster has no worker",
+                    expected=f"at least one within {self._no_worker_s:g} s",
+                    hint=f"start one: dask worker {self._url} --nthreads 1",
+                )
+            if waiting is not None:
+                waiting(share())
+
+
+_END = object()
+
+
+def _on_worker(version: str, work: Work[Any, Any], item: Any, run: str, number: int) -> Any:
+    """What a worker does with one item."""
+    if gss.__version__ != version:
+        raise Conflict(
+            "a worker of the cluster has another version",
+            expected=version,
+            got=gss.__version__,
+            hint="install the server's version on all workers",
+        )
+    return work(item, _told(run, number))
+
+
+def _told(run: str, number: int) -> Told:
+    from distributed import get_worker
+
+    worker, last_s = get_worker(), time.monotonic()
+
+    def told(share: float) -> None:
+        nonlocal last_s
+        now_s = time.monotonic()
+        if now_s - last_s > TELL_S:
+            last_s = now_s
+            worker.log_event(run, (number, float(share)))
+
+    return told

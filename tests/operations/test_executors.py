@@ -1,0 +1,196 @@
+"""Long work in this thread, on processes, and on a Dask cluster whose scheduler and workers are processes of their own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.domain.errors import BadInput, GssError, StoreDown
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.operations.events import EventBus
+from gss.operations.jobs import Cancelled, JobService
+from gss.operations.studies import experiments, reprocess
+from gss.operations.studies.executor import Executor, HereExecutor, LocalExecutor, make_executor
+from gss.operations.studies.reprocess import Reprocessing, ReprocessService
+from gss.pipeline.render import render
+from gss.store import frames as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, migrate, open_engine
+from gss.store.models import Frame
+
+T0 = datetime(2026, 12, 1, tzinfo=UTC)
+FRAMES = 14
+
+
+class Cluster:
+    """A scheduler and its workers, each a process; all end with :meth:`stop`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.file, self.processes = folder, folder / "scheduler.json", []
+        self._start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        deadline = time.monotonic() + 60
+        while not (self.file.is_file() and self.file.read_text()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        self.url: str = json.loads(self.file.read_text())["address"]
+
+    def add_worker(self) -> subprocess.Popen[bytes]:
+        """One more, with one thread; nobody starts it again when it dies."""
+        return self._start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
+
+    def _start(self, program: str, *options: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--scheduler-file", str(self.file), *options]
+        log = (self.folder / f"{program}.log").open("ab")
+        self.processes.append(subprocess.Popen(command, stdout=log, stderr=log, cwd=self.folder))
+        log.close()
+        return self.processes[-1]
+
+    def stop(self) -> None:
+        """Workers first."""
+        for process in reversed(self.processes):
+            if process.poll() is None:
+                process.kill()
+            process.wait(20)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler with two workers."""
+    pytest.importorskip("distributed")
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    for _ in range(2):
+        cluster.add_worker()
+    yield cluster
+    cluster.stop()
+
+
+class Desk:
+    """A store with rendered frames and a reprocessing service on an executor."""
+
+    def __init__(self, folder: Path, executor: Executor) -> None:
+        url = f"sqlite:///{folder / 'gss.db'}"
+        migrate(url)
+        self.database = Database(open_engine(url))
+        self.bus = EventBus(self.database, lambda: datetime.now(UTC))
+        self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC))
+        blobs = BlobStore(str(folder / "blobs"))
+        self.service = ReprocessService(self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor)
+        known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(11)
+        with self.database.unit_of_work() as session:
+            for k in range(FRAMES):
+                pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
+                drawn = render(stars, known.camera, known.sensor, pose, 0.25, rng)
+                row = Frame(
+                    source="import", name=f"rendered {k}", taken=T0, received=T0, columns=1024, rows=512, bits=8
+                )
+                row.dtype, row.sha256 = drawn.pixels.dtype.str, blobs.put(drawn.pixels.tobytes())
+                row.exposure_s, row.profile, row.truth = 0.25, "cubestar", [float(v) for v in drawn.truth.quaternion]
+                store.add(session, row)
+
+    def results(self) -> list[dict[str, Any]]:
+        """Stored solutions in order of storing, without what a clock measured."""
+        with self.database.unit_of_work() as session:
+            rows = store.results(session)
+            return [
+                {c.name: getattr(s, c.name) for c in type(s).__table__.columns if c.name != "timing_s"} for _, s in rows
+            ]
+
+
+def test_a_cluster_that_loses_a_worker_gives_what_one_thread_gives(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of two workers is killed midway: the stored rows are those of a local run, in their order, each once."""
+    monkeypatch.setattr(reprocess, "BATCH", 1)
+    wanted, kept = Reprocessing("cubestar"), []
+    for name, executor in (("here", HereExecutor()), ("dask", make_executor(cluster.url, 2))):
+        (tmp_path / name).mkdir()
+        desk, told = Desk(tmp_path / name, executor), []
+
+        def progress(done: int, total: int, _text: str, told: list[int] = told, name: str = name) -> None:
+            told.append(done)
+            if name == "dask" and len(set(told)) == 2:
+                cluster.processes[-1].send_signal(signal.SIGKILL)
+
+        answer = desk.service.work(wanted, desk.service.tasks(wanted), progress)
+        assert (answer["frames"], told[-1]) == (FRAMES, FRAMES)
+        assert sum(n for key, n in answer["counts"].items() if key in ("solved", "none")) == FRAMES
+        kept.append((desk.results(), answer["counts"]))
+        executor.stop()
+        desk.database.close()
+    assert cluster.processes[-1].wait(20) == -signal.SIGKILL
+    cluster.add_worker()
+    assert kept[0] == kept[1]
+    assert [row["frame_id"] for row in kept[0][0]] == list(range(1, FRAMES + 1))
+
+
+def test_experiments_on_a_cluster_tell_their_progress_and_are_those_of_this_thread(cluster: Cluster) -> None:
+    """The same names and seed give the same records in the same order; what runs tells its share."""
+    asked = [("liebe-18", 300, 3), ("moniteq-noise", 6000, 1), ("erlank-3-6", 500, 4)]
+    shares: list[float] = []
+    executor = make_executor(cluster.url, 1)
+    with closing(executor.in_order(experiments.run_item, asked, shares.append)) as records:
+        there = list(records)
+    assert there == list(HereExecutor().in_order(experiments.run_item, asked, shares.append))
+    executor.stop()
+    assert any(0 < share < 1 for share in shares)
+
+
+def test_a_cancelled_run_leaves_the_cluster_free(cluster: Cluster) -> None:
+    """What waits is dropped at the next look, and the next run is served."""
+    executor, looks = make_executor(cluster.url, 1), []
+
+    def cancel(_share: float) -> None:
+        looks.append(1)
+        raise Cancelled
+
+    asked = [("liebe-18", 300, 3)] * 30
+    with pytest.raises(Cancelled), closing(executor.in_order(experiments.run_item, asked, cancel)) as records:
+        list(records)
+    assert looks == [1]
+    with closing(executor.in_order(experiments.run_item, [("moniteq-noise", 600, 1)])) as records:
+        assert len(list(records)) == 1
+    executor.stop()
+
+
+def test_what_a_piece_of_work_says_comes_back_from_everywhere(cluster: Cluster) -> None:
+    """An error of the work is the same error on any executor; it is no death of a worker."""
+    for executor in (HereExecutor(), LocalExecutor(1), make_executor(cluster.url, 1)):
+        with (
+            pytest.raises(GssError, match="no-such-experiment"),
+            closing(executor.in_order(experiments.run_item, [("no-such-experiment", 1, 1)])) as records,
+        ):
+            list(records)
+        executor.stop()
+
+
+def test_an_absent_cluster_is_told(tmp_path: Path) -> None:
+    """No scheduler, a wrong URL, and a scheduler without workers are three sentences, not a hang."""
+    pytest.importorskip("distributed")
+    from gss.operations.studies import dask_executor
+
+    for url in ("tcp://127.0.0.1:1", "nonsense://x"):
+        executor = dask_executor.DaskExecutor(url, connect_s=0.5)
+        with pytest.raises((StoreDown, BadInput)), closing(executor.in_order(experiments.run_item, [1])) as records:
+            list(records)
+    lonely = Cluster(tmp_path)
+    executor = dask_executor.DaskExecutor(lonely.url, no_worker_s=0.5)
+    asked = [("moniteq-noise", 600, 1)]
+    with (
+        pytest.raises(StoreDown, match="no worker"),
+        closing(executor.in_order(experiments.run_item, asked)) as records,
+    ):
+        list(records)
+    executor.stop()
+    lonely.stop()
