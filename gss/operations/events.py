@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from gss.operations.clock import Now
@@ -103,6 +104,11 @@ class EventBus:
         """Recorded events after ``seq``, oldest first."""
         with self._database.unit_of_work() as session:
             return store.after(session, seq, limit)
+
+    def between(self, start: datetime, end: datetime, limit: int) -> list[Event]:
+        """The newest recorded events of a span, oldest first."""
+        with self._database.unit_of_work() as session:
+            return store.between(session, start, end, limit)
 
     def newest(self) -> int:
         """Number of the newest recorded event; 0 before the first."""

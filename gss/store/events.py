@@ -24,6 +24,12 @@ def after(session: Session, seq: int, limit: int) -> list[Event]:
     return list(session.scalars(select(Event).where(Event.seq > seq).order_by(Event.seq).limit(limit)))
 
 
+def between(session: Session, start: datetime, end: datetime, limit: int) -> list[Event]:
+    """The newest ``limit`` events of a span, oldest first."""
+    found = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq.desc()).limit(limit)
+    return list(session.scalars(found))[::-1]
+
+
 def last_seq(session: Session) -> int:
     """The newest event's number; 0 before the first."""
     return session.scalar(select(func.max(Event.seq))) or 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
@@ -205,3 +206,13 @@ def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(dat
     second.start()
     assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
     second.stop()
+
+
+def test_events_of_a_span_are_its_newest_in_their_order(database, clock):
+    """With more events in a span than asked for, the newest are told, oldest first."""
+    bus = EventBus(database, clock)
+    start = clock()
+    for n in range(5):
+        bus.record("device", "ok", f"event {n}")
+    assert [e.text for e in bus.between(start, clock(), 3)] == ["event 2", "event 3", "event 4"]
+    assert bus.between(start - timedelta(days=2), start - timedelta(days=1), 3) == []

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, Moment
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.events import EventOut
 
@@ -16,7 +16,12 @@ router = APIRouter(tags=["events"])
 
 @router.get("/events")
 def list_events(
-    app: App, after: Annotated[int, Query(ge=0, le=LARGEST_ID)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 200
+    app: App,
+    after: Annotated[int, Query(ge=0, le=LARGEST_ID)] = 0,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 200,
+    start: Moment | None = None,
+    end: Moment | None = None,
 ) -> list[EventOut]:
-    """Events after a number, oldest first."""
-    return [present.records.event(row) for row in app.bus.after(after, limit)]
+    """Events after a number, or with ``start`` and ``end`` the newest of that span; oldest first."""
+    rows = app.bus.after(after, limit) if start is None or end is None else app.bus.between(start, end, limit)
+    return [present.records.event(row) for row in rows]

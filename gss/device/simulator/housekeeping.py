@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gss.device.protocol.line import LineReceiver
@@ -56,7 +58,7 @@ class Housekeeper:
             "tracking_state": t.mode if t.mode in ("tracking", "assisted") else "lost",
             "cycle_running": self._cycle.cycle_running,
             "iteration": t.iteration,
-            "attitude_age_s": max(0.0, time_s - t.attitude_time_s) if t.attitude_time_s is not None else 0.0,
+            "attitude_age_s": max(0.0, time_s - t.attitude_time_s) if t.attitude_time_s is not None else math.nan,
             "centroids_found": min(255, len(t.detection.centroids)) if t.detection else 0,
             "regions_invalid": min(255, t.detection.invalid) if t.detection else 0,
             "stars_matched": t.matched,

@@ -17,7 +17,7 @@ export const door = {
   refused: (): void => undefined,
   back: (): Promise<void> => Promise.resolve(),
 };
-const OPEN = ['/session', '/setup', '/password-links'];
+const OPEN = ['/session', '/session/password', '/setup', '/password-links'];
 
 function problemOf(status: number, body: unknown): T.Problem {
   const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
@@ -103,7 +103,7 @@ export const api = {
   session: () => get<T.SessionInfo>('/session'),
   signIn: (name: string, password: string) => post<T.SessionInfo>('/session', { name, password }),
   signOut: () => send<null>('DELETE', '/session'),
-  changePassword: (old: string, fresh: string) => send<null>('PUT', '/session/password', { old, new: fresh }),
+  changePassword: (old: string, fresh: string) => send<T.SessionInfo>('PUT', '/session/password', { old, new: fresh }),
   setUp: (token: string, name: string, password: string) => post<T.SessionInfo>('/setup', { token, name, password }),
   welcome: (token: string, password: string) => post<T.SessionInfo>('/password-links', { token, password }),
   link: () => get<T.Link>('/link'),

@@ -1,0 +1,27 @@
+import { describe, expect, it, vi } from 'vitest';
+import type { FieldDefinition } from '../api/types';
+
+// uPlot looks at the screen when it is loaded; the arithmetic here does not.
+vi.mock('uplot', () => ({ default: class {} }));
+const { reach, reading, timeText } = await import('./stack');
+const field = (watch: [number | null, number | null]): FieldDefinition => ({ watch, warning: [null, null], critical: [null, null], decimals: 1, title: 'Sensor' }) as unknown as FieldDefinition;
+
+describe('a plot', () => {
+  it('shows a limit that is near its values and not one far away', () => {
+    expect(reach(38, 44, field([null, 45]))[1]).toBeGreaterThan(45);
+    expect(reach(7, 8, field([null, 450]))[1]).toBeLessThan(10);
+  });
+  it('does not go below zero for what never does', () => {
+    expect(reach(0, 20, undefined)[0]).toBe(0);
+    expect(reach(null, null, undefined)).toEqual([0, 1]);
+  });
+  it('reads the sample at or before the cursor, the newest without one', () => {
+    const s = { name: 'a', packet: 'p', title: 'A', unit: 'degC', kind: 'number', choices: [], samples: 3, thinned: false, t: [10, 20, 30], y: [1, 2, null] };
+    expect(reading(s, field([null, null]), 25).value).toBe('2.0');
+    expect(reading(s, field([null, null]), null).value).toBe('2.0');
+  });
+  it('writes times as long as the span asks for', () => {
+    expect(timeText(1_800_000_000, [0, 60])).toMatch(/^\d\d:\d\d:\d\dZ$/);
+    expect(timeText(1_800_000_000, [0, 90_000])).toMatch(/^\d\d-\d\d \d\d:\d\d$/);
+  });
+});

@@ -1,0 +1,67 @@
+/** The span on show and its history: following the clock, or a fixed past. Live values are added as they come. */
+import { api, ApiError } from '../api/client';
+import type { History } from '../api/types';
+import { happened, type Happening } from './happenings.svelte';
+import { keyOf, live, problemText } from './live.svelte';
+
+export const SPANS = { Live: 180, '15 min': 900, '1 h': 3600, '6 h': 21_600, '24 h': 86_400 } as const;
+export type Span = keyof typeof SPANS;
+const POINTS = 800;
+
+export class TelemetryHistory {
+  history = $state.raw<History | null>(null);
+  happenings = $state.raw<Happening[]>([]);
+  problem = $state('');
+
+  /** Reads the span whole; an answer that came too late for its question is dropped by `stop`. */
+  async read(fields: readonly string[], start: string, end: string, stop: AbortSignal): Promise<void> {
+    try {
+      const [history, list] = await Promise.all([fields.length ? api.history([...fields], start, end, POINTS) : null, happened(start, end).catch(() => [])]);
+      if (stop.aborted) return;
+      this.history = history;
+      this.happenings = list;
+      this.problem = '';
+    } catch (e) {
+      if (!stop.aborted) this.problem = e instanceof ApiError ? problemText(e.problem) : String(e);
+    }
+  }
+
+  /** Adds what the stream just brought to the end of each series and moves the span along. */
+  follow(seconds: number): void {
+    const h = this.history;
+    if (!h) return;
+    const now = Date.now() + live.clockSkewMs;
+    const values = new Map(live.values.map((v) => [keyOf(v), v]));
+    const series = h.series.map((s) => {
+      const v = values.get(keyOf(s));
+      const t = v?.at ? Date.parse(v.at) / 1000 : 0;
+      const y = typeof v?.value === 'number' ? v.value : typeof v?.value === 'string' ? (s.choices.find((c) => c.name === v.value)?.value ?? null) : null;
+      return t > (s.t.at(-1) ?? 0) ? { ...s, t: [...s.t, t], y: [...s.y, y] } : s;
+    });
+    this.history = { start: new Date(now - seconds * 1000).toISOString(), end: new Date(now).toISOString(), series };
+  }
+}
+
+/** Pages that a person put together: kept on this machine. */
+export interface OwnPage { name: string; fields: string[]; plot: string[] }
+const KEPT = 'gss-telemetry-pages';
+
+class OwnPages {
+  list = $state.raw<OwnPage[]>(read());
+  save(page: OwnPage): void { this.keep([...this.list.filter((p) => p.name !== page.name), page]); }
+  drop(name: string): void { this.keep(this.list.filter((p) => p.name !== name)); }
+  private keep(list: OwnPage[]): void {
+    this.list = list;
+    localStorage.setItem(KEPT, JSON.stringify(list));
+  }
+}
+export const ownPages = new OwnPages();
+
+function read(): OwnPage[] {
+  try {
+    const found: unknown = JSON.parse(localStorage.getItem(KEPT) ?? '[]');
+    return Array.isArray(found) ? found.filter((p): p is OwnPage => typeof p === 'object' && p !== null && 'name' in p && Array.isArray((p as OwnPage).fields) && Array.isArray((p as OwnPage).plot)) : [];
+  } catch {
+    return [];
+  }
+}
