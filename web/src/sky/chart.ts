@@ -11,6 +11,7 @@ export interface ChartScene {
   globe: boolean;
 }
 type Colour = (name: string) => string;
+type Body = Sky['bodies'][number];
 
 export function chartProjection(scene: ChartScene, w: number, h: number): GeoProjection {
   if (!scene.globe) return skyProjection(w, h, 180, 6);
@@ -55,17 +56,7 @@ export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, s
   const path = pather(projection, ctx);
   ground(ctx, projection, colour);
   dots(ctx, projection, scene, colour('star'));
-  for (const body of scene.sky?.bodies ?? []) {
-    const ink = body.name === 'Sun' ? colour('watch') : colour('tx3');
-    ctx.setLineDash([4, 3]);
-    ctx.strokeStyle = ink;
-    ctx.beginPath();
-    path(geoCircle().center([body.ra_deg, body.dec_deg]).radius(body.exclusion_deg)());
-    ctx.stroke();
-    ctx.setLineDash([]);
-    const p = visible(projection, scene, body.ra_deg, body.dec_deg);
-    if (p) bodyMark(ctx, p, body.name, ink, colour, w);
-  }
+  bodies(ctx, projection, scene, colour, w);
   if (scene.trail.length > 1) {
     ctx.setLineDash([2, 2.5]);
     ctx.strokeStyle = colour('ac');
@@ -88,7 +79,9 @@ export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, s
   }
   const b = scene.boresight;
   const p = b && visible(projection, scene, b.ra, b.dec);
-  if (p) cross(ctx, p, colour('tx1'));
+  if (!p) return;
+  cross(ctx, p, colour('tx1'));
+  word(ctx, 'boresight', p[0] - 8 - measured(ctx, 'boresight') > 2 ? p[0] - 8 - measured(ctx, 'boresight') : p[0] + 9, p[1] - 8, colour('tx2'), colour);
 }
 
 function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: number): [number, number] | null {
@@ -113,26 +106,72 @@ function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: C
   ctx.globalAlpha = 1;
 }
 
+/** Earth first, because it is the ground of the others; circles where the boresight should not go. */
+function bodies(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour, width: number): void {
+  const path = pather(projection, ctx);
+  const circle = (body: Body, radius: number): void => { ctx.beginPath(); path(geoCircle().center([body.ra_deg, body.dec_deg]).radius(radius)()); };
+  const all = [...(scene.sky?.bodies ?? [])].sort((a, b) => b.radius_deg - a.radius_deg);
+  for (const body of all) {
+    const ink = body.name === 'Sun' ? colour('watch') : colour('tx3');
+    if (body.radius_deg > 0) {
+      circle(body, body.radius_deg);
+      hatched(ctx, colour('ln2'), colour('tx3'));
+    }
+    ctx.setLineDash([4, 3]);
+    ctx.strokeStyle = ink;
+    circle(body, Math.min(179, body.radius_deg + body.exclusion_deg));
+    ctx.stroke();
+    ctx.setLineDash([]);
+    const p = visible(projection, scene, body.ra_deg, body.dec_deg);
+    if (p) bodyMark(ctx, p, body.name, ink, colour, width);
+  }
+}
+
+/** Fills the path that stands with strokes, and draws its edge. */
+function hatched(ctx: CanvasRenderingContext2D, ink: string, edge: string): void {
+  ctx.save();
+  ctx.strokeStyle = edge;
+  ctx.stroke();
+  ctx.clip();
+  const { width, height } = ctx.canvas;
+  ctx.strokeStyle = ink;
+  ctx.beginPath();
+  for (let d = -height; d < width; d += 5) { ctx.moveTo(d, height); ctx.lineTo(d + height, 0); }
+  ctx.stroke();
+  ctx.restore();
+}
+
 function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string, colour: Colour, width: number): void {
   ctx.fillStyle = ink;
   ctx.strokeStyle = ink;
   ctx.beginPath();
-  ctx.arc(x, y, 4, 0, 7);
-  if (name === 'Sun') ctx.fill();
-  else {
-    ctx.stroke();
-    ctx.beginPath();
-    ctx.arc(x, y, 4, Math.PI / 2, (3 * Math.PI) / 2);
-    ctx.fill();
+  if (name !== 'Earth') {
+    ctx.arc(x, y, 4, 0, 7);
+    if (name === 'Sun') ctx.fill();
+    else {
+      ctx.stroke();
+      ctx.beginPath();
+      ctx.arc(x, y, 4, Math.PI / 2, (3 * Math.PI) / 2);
+      ctx.fill();
+    }
   }
+  const wide = measured(ctx, name);
+  word(ctx, name, name === 'Earth' ? x - wide / 2 : x + 8 + wide > width - 2 ? x - 8 - wide : x + 8, y + 4, name === 'Sun' ? ink : colour('tx2'), colour);
+}
+
+function measured(ctx: CanvasRenderingContext2D, text: string): number {
+  ctx.font = "11.5px 'IBM Plex Sans'";
+  return ctx.measureText(text).width;
+}
+
+function word(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, colour: Colour): void {
   ctx.font = "11.5px 'IBM Plex Sans'";
   ctx.lineWidth = 3;
+  ctx.lineJoin = 'round';
   ctx.strokeStyle = colour('chart');
-  const wide = ctx.measureText(name).width;
-  const left = x + 8 + wide > width - 2 ? x - 8 - wide : x + 8;
-  ctx.strokeText(name, left, y + 4);
-  ctx.fillStyle = name === 'Sun' ? ink : colour('tx2');
-  ctx.fillText(name, left, y + 4);
+  ctx.strokeText(text, x, y);
+  ctx.fillStyle = ink;
+  ctx.fillText(text, x, y);
   ctx.lineWidth = 1;
 }
 
