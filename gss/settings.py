@@ -21,7 +21,9 @@ class Settings(BaseSettings):
     blobs: str = Field(
         default="", description="fsspec URL of frames and images of flash; empty: inside the data folder."
     )
-    host: str = Field(default="127.0.0.1", description="Address to listen on. Only loopback addresses are accepted.")
+    host: str = Field(
+        default="127.0.0.1", description="Address to listen on; another than loopback needs TLS or a proxy."
+    )
     port: int = Field(default=8181, ge=0, le=65535, description="Port of the console; 0 takes a free one.")
     workers: int = Field(
         default=0,
@@ -50,7 +52,6 @@ class Settings(BaseSettings):
     capture_keep_mb: int = Field(
         default=1024, ge=1, description="The oldest files of the raw capture go when all together are larger."
     )
-    user: str = Field(default="operator-1", description="Name of the single local user.")
     tls_certificate: str = Field(default="", description="File of the certificate (PEM, with its chain): serves HTTPS.")
     tls_key: str = Field(default="", description="File of the certificate's private key (PEM).")
     behind_proxy: bool = Field(
@@ -73,6 +74,11 @@ class Settings(BaseSettings):
         description="Memory of one password hash (argon2id); less than 19456 is weak.",
     )
     password_passes: int = Field(default=3, ge=1, le=100, description="Passes of one password hash (argon2id).")
+    backups: Path | None = Field(default=None, description="Folder of the backups; empty: inside the data folder.")
+    disk_watch_mb: int = Field(default=2048, ge=0, description="Free space below which there is an alarm.")
+    disk_stop_mb: int = Field(
+        default=256, ge=0, description="Free space below which imports, downloads, builds and backups are refused."
+    )
     catalogue_watch_days: float = Field(
         default=5.0, ge=0, le=366, description="Days before the active catalogue expires at which the alarm begins."
     )
@@ -86,6 +92,11 @@ class Settings(BaseSettings):
     def database_url(self) -> str:
         """The database in force."""
         return self.database or f"sqlite:///{(self.data / 'gss.db').resolve()}"
+
+    @property
+    def backups_folder(self) -> Path:
+        """Where backups are, in force."""
+        return self.backups or self.data / "backups"
 
     @property
     def blobs_url(self) -> str:

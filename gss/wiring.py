@@ -27,6 +27,7 @@ from gss.operations.commanding.schedule import ScheduleService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
+from gss.operations.folder_lock import own_folder
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.place import PlaceService
 from gss.operations.frames.replay import ReplayService
@@ -58,6 +59,14 @@ from gss.operations.transfers.expiry import ExpiryWatch
 from gss.operations.transfers.transfer_parts import PartStore
 from gss.operations.transfers.transfers import TransferService
 from gss.operations.transfers.uploaded_images import UploadedImages
+from gss.operations.upkeep.backup import BackupService
+from gss.operations.upkeep.check_store import CheckStoreService
+from gss.operations.upkeep.clocks import ClockWatch
+from gss.operations.upkeep.disk import DiskGuard, DiskWatch
+from gss.operations.upkeep.health import HealthService
+from gss.operations.upkeep.metrics import Metrics
+from gss.operations.upkeep.retention import DailyRetention, RetentionService
+from gss.operations.upkeep.upkeep import Upkeep
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, migrate, open_engine
@@ -104,6 +113,7 @@ class Services:
     place: PlaceService
     accounts: AccountService
     audit: AuditService
+    upkeep: Upkeep
     stopping: threading.Event = field(default_factory=threading.Event)
     workers: Callable[[], list[dict[str, Any]]] = list
     """Number, process, seconds since its start and restarts of each API worker; none where this process answers itself."""
@@ -115,6 +125,7 @@ class Services:
         self.commands.start()
         self.stack_runs.start()
         self.alarms.start()
+        self.upkeep.retention.start()
         self.link.start()
         self.status.start()
         if self.settings.device:
@@ -146,10 +157,36 @@ def make_accounts(settings: Settings, database: Database) -> AccountService:
     return AccountService(database, utc_now, monotonic_s, passwords, lifetimes)
 
 
+def make_upkeep(
+    settings: Settings,
+    database: Database,
+    blobs: BlobStore,
+    bus: EventBus,
+    link: LinkService,
+    telemetry: TelemetryService,
+    frames: FrameService,
+    jobs: JobService,
+) -> Upkeep:
+    """Disk, retention, backups, checks, health and figures."""
+    captures, lock = settings.data / "captures", settings.data / "upkeep.lock"
+    disk = DiskGuard(settings.data, settings.disk_watch_mb << 20, settings.disk_stop_mb << 20)
+    clocks = ClockWatch(bus, utc_now, monotonic_s)
+    retention = RetentionService(database, blobs, jobs, bus, link, lock, utc_now)
+    folder = settings.backups_folder
+    backups = BackupService(database, settings.database_url, blobs, captures, folder, lock, disk, jobs, bus, utc_now)
+    check = CheckStoreService(database, blobs, captures, jobs)
+    health = HealthService(
+        database, disk, captures, link, telemetry, frames, jobs, backups, clocks, utc_now, monotonic_s
+    )
+    metrics = Metrics()
+    metrics.collect.append(health.samples)
+    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks)
+
+
 def build(settings: Settings, *, ready: bool = False) -> Services:
     """Connect everything; nothing runs yet. The database is brought to the newest schema, unless it is ``ready``: an API worker
     only reads what the link process has brought there."""
-    settings.data.mkdir(parents=True, exist_ok=True)
+    own_folder(settings.data)
     if not ready:
         migrate(settings.database_url)
     database = Database(open_engine(settings.database_url))
@@ -214,12 +251,23 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         schedule.handle,
         stack_runs.handle,
     ]
-    status = StatusService(link, telemetry, banks, alarms, bus, utc_now, settings.user, authority)
+    status = StatusService(link, telemetry, banks, alarms, bus, utc_now, authority)
     status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     shots = StoredShots(database, frames)
     calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now, darks)
     analyses = AnalysisService(database, jobs, shots, solver, book, contacts, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
+    accounts = make_accounts(settings, database)
+    commands.permits = accounts.require
+    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
+    jobs.room = transfers.room = frames.room = upkeep.disk.check
+    telemetry.has_room = upkeep.disk.has_room_for_rows
+    status.tickers += [
+        link.watch,
+        upkeep.clocks.tick,
+        DiskWatch(upkeep.disk, alarms, link, telemetry).tick,
+        DailyRetention(upkeep.retention, upkeep.clocks, utc_now).tick,
+    ]
     return Services(
         settings,
         stars,
@@ -255,7 +303,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         design=DesignService(jobs, stars),
         calibrations=calibrations,
         analyses=analyses,
-        accounts=make_accounts(settings, database),
+        accounts=accounts,
         audit=AuditService(database, utc_now),
+        upkeep=upkeep,
         place=PlaceService(dictionary, database, bank_history, schedule.clock),
     )

@@ -9,17 +9,22 @@ from pathlib import Path
 from typing import cast
 
 import anyio.to_thread
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from fastapi.responses import HTMLResponse
 
 from gss import __version__
 from gss.api import errors, security, stored_words, stream
+from gss.api.compress import Compress
+from gss.api.counting import Counting
+from gss.api.deps import view_by_default
 from gss.api.fanout import Fanout
 from gss.api.forward import Forward, Gateway
+from gss.api.pages import Pages
 from gss.api.presenter import Presenter, first_state
 from gss.api.routers import (
     alarms,
     analyses,
+    audit,
     authority,
     calibrations,
     campaigns,
@@ -35,12 +40,16 @@ from gss.api.routers import (
     link,
     rerun,
     schedule,
+    session,
     sky,
     solutions,
     stacks,
     tables,
     telemetry,
+    tokens,
     transfers,
+    upkeep,
+    users,
 )
 from gss.api.upstream import Upstream
 from gss.wiring import Services
@@ -85,13 +94,21 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         responses=errors.PROBLEMS,
     )
     app.state.services, app.state.fanout = services, fanout
+    services.upkeep.health.drops.append(lambda: ("stream", fanout.dropped))
+    services.upkeep.health.clients = fanout.__len__
     stored_words.install(services)
     errors.install(app)
+    app.add_middleware(Compress)
     if behind is not None:
         app.add_middleware(Gateway, forward=Forward(behind))
     security.install(app)
-    api = APIRouter(prefix="/api")
+    app.add_middleware(Counting, metrics=services.upkeep.metrics)
+    api = APIRouter(prefix="/api", dependencies=[Depends(view_by_default)])
     for module in (
+        session,
+        users,
+        tokens,
+        audit,
         authority,
         schedule,
         stacks,
@@ -114,10 +131,13 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         contacts,
         sky,
         rerun,
+        upkeep,
         stream,
     ):
         api.include_router(module.router)
+    security.check_routes(api)
     app.include_router(api)
+    app.include_router(upkeep.root)
     app.include_router(help.router)
     _serve_pages(app, pages)
     return app
@@ -125,7 +145,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
 
 def _serve_pages(app: FastAPI, pages: Path) -> None:
     if (pages / "index.html").exists():
-        app.frontend("/", directory=str(pages), fallback="index.html")
+        app.router.default = Pages(pages)  # after every route; also for the addresses that the pages' own script knows
         return
 
     @app.get("/", include_in_schema=False)

@@ -28,6 +28,7 @@ GROUPS = (
     "bench",
     "export",
     "check",
+    "upkeep",
     "experiments",
     "replay",
 )

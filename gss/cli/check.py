@@ -7,7 +7,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
-from gss.cli import records
+from gss.cli import records, upkeep
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -35,6 +35,7 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("--json", action="store_true", help="print one JSON object with every trial")
     p.set_defaults(run=run)
     records.register_checks(kinds)
+    upkeep.register_check(kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

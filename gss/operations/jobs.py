@@ -26,6 +26,8 @@ MOST_DEATHS = 3
 ENDED = ("done", "failed", "cancelled")
 KINDS = ("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis")
 UPKEEP_KINDS = ("backup", "retention", "check-store")
+ALWAYS = ("retention", "check-store")
+"""What makes room or only looks is never refused for want of it."""
 RESUMABLE_KINDS = KINDS + UPKEEP_KINDS
 """What is made from its stored request alone; each is registered by the service that does it."""
 
@@ -96,6 +98,10 @@ class JobService:
             event.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
+    def finish(self) -> None:
+        """Wait until everything that was queued has ended; nothing can be queued afterwards."""
+        self._pool.shutdown(wait=True)
+
     def submit(self, kind: str, title: str, request: dict[str, Any], work: Work) -> Job:
         """Queue work that dies with the server; its row comes back at once."""
         job = self._add(kind, title, request)
@@ -146,7 +152,8 @@ class JobService:
     # --- running ------------------------------------------------------------------------------------------------
 
     def _add(self, kind: str, title: str, request: dict[str, Any]) -> Job:
-        self.room("a new job")
+        if kind not in ALWAYS:
+            self.room("a new job")
         row = Job(
             kind=kind, title=title, state="queued", text="waiting", created=self._now(), request=request, result={}
         )

@@ -11,13 +11,16 @@ from sqlalchemy import delete, func, inspect, select, text, update
 from sqlalchemy.orm import Session
 
 from gss.store.models import (
+    Alarm,
     Analysis,
     Base,
     Calibration,
     Catalogue,
+    Command,
     DeviceTable,
     Event,
     Frame,
+    Job,
     StarList,
     TelemetryPacket,
     Transfer,
@@ -237,3 +240,27 @@ def broken_links(session: Session, most: int = 20) -> list[str]:
             if number:
                 found.append(f"{number} rows of {table.name} name a missing row of {key.column.table.name}")
     return found[:most]
+
+
+def states(session: Session) -> Iterator[tuple[str, str, int]]:
+    """(commands | transfers | jobs | alarms, state, how many rows)."""
+    pairs: tuple[tuple[str, Any], ...] = (
+        ("commands", Command.result),
+        ("transfers", Transfer.state),
+        ("jobs", Job.state),
+        ("alarms", Alarm.state),
+    )
+    for name, column in pairs:
+        for state, number in session.execute(select(column, func.count()).group_by(column)):
+            yield name, str(state), int(number)
+
+
+def oldest(session: Session) -> tuple[datetime | None, datetime | None, datetime | None]:
+    """When the oldest frame with pixels, the oldest packet, and the oldest line of the record came."""
+    frame = session.scalar(select(func.min(Frame.received)).where(Frame.pixels_removed.is_(None)))
+    return frame, session.scalar(select(func.min(TelemetryPacket.received))), session.scalar(select(func.min(Event.at)))
+
+
+def frame_count(session: Session) -> int:
+    """Stored frames, with pixels or without."""
+    return session.scalar(select(func.count()).select_from(Frame)) or 0

@@ -63,7 +63,7 @@ def frame(row: Frame, best: Solution | None) -> FrameOut:
 def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
     names = (
         "id number slot source name taken received columns rows bits "
-        "exposure_s profile mode sha256 complete rows_held contact_id"
+        "exposure_s profile mode sha256 complete rows_held contact_id pixels_removed favourite"
     )
     values = {name: getattr(row, name) for name in names.split()}
     return values | {

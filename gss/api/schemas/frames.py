@@ -49,6 +49,8 @@ class FrameOut(Out):
     matched: int | None
     centroids: int | None
     attitude: AttitudeOut | None
+    pixels_removed: Utc | None
+    favourite: bool
 
 
 class FramePage(Out):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +32,8 @@ from gss.store.models import Frame, Solution
 
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
+MOST_WAITING = 200
+TELL_EVERY_SKIPPED = 100
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,11 @@ class FrameService:
         # Decoded pictures and the solver's tables take memory; many at once would take all of it.
         self._one_import = threading.Lock()
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
+        self._unsolved: deque[int] = deque()
+        self.skipped = 0
+        """Frames that came faster than they could be solved, since the server started."""
+        self.room: Callable[[str], None] = lambda _what: None
+        """Asked before a file is imported; raises where there is no room for it."""
 
     def stop(self) -> None:
         """Let the running solution end; drop what waits (it can be run again from the page)."""
@@ -95,13 +103,14 @@ class FrameService:
             "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
         if frame.complete and frame.profile is not None:  # a thumbnail is no picture of a known camera
-            self._pool.submit(self._solve_on_arrival, frame.id)
+            self._solve_later(frame.id)
         return frame
 
     def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
         """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
         if profile_name:
             profile(profile_name)
+        self.room("an import")
         name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
         with self._one_import:
             imported: ImportedFrame = read_frame(data, name)
@@ -115,7 +124,7 @@ class FrameService:
             profile=profile_name or None,
         )
         self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
-        self._pool.submit(self._solve_on_arrival, frame.id)
+        self._solve_later(frame.id)
         return frame
 
     def _add(self, pixels: Pixels, **values: Any) -> Frame:
@@ -132,6 +141,8 @@ class FrameService:
         row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
+        if not self._blobs.exists(key):  # retention took the same bytes of an older frame in between
+            self._blobs.put(little.tobytes())
         self._bus.publish("frame", frame)
         return frame
 
@@ -151,7 +162,13 @@ class FrameService:
         return frame.id
 
     def pixels(self, frame: Frame) -> Pixels:
-        """(rows, columns) array of a frame."""
+        """(rows, columns) array of a frame; NotFound where retention took its pixels."""
+        if frame.pixels_removed is not None:
+            raise NotFound(
+                "the pixels of this frame have gone: its row and its solutions stay",
+                got=f"removed by retention on {frame.pixels_removed:%Y-%m-%d %H:%M} UTC",
+                hint="restore a backup of before into another folder to see them",
+            )
         data = np.frombuffer(self._blobs.get(frame.sha256), np.dtype(frame.dtype))
         return data.reshape(frame.rows, frame.columns)
 
@@ -195,6 +212,26 @@ class FrameService:
         with self._few_solves:
             result = self._solver.solve(self.pixels(frame), request)
         return self._keep(frame, result, "ground")
+
+    def waiting(self) -> int:
+        """Frames that wait to be solved."""
+        return len(self._unsolved)
+
+    def _solve_later(self, frame_id: int) -> None:
+        """Behind those that came before; where too many wait the oldest of them is not solved by itself, which is told."""
+        self._unsolved.append(frame_id)
+        if len(self._unsolved) > MOST_WAITING:
+            self._unsolved.popleft()
+            self.skipped += 1
+            if self.skipped % TELL_EVERY_SKIPPED == 1:
+                text = f"frames come faster than they are solved: {self.skipped} were left out; run them again from Campaigns"
+                self._bus.record("solution", "warning", text)
+        else:
+            self._pool.submit(self._solve_next)
+
+    def _solve_next(self) -> None:
+        if self._unsolved:
+            self._solve_on_arrival(self._unsolved.popleft())
 
     def _solve_on_arrival(self, frame_id: int) -> None:
         try:

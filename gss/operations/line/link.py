@@ -26,6 +26,8 @@ READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
 BYTES_EVERY_S = 5.0
+STALLED_AFTER_S = 20.0
+"""Longer than any write may take; a reader that did not get round for so long hangs."""
 
 Handler = Callable[[Sequence[SessionEvent]], None]
 
@@ -60,13 +62,17 @@ class LinkService:
         """Who was at the other end last; stays when the line is lost."""
         self.dictionary_acknowledged = False
         self.handlers: list[Handler] = []
-        self._database, self._bus, self._captures = database, bus, captures
+        self._database, self._bus = database, bus
+        self.captures = captures
+        """Folder of the raw captures."""
         self._now, self.monotonic_s = now, monotonic_s
-        self._retention = retention or Retention()
+        self.capture_retention = retention or Retention()
         self._counted_from = self.session.counters
         self._wake = threading.Event()
         self._stopping = False
         self._capture: RawCapture | None = None
+        self._stream: ByteStream | None = None
+        self._round_s = monotonic_s()
         self.uncaptured_bytes = 0
         """Bytes of the line that the capture could not take since the server started."""
         self.capture_fails = ""
@@ -132,32 +138,67 @@ class LinkService:
         now, then = self.counters, self._counted_from
         return LinkCounters(_less(now.sent, then.sent), _less(now.received, then.received), now.last_good_s)
 
+    # --- watching the reader ------------------------------------------------------------------------------------
+
+    def alive(self) -> bool:
+        """Does the thread that reads the line get round?"""
+        return self._thread.is_alive() and self.monotonic_s() - self._round_s < STALLED_AFTER_S
+
+    def watch(self) -> None:
+        """The watchdog, called about once a second: a reader that hangs loses its port, which ends the hanging call and opens the
+        line anew; one that died is started anew. Both are told."""
+        if self._stopping or self.alive() or self._thread.ident is None:
+            return
+        if not self._thread.is_alive():
+            self._complain("the thread that reads the line had ended; it is started anew")
+            self._round_s = self.monotonic_s()
+            self._thread = threading.Thread(target=self._run, name="link", daemon=True)
+            self._thread.start()
+            return
+        stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
+        self._round_s = self.monotonic_s()  # give it the same time again before the next step
+        self._complain(f"the thread that reads the line did not get round for {stalled_s:.0f} s; its port is closed")
+        if stream is not None:
+            stream.close()
+
     def _run(self) -> None:
         while not self._stopping:
-            if not self.url:
-                self._wake.wait(0.5)
-                self._wake.clear()
-                continue
-            url, self._reopen = self.url, False
+            self._round_s = self.monotonic_s()
             try:
-                stream = open_stream(url)
-            except GssError as error:
-                self._could_not_open(str(error))
-                self._wake.wait(RETRY_S)
-                self._wake.clear()
-                continue
-            try:
-                self._contact(stream, url)
-                if self.url == url and not self._reopen:
-                    # The line was lost. A far end that hangs up at once must not make a contact of every moment.
-                    self._wake.wait(REOPEN_S)
-                    self._wake.clear()
+                self._once()
             except Exception as error:  # the owner of the port must outlive a full disk or a locked database
                 log.exception("the contact failed")
-                stream.close()
                 self.connected, self.reason = False, f"{type(error).__name__}: {error}"
                 self._complain(f"the contact was given up: {self.reason}")
-                self._wake.wait(RETRY_S)
+                self._pause(RETRY_S)
+
+    def _once(self) -> None:
+        """Open the line and keep it for a contact."""
+        if not self.url:
+            self._pause(0.5)
+            return
+        url, self._reopen = self.url, False
+        try:
+            stream = open_stream(url)
+        except GssError as error:
+            self._could_not_open(str(error))
+            self._pause(RETRY_S)
+            return
+        self._stream = stream
+        try:
+            self._contact(stream, url)
+        except BaseException:
+            stream.close()
+            raise
+        finally:
+            self._stream = None
+        if self.url == url and not self._reopen:
+            # The line was lost. A far end that hangs up at once must not make a contact of every moment.
+            self._pause(REOPEN_S)
+
+    def _pause(self, seconds: float) -> None:
+        self._wake.wait(seconds)
+        self._wake.clear()
 
     def _could_not_open(self, reason: str) -> None:
         """Say it once, not at every try."""
@@ -169,7 +210,7 @@ class LinkService:
         with self._database.unit_of_work() as session:
             contact = store.open_contact(session, url, self._now(), "")
             self.contact_id = contact.id
-            self._capture = RawCapture(self._captures, contact.id, self._retention)
+            self._capture = RawCapture(self.captures, contact.id, self.capture_retention)
             contact.capture = self._capture.name
         self._counted_from = self.counters
         self.connected, self.reason = True, ""
@@ -188,6 +229,7 @@ class LinkService:
     def _exchange(self, stream: ByteStream, url: str) -> None:
         next_count_s = 0.0
         while self.url == url and not self._reopen and not self._stopping:
+            self._round_s = self.monotonic_s()
             data = stream.read(READ_BYTES, READ_WAIT_S)
             self._record(RECEIVED, data)
             now_s = self.monotonic_s()
@@ -294,7 +336,7 @@ class LinkService:
 
     def keep_captures(self, keep_bytes: int) -> None:
         """From now on the oldest files of the raw capture go when all together pass this."""
-        self._retention = replace(self._retention, keep_bytes=keep_bytes)
+        self.capture_retention = replace(self.capture_retention, keep_bytes=keep_bytes)
         if self._capture is not None:
             self._capture.keep_at_most(keep_bytes)
 

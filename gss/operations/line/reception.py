@@ -76,6 +76,7 @@ class Reception:
         self._known = FrameMemory()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
+        self._unfetched = ""
         self._knowledge = SensorKnowledge(link.dictionary)
         self.clock: Callable[[], Correlation | None] = lambda: None
         """How the two clocks stand; set by whoever follows them."""
@@ -203,8 +204,11 @@ class Reception:
         self._wanted = None
         try:
             self._transfers.download("frame", slot, f"frame {number}", facts=self._known.facts(number).plain())
+            self._unfetched = ""
         except GssError as error:
-            self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
+            if error.message != self._unfetched:  # a full disk says the same of every frame: once is enough
+                self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
+            self._unfetched = error.message
 
     def _frame_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
         return {"frame_id": self._store_frame(transfer, done.data, done.frame_number, []).id}

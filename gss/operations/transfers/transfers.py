@@ -52,6 +52,8 @@ class TransferService:
         self._next_part_s: dict[int, float] = {}
         self.done_hooks: dict[tuple[Direction, str], DoneHook] = {}
         self.broken_hooks: dict[str, BrokenHook] = {}
+        self.room: Callable[[str], None] = lambda _what: None
+        """Asked before anything comes down or goes up; raises where there is no room for it."""
 
     def start(self) -> None:
         """Transfers that the last server left open come back paused and go on when the device has answered; what an
@@ -84,6 +86,7 @@ class TransferService:
         """Bring content down. ``slot``: number of the image memory or bank, ``target``: its name where it has one.
         ``facts``: what will be needed to store it, JSON values."""
         self._check_line()
+        self.room("a download")
         options = {"slot": slot, "part": asdict(part) if part else None, "facts": dict(facts or {})}
         return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {})
 
@@ -101,6 +104,7 @@ class TransferService:
     ) -> TransferView:
         """Send data to a bank or a slot; verify and commit follow by themselves. ``links``: catalogue_id, frame_id, table_id."""
         self._check_line()
+        self.room("an upload")
         facts = asdict(compatibility) | {"dictionary_hash": compatibility.dictionary_hash.hex()}
         kept = {"slot": target, "content": self._blobs.put(data), "compatibility": facts, **(options or {})}
         return self._add(Direction.UP, kind, name, subject, kept, links)

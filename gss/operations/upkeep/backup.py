@@ -12,6 +12,7 @@ import os
 import shutil
 import tarfile
 from collections.abc import Iterator
+from copy import copy
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,17 @@ class BackupService:
         self._folder, self._lock, self._disk = folder, lock, disk
         self._jobs, self._bus, self._now = jobs, bus, now
         jobs.resumable("backup", self._job)
+
+    @property
+    def folder(self) -> Path:
+        """Where they are."""
+        return self._folder
+
+    def at(self, folder: Path) -> BackupService:
+        """The same, with backups in another folder."""
+        other = copy(self)
+        other._folder = folder
+        return other
 
     def start(self, *, keep: int = 0, user: str) -> Job:
         """Make one as a job; afterwards only the ``keep`` newest stay (0: all)."""

@@ -20,6 +20,7 @@ from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobService, Run
 from gss.operations.line.link import LinkService
+from gss.operations.line.raw_capture import capture_files
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.store import choices
 from gss.store import upkeep as store
@@ -79,6 +80,7 @@ class RetentionService:
     ) -> None:
         self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
         self._link, self._lock, self._now = link, lock, now
+        self.now = now
         jobs.resumable("retention", self.work)
 
     def start(self) -> None:
@@ -105,6 +107,14 @@ class RetentionService:
     def run(self, *, user: str) -> Job:
         """Remove now what the policy lets go; a job."""
         return self._jobs.begin("retention", "retention", {"policy": asdict(self.policy()), "user": user})
+
+    def capture_files(self) -> list[Path]:
+        """The files of the raw capture, oldest first."""
+        return capture_files(self._link.captures)
+
+    def capture_bytes(self) -> int:
+        """How large they may become together."""
+        return self._link.capture_retention.keep_bytes
 
     def last_run(self) -> datetime | None:
         """When a removal last ended."""

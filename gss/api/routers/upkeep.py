@@ -1,0 +1,116 @@
+"""Health, figures, retention, backups, checking the store."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse, StreamingResponse
+
+from gss.api import present
+from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.schemas.frames import FrameOut
+from gss.api.schemas.jobs import JobOut
+from gss.api.schemas.upkeep import (
+    BackupOut,
+    FavouriteIn,
+    ForecastOut,
+    HealthCheckOut,
+    HealthOut,
+    RetentionIn,
+    RetentionOut,
+)
+from gss.operations.upkeep.manifest import Manifest
+from gss.operations.upkeep.retention import Policy
+
+router = APIRouter(tags=["upkeep"])
+root = APIRouter(tags=["upkeep"])
+PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
+
+
+@router.get("/admin/health", dependencies=[need("admin.health")])
+def health(app: App) -> HealthOut:
+    """Everything that can go wrong slowly."""
+    found = app.upkeep.health.look()
+    return HealthOut(state=found.state, checks=[HealthCheckOut.model_validate(check) for check in found.checks])
+
+
+@root.get("/metrics", dependencies=[need("metrics")], response_class=PlainTextResponse)
+def metrics(app: App) -> Response:
+    """Figures in Prometheus' text form."""
+    return Response(app.upkeep.metrics.text(), media_type=PROMETHEUS)
+
+
+@router.get("/admin/retention", dependencies=[need("admin.retention")])
+def read_retention(app: App) -> RetentionOut:
+    """What may go, and when the disk is full."""
+    return _retention(app)
+
+
+@router.put("/admin/retention", dependencies=[need("admin.retention")])
+def choose_retention(app: App, user: User, body: RetentionIn) -> RetentionOut:
+    """From the next run on; nothing goes at once, except captures beyond their size."""
+    app.upkeep.retention.choose(Policy(**body.model_dump()), user=user)
+    return _retention(app)
+
+
+@router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])
+def run_retention(app: App, user: User) -> JobOut:
+    """Remove now what may go; a job."""
+    return present.records.job(app.upkeep.retention.run(user=user))
+
+
+def _retention(app: App) -> RetentionOut:
+    return RetentionOut(
+        **asdict(app.upkeep.retention.policy()),
+        last_run=app.upkeep.retention.last_run(),
+        forecast=ForecastOut.model_validate(app.upkeep.forecast()),
+    )
+
+
+@router.get("/admin/backups", dependencies=[need("admin.backup")])
+def list_backups(app: App) -> list[BackupOut]:
+    """Newest first."""
+    return [_backup(made) for made in app.upkeep.backups.every()]
+
+
+@router.post("/admin/backups", status_code=202, dependencies=[need("admin.backup")])
+def make_backup(app: App, user: User) -> JobOut:
+    """Make one while the server runs; a job. Putting it back is ``gss restore`` on the terminal."""
+    return present.records.job(app.upkeep.backups.start(keep=app.upkeep.retention.policy().backups_keep, user=user))
+
+
+@router.get("/admin/backups/{name}/file", dependencies=[need("admin.backup"), EXPORT], response_class=StreamingResponse)
+def download_backup(app: App, name: str) -> StreamingResponse:
+    """One backup as a tar file that ``gss restore`` takes."""
+    made = app.upkeep.backups.get(name)
+    headers = {"Content-Disposition": f"attachment; filename=gss-{made.name}.tar"}
+    return StreamingResponse(app.upkeep.backups.archive(made.name), media_type="application/x-tar", headers=headers)
+
+
+def _backup(made: Manifest) -> BackupOut:
+    return BackupOut.model_validate(
+        {
+            "name": made.name,
+            "created": made.created,
+            "version": made.version,
+            "schema_version": made.schema,
+            "kind": made.kind,
+            "bytes": made.total_bytes,
+            "blobs": len(made.blobs),
+            "captures": len(made.captures),
+        }
+    )
+
+
+@router.post("/admin/check-store", status_code=202, dependencies=[need("admin.health")])
+def check_store(app: App, user: User) -> JobOut:
+    """Is everything there that the record says, and whole? A job; its result is the report."""
+    return present.records.job(app.upkeep.check.start(user=user))
+
+
+@router.put("/frames/{frame_id}/favourite", dependencies=[need("frames.solve")])
+def favourite(app: App, frame_id: RowId, body: FavouriteIn) -> FrameOut:
+    """Retention never takes the pixels of a favourite."""
+    row = app.upkeep.favourite(frame_id, body.favourite)
+    return present.frames.frame(*app.frames.with_solution(row))

@@ -1,0 +1,163 @@
+"""Upkeep on the terminal: ``gss backup``, ``gss restore``, ``gss retention``, ``gss check store``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+    from gss.operations.upkeep.check_store import Report
+
+    Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
+
+MARKS = {"ok": "ok", "note": "note", "error": "ERROR"}
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the commands."""
+    p = subparsers.add_parser(
+        "backup",
+        help="make a backup; the server may run",
+        description="The database at one moment and all bytes it names. What an earlier backup holds is not copied again.",
+    )
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    p.add_argument(
+        "--to", type=Path, metavar="FOLDER", help="where backups are (GSS_BACKUPS; by default in the data folder)"
+    )
+    p.add_argument("--keep", type=int, default=0, metavar="N", help="afterwards only the N newest stay; 0: all")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=backup)
+    p = subparsers.add_parser(
+        "restore",
+        help="put a backup into a new data folder",
+        description="Everything is verified first; nothing is ever written over. A PostgreSQL backup goes into the empty database "
+        "that GSS_DATABASE names.",
+    )
+    p.add_argument("backup", type=Path, help="folder or tar file of a backup")
+    p.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="a new or empty data folder")
+    p.set_defaults(run=restore)
+    p = subparsers.add_parser("retention", help="what retention would remove; the server removes once a day")
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    p.add_argument("--run", action="store_true", dest="now", help="remove it now; the server must be stopped")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=retention)
+
+
+def register_check(kinds: Kinds) -> None:
+    """Add to ``gss check``."""
+    p = kinds.add_parser(
+        "store",
+        help="is everything there that the record says, and whole?",
+        description="Database, bytes, captures, audit. Exit code 0: whole, notes apart; 1: something is missing or damaged.",
+    )
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=check_store)
+
+
+def backup(arguments: argparse.Namespace) -> int:
+    """Make a backup and tell where it is."""
+    from gss.cli.records import services_of
+
+    services = services_of(arguments)
+    service = services.upkeep.backups if arguments.to is None else services.upkeep.backups.at(arguments.to.resolve())
+    services.upkeep.disk.check("a backup", service.needed_bytes())
+    made = service.make(_tell)
+    removed = service.prune(arguments.keep) if arguments.keep else []
+    services.database.close()
+    if arguments.json:
+        facts = {"name": made.name, "folder": str(service.folder / made.name), "bytes": made.total_bytes}
+        print(json.dumps(facts | {"files": len(made.blobs), "removed": removed}))
+    else:
+        print(f"{service.folder / made.name}: {made.total_bytes} bytes, {len(made.blobs)} files beside the database")
+        for name in removed:
+            print(f"removed {name}")
+    return 0
+
+
+def restore(arguments: argparse.Namespace) -> int:
+    """Verify, put in place, tell how to go on."""
+    from gss.operations.clock import utc_now
+    from gss.operations.upkeep.restore import restore as put_back
+    from gss.settings import Settings
+
+    settings = Settings()
+    done = put_back(
+        arguments.backup.resolve(),
+        arguments.into,
+        utc_now,
+        database_url=settings.database,
+        blobs_url=settings.blobs,
+        tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
+    )
+    print(f"{done.folder}: backup {done.manifest.name} of GSS {done.manifest.version}, {done.files} files")
+    print(f"Start it with: gss serve --data {done.folder}")
+    return 0
+
+
+def retention(arguments: argparse.Namespace) -> int:
+    """Tell the forecast; remove where asked."""
+    from dataclasses import asdict
+
+    from gss.cli.records import services_of
+    from gss.operations.folder_lock import folder_lock
+
+    services = services_of(arguments)
+    policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast()
+    facts = {"policy": asdict(policy), "forecast": asdict(forecast)}
+    if arguments.now:
+        with folder_lock(services.settings.data):
+            job = services.upkeep.retention.run(user="the shell")
+            services.jobs.finish()
+            facts["removed"] = services.jobs.get(job.id).result.get("removed", {})
+    services.database.close()
+    if arguments.json:
+        print(json.dumps(facts, default=str))
+        return 0
+    for name, value in facts["policy"].items():
+        print(f"{name:22} {value:g}")
+    for name, value in facts["forecast"].items():
+        print(f"{name:22} {value}")
+    for name, value in facts.get("removed", {}).items():
+        print(f"removed {name:14} {value}")
+    return 0
+
+
+def check_store(arguments: argparse.Namespace) -> int:
+    """Check and tell. It does not touch the database's schema: a damaged one must be read as it is."""
+    from gss.domain.errors import NotFound
+    from gss.operations.upkeep.check_store import check_store as check
+    from gss.settings import Settings
+    from gss.store.blobs import BlobStore
+    from gss.store.engine import Database, open_engine
+
+    settings = Settings(**({"data": arguments.data} if arguments.data else {}))
+    if not settings.data.is_dir():
+        raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
+    database = Database(open_engine(settings.database_url))
+    try:
+        report = check(database, BlobStore(settings.blobs_url), settings.data / "captures", _tell)
+    finally:
+        database.close()
+    if arguments.json:
+        print(json.dumps(report.plain(), ensure_ascii=False))
+    else:
+        _print(report)
+    return 0 if report.whole else 1
+
+
+def _print(report: Report) -> None:
+    for finding in report.findings:
+        print(f"{MARKS[finding.state]:5} {finding.name:20} {finding.text}")
+        for example in finding.examples:
+            print(f"{'':6} {'':20} {example}")
+    print("The store is whole." if report.whole else "The store is NOT whole; put back what is missing from a backup.")
+
+
+def _tell(done: int, total: int, text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r… {text[:70]:70}", end="", file=sys.stderr, flush=True)

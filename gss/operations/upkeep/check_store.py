@@ -1,0 +1,165 @@
+"""Is everything there that the record says, and whole? The database, the bytes it names, captures, and the chain of the audit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
+from gss.operations.accounts.audit import AuditService
+from gss.operations.clock import utc_now
+from gss.operations.jobs import JobService, Progress, Run
+from gss.operations.line.raw_capture import capture_files, read_captures
+from gss.store import devices
+from gss.store import upkeep as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, known_schemas
+from gss.store.models import Job
+
+SHOWN = 10
+ERROR, NOTE = "error", "note"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at. ``state``: ok, note (nothing is lost) or error; ``examples``: the first of them."""
+
+    name: str
+    state: str
+    text: str
+    examples: tuple[str, ...] = ()
+
+
+@dataclass
+class Report:
+    """Everything that was looked at."""
+
+    findings: list[Finding] = field(default_factory=list)
+    rows: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Is there no error?"""
+        return all(f.state != ERROR for f in self.findings)
+
+    def add(self, name: str, bad: list[str], text: str, words: str, level: str = ERROR) -> None:
+        """``text`` where nothing is bad, else how many and ``words``."""
+        if bad:
+            self.findings.append(Finding(name, level, f"{len(bad)} {words}", tuple(bad[:SHOWN])))
+        else:
+            self.findings.append(Finding(name, "ok", text))
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON."""
+        return {"whole": self.whole, "rows": self.rows, "findings": [asdict(f) for f in self.findings]}
+
+
+def check_store(database: Database, blobs: BlobStore, captures: Path, progress: Progress = lambda *_: None) -> Report:
+    """Look at everything; whatever is wrong is a finding, never an exception, except a cancel."""
+    report = Report()
+    _look(report, "database", lambda: _database(report, database, progress))
+    _look(report, "bytes", lambda: _blobs(report, database, blobs, progress))
+    _look(report, "captures", lambda: _captures(report, database, captures, progress))
+    _look(report, "audit", lambda: _audit(report, database))
+    return report
+
+
+def _look(report: Report, name: str, look: Callable[[], None]) -> None:
+    try:
+        look()
+    except (CorruptData, StoreDown) as error:
+        report.findings.append(Finding(name, ERROR, str(error)))
+
+
+def _database(report: Report, database: Database, progress: Progress) -> None:
+    progress(0, 0, "reading the database")
+    with database.unit_of_work() as session:
+        bad = store.integrity_problems(session)
+        report.add("database", bad, "every page is whole", "damages of the file")
+        if bad:
+            return
+        schema, newest = store.schema_version(session), known_schemas()[-1]
+        older = [] if schema == newest else [f"it is at {schema or 'none'}, this version is at {newest}"]
+        report.add("schema", older, f"schema {schema}", "difference: the server migrates when it starts", NOTE)
+        report.add(
+            "references", store.broken_links(session), "every row finds what it names", "rows name what is not there"
+        )
+        report.rows = store.row_counts(session)
+
+
+def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progress) -> None:
+    with database.unit_of_work() as session:
+        wanted: dict[str, store.Reference] = {}
+        for reference in store.references(session):
+            wanted.setdefault(reference.sha256, reference)
+    missing, damaged, unequal = [], [], []
+    for k, (key, reference) in enumerate(wanted.items()):
+        progress(k, len(wanted), f"reading bytes, {k} of {len(wanted)}")
+        try:
+            size = len(blobs.get(key))
+        except NotFound:
+            missing.append(f"{reference.by}: {key[:16]}…")
+            continue
+        except CorruptData:
+            damaged.append(f"{reference.by}: {key[:16]}…")
+            continue
+        if reference.size is not None and size != reference.size:
+            unequal.append(f"{reference.by}: {size} B instead of {reference.size}")
+    report.add("bytes missing", missing, f"all {len(wanted)} are there", "are missing: restore them from a backup")
+    report.add("bytes damaged", damaged, "each is what its hash says", "are damaged: restore them from a backup")
+    report.add("bytes of other sizes", unequal, "each is as long as its row says", "are not as long as their row says")
+    orphans = [key for key in blobs.keys() if key not in wanted]  # noqa: SIM118 - no dictionary
+    size = sum(blobs.size(key) for key in orphans[:1000])
+    words = f"are needed by no row any more, {size} B in the first {min(len(orphans), 1000)}"
+    report.add("bytes left over", orphans, "none", words, NOTE)
+
+
+def _captures(report: Report, database: Database, folder: Path, progress: Progress) -> None:
+    with database.unit_of_work() as session:
+        contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
+    there = {path.name: path for path in capture_files(folder)}
+    named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
+    gone = sorted(set(named) - set(there))
+    torn: list[str] = []
+    for k, path in enumerate(there.values()):
+        progress(k, len(there), f"reading captures, {k} of {len(there)}")
+
+        def unread(file: Path, count: int) -> None:
+            torn.append(f"{file.name}: the last {count} B are no whole record")
+
+        for _ in read_captures([path], unread):
+            pass
+    short = [
+        f"{name}: {there[name].stat().st_size} B, the contact had written {entry['bytes']}"
+        for name, entry in named.items()
+        if name in there and there[name].stat().st_size < int(str(entry["bytes"]))
+    ]
+    report.add("captures gone", gone, "every file is there", "files have gone: retention removes the oldest", NOTE)
+    report.add("captures torn", torn, f"{len(there)} files, each whole to its end", "files end in a torn record", NOTE)
+    report.add("captures short", short, "none is shorter than its contact wrote", "files are shorter than they were")
+
+
+def _audit(report: Report, database: Database) -> None:
+    verdict = AuditService(database, utc_now).verify()
+    bad = [verdict.problem] if verdict.problem else []
+    report.add("audit", bad, f"{verdict.rows} rows follow each other", "break in the audit record")
+
+
+class CheckStoreService:
+    """The same as a job."""
+
+    def __init__(self, database: Database, blobs: BlobStore, captures: Path, jobs: JobService) -> None:
+        self._database, self._blobs, self._captures, self._jobs = database, blobs, captures, jobs
+        jobs.resumable("check-store", self._work)
+
+    def start(self, *, user: str) -> Job:
+        """Queue a check; its result is the report."""
+        return self._jobs.begin("check-store", "check the store", {"user": user})
+
+    def _work(self, run: Run) -> dict[str, Any]:
+        try:
+            return check_store(self._database, self._blobs, self._captures, run.progress).plain()
+        except OSError as error:
+            raise GssError("the store cannot be read to its end", got=str(error)) from error

@@ -1,0 +1,235 @@
+"""Is the installation well? One look at everything that can go wrong slowly, in words, and the same figures for Prometheus."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gss import __version__
+from gss.domain.errors import GssError
+from gss.domain.limits import ORDER, State
+from gss.operations.clock import Monotonic, Now
+from gss.operations.frames.frames import FrameService
+from gss.operations.jobs import JobService
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.upkeep.backup import BackupService
+from gss.operations.upkeep.clocks import ClockWatch
+from gss.operations.upkeep.disk import DiskGuard, megabytes
+from gss.operations.upkeep.metrics import Sample
+from gss.store import upkeep as store
+from gss.store.engine import Database
+
+OLD_BACKUP_DAYS = 7.0
+HEARD_WITHIN_S = 5.0
+UNKNOWN = "unknown"
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+KIB = 1 if sys.platform == "darwin" else 1024
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing. ``state``: ok, watch, warning, critical, unknown."""
+
+    name: str
+    state: str
+    value: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Health:
+    """All of them, and the worst."""
+
+    state: str
+    checks: tuple[Check, ...]
+
+
+class HealthService:
+    """Looks when asked. ``drops``: asks for (queue, messages lost) of whoever has a queue."""
+
+    def __init__(
+        self,
+        database: Database,
+        disk: DiskGuard,
+        captures: Path,
+        link: LinkService,
+        telemetry: TelemetryService,
+        frames: FrameService,
+        jobs: JobService,
+        backups: BackupService,
+        clocks: ClockWatch,
+        now: Now,
+        monotonic_s: Monotonic,
+    ) -> None:
+        self._database, self._disk, self._captures, self._link = database, disk, captures, link
+        self._telemetry, self._frames, self._jobs = telemetry, frames, jobs
+        self._backups, self._clocks, self._now, self._monotonic_s = backups, clocks, now, monotonic_s
+        self._started_s = monotonic_s()
+        self.drops: list[Callable[[], tuple[str, int]]] = [lambda: ("solve", frames.skipped)]
+        self.clients: Callable[[], int] = lambda: 0
+
+    def look(self) -> Health:
+        """Everything now; a check that fails itself is a finding of its own."""
+        looks = (
+            self._database_check,
+            self._disk_check,
+            self._captures_check,
+            self._record_check,
+            self._link_check,
+            self._jobs_check,
+            self._queues_check,
+            self._clock_check,
+            self._backup_check,
+            self._memory_check,
+            self._uptime_check,
+        )
+        checks = tuple(_looked(look) for look in looks)
+        known = [State(c.state) for c in checks if c.state != UNKNOWN]
+        return Health(max(known, key=ORDER.__getitem__, default=State.OK).value, checks)
+
+    def _database_check(self) -> Check:
+        if self._database.damage:
+            text = f"damaged: {self._database.damage}; run gss check store, then gss restore"
+            return Check("database", "critical", None, text)
+        with self._database.unit_of_work() as session:
+            size = store.database_bytes(session)
+        return Check("database", "ok", size, megabytes(size))
+
+    def _disk_check(self) -> Check:
+        found = self._disk.look()
+        return Check("disk", found.level.value, found.free_bytes, found.text)
+
+    def _captures_check(self) -> Check:
+        size = sum(path.stat().st_size for path in self._captures.glob("*.raw"))
+        lost = self._link.uncaptured_bytes
+        if self._link.capture_fails:
+            return Check("captures", "critical", lost, f"not written: {self._link.capture_fails}; {lost} bytes lost")
+        text = f"{megabytes(size)}" + (f"; {lost} bytes were lost earlier" if lost else "")
+        return Check("captures", "watch" if lost else "ok", size, text)
+
+    def _record_check(self) -> Check:
+        fails, unstored = self._telemetry.store_fails, self._telemetry.unstored
+        if fails:
+            return Check("telemetry record", "critical", unstored, f"not stored: {fails}; {unstored} packets so far")
+        text = f"{unstored} packets are in the raw capture only" if unstored else "every packet was stored"
+        return Check("telemetry record", "watch" if unstored else "ok", unstored, text)
+
+    def _link_check(self) -> Check:
+        if not self._link.connected:
+            return Check("link", "watch" if self._link.url else "ok", None, f"down: {self._link.reason}")
+        heard_s = self._link.counters.last_good_s
+        age_s = None if heard_s is None else max(0.0, self._monotonic_s() - heard_s)
+        if not self._link.alive():
+            return Check("link", "critical", age_s, "the thread that reads the line does not answer")
+        if age_s is None or age_s > HEARD_WITHIN_S:
+            return Check("link", "warning", age_s, "open, but nothing good comes")
+        return Check("link", "ok", age_s, f"up on {self._link.url}")
+
+    def _jobs_check(self) -> Check:
+        waiting = self._jobs.waiting()
+        failed = [job for job in self._jobs.newest(20) if job.state == "failed"]
+        text = f"{waiting} queued or running" + (f", {len(failed)} of the last 20 failed" if failed else "")
+        return Check("jobs", "watch" if failed else "ok", waiting, text)
+
+    def _queues_check(self) -> Check:
+        lost = dict(ask() for ask in self.drops)
+        total = sum(lost.values())
+        words = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
+        return Check("queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped")
+
+    def _clock_check(self) -> Check:
+        jump_s = self._clocks.last_jump_s
+        if jump_s is None:
+            return Check("clock", "ok", None, "no jump since the server started")
+        state = "watch" if self._clocks.steady() else "warning"
+        return Check("clock", state, jump_s, f"jumped by {jump_s:+.1f} s")
+
+    def _backup_check(self) -> Check:
+        at = self._backups.newest_at()
+        if at is None:
+            return Check("backup", "watch", None, "there is none: gss backup, or Admin, Backups")
+        days = (self._now() - at).total_seconds() / 86400
+        return Check("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
+
+    def _memory_check(self) -> Check:
+        now, most = memory_bytes()
+        return Check("memory", "ok", now, f"{megabytes(now)}, at most {megabytes(most)}")
+
+    def _uptime_check(self) -> Check:
+        up_s = self._monotonic_s() - self._started_s
+        return Check("version", "ok", up_s, f"GSS {__version__}, up for {up_s / 3600:.1f} h")
+
+    # --- figures ------------------------------------------------------------------------------------------------
+
+    def samples(self) -> Iterator[Sample]:
+        """The figures of the moment."""
+        counters = self._link.counters
+        for way, c in (("sent", counters.sent), ("received", counters.received)):
+            yield _counter("gss_link_bytes_total", "Bytes on the line.", c.bytes, direction=way)
+            yield _counter("gss_link_packets_total", "Good packets on the line.", c.good, direction=way)
+        received = counters.received
+        for cause in ("bad_crc", "too_long", "too_short", "unframed", "unknown", "undecodable"):
+            help_text = "Packets or bytes that could not be used."
+            yield _counter("gss_link_errors_total", help_text, getattr(received, cause), cause=cause)
+        yield _counter("gss_link_gaps_total", "Packets missing by their sequence counts.", received.gaps)
+        yield _counter("gss_link_duplicates_total", "Packets that came twice.", received.duplicates)
+        yield _gauge("gss_link_up", "Is the line open?", float(self._link.connected))
+        yield _counter(
+            "gss_capture_lost_bytes_total", "Bytes of the line that no capture holds.", self._link.uncaptured_bytes
+        )
+        yield _counter(
+            "gss_telemetry_unstored_total", "Packets that are in the raw capture only.", self._telemetry.unstored
+        )
+        for ask in self.drops:
+            name, number = ask()
+            yield _counter("gss_queue_dropped_total", "Messages that a full queue lost.", number, queue=name)
+        yield _gauge("gss_queue_depth", "What waits in a queue.", self._frames.waiting(), queue="solve")
+        yield _gauge("gss_queue_depth", "What waits in a queue.", self._jobs.waiting(), queue="jobs")
+        yield _gauge("gss_stream_clients", "Open event streams.", self.clients())
+        disk = self._disk.look()
+        yield _gauge("gss_disk_free_bytes", "Room on the disk of the data folder.", disk.free_bytes)
+        with self._database.unit_of_work() as session:
+            yield _gauge("gss_database_bytes", "Bytes that the database uses.", store.database_bytes(session))
+            for name, state, number in store.states(session):
+                yield _gauge(f"gss_{name}", f"Stored {name} by state.", number, state=state)
+            yield _gauge("gss_frames", "Stored frames.", store.frame_count(session))
+        now, most = memory_bytes()
+        yield _gauge("process_resident_memory_bytes", "Memory in use.", now)
+        yield _gauge("gss_process_most_memory_bytes", "Most memory ever in use.", most)
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        yield _counter("process_cpu_seconds_total", "Processor time.", usage.ru_utime + usage.ru_stime)
+        yield _gauge("process_threads", "Threads.", threading.active_count())
+        yield _gauge("gss_uptime_seconds", "Since the server started.", self._monotonic_s() - self._started_s)
+        yield _gauge("gss_info", "Which version runs.", 1, version=__version__)
+
+
+def memory_bytes() -> tuple[int, int]:
+    """(resident now, most ever) of this process."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return most, most
+    return pages * PAGE_BYTES, most
+
+
+def _looked(look: Callable[[], Check]) -> Check:
+    try:
+        return look()
+    except (GssError, OSError) as error:
+        name = getattr(look, "__name__", "check").strip("_").removesuffix("_check").replace("_", " ")
+        return Check(name, "critical", None, str(error))
+
+
+def _gauge(name: str, text: str, value: float, **labels: str) -> Sample:
+    return Sample(name, text, "gauge", value, tuple(sorted(labels.items())))
+
+
+def _counter(name: str, text: str, value: float, **labels: str) -> Sample:
+    return Sample(name, text, "counter", value, tuple(sorted(labels.items())))

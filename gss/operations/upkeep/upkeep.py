@@ -1,0 +1,44 @@
+"""The services of upkeep together, as the wiring connects them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.operations.upkeep.backup import BackupService
+from gss.operations.upkeep.check_store import CheckStoreService
+from gss.operations.upkeep.clocks import ClockWatch
+from gss.operations.upkeep.disk import DiskGuard
+from gss.operations.upkeep.forecast import Forecast, forecast
+from gss.operations.upkeep.health import HealthService
+from gss.operations.upkeep.metrics import Metrics
+from gss.operations.upkeep.retention import RetentionService
+from gss.store import frames
+from gss.store import upkeep as store
+from gss.store.engine import Database
+from gss.store.models import Frame
+
+
+@dataclass(frozen=True)
+class Upkeep:
+    """Everything of this room."""
+
+    database: Database
+    disk: DiskGuard
+    retention: RetentionService
+    backups: BackupService
+    check: CheckStoreService
+    health: HealthService
+    metrics: Metrics
+    clocks: ClockWatch
+
+    def favourite(self, frame_id: int, favourite: bool) -> Frame:
+        """Retention never takes the pixels of a favourite."""
+        with self.database.unit_of_work() as session:
+            frames.get(session, frame_id)
+            store.set_favourite(session, frame_id, favourite)
+        with self.database.unit_of_work() as session:
+            return frames.get(session, frame_id)
+
+    def forecast(self) -> Forecast:
+        """What is on the disk, and when it is full."""
+        return forecast(self.database, self.retention, self.disk)

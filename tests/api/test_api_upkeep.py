@@ -1,0 +1,86 @@
+"""Health, figures, retention and backups over HTTP."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+import time
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+
+def ended(client, reply):
+    """The job of a reply when it has ended."""
+    assert reply.status_code == 202, reply.text
+    for _ in range(1000):
+        job = client.get(f"/api/jobs/{reply.json()['id']}").json()
+        if job["state"] in ("done", "failed", "cancelled"):
+            return job
+        time.sleep(0.01)
+    pytest.fail("the job did not end")
+
+
+def test_health_names_every_thing_with_its_state(client):
+    """A server without a line and without a backup says both, in words."""
+    health = client.get("/api/admin/health").json()
+    states = {check["name"]: check["state"] for check in health["checks"]}
+    wanted = "database disk captures link jobs queues clock backup memory version".split()
+    assert [name for name in wanted if name not in states] == []
+    assert (states["database"], states["disk"], states["backup"]) == ("ok", "ok", "watch")
+    assert health["state"] == "watch"
+
+
+def test_figures_are_read_by_prometheus_own_reader(client):
+    """Every family has its type and help; counters of requests rise, and no address that anybody makes up becomes a label."""
+    for path in ("/api/frames", "/api/frames", "/api/made-up", "/api/made-up-2"):
+        client.get(path)
+    reply = client.get("/metrics")
+    assert reply.headers["content-type"].startswith("text/plain; version=0.0.4")
+    families = {f.name: f for f in text_string_to_metric_families(reply.text)}
+    names = "gss_link_bytes gss_link_errors gss_queue_depth gss_queue_dropped gss_stream_clients gss_disk_free_bytes gss_jobs"
+    names += " gss_database_bytes process_resident_memory_bytes gss_uptime_seconds gss_http_seconds gss_capture_lost_bytes"
+    assert [name for name in names.split() if name not in families and name != "gss_jobs"] == []
+    assert {f.type for f in families.values()} <= {"gauge", "counter", "histogram"}
+    assert all(f.documentation for f in families.values())
+    counted = {(s.labels["route"], s.labels["status"]): s.value for s in families["gss_http_requests"].samples}
+    assert counted["frames", "2xx"] >= 2
+    assert counted["other", "4xx"] >= 2
+    assert not any("made-up" in route for route, _ in counted)
+    assert families["gss_metrics_failed"].samples[0].value == 0
+
+
+def test_retention_is_chosen_and_forecast(client):
+    """At first everything is kept; what cannot be is refused with words."""
+    first = client.get("/api/admin/retention").json()
+    assert (first["frames_days"], first["telemetry_days"], first["last_run"]) == (0, 0, None)
+    assert first["forecast"]["free_bytes"] > 0
+    body = {"frames_days": 30.0, "telemetry_thin_days": 7.0, "telemetry_days": 90.0, "keep_frames": 10}
+    assert client.put("/api/admin/retention", json=body).json()["frames_days"] == 30
+    wrong = client.put("/api/admin/retention", json=body | {"telemetry_days": 5.0})
+    assert (wrong.status_code, "thinned" in wrong.json()["message"]) == (400, True)
+    assert ended(client, client.post("/api/admin/retention/run"))["state"] == "done"
+    assert client.get("/api/admin/retention").json()["last_run"]
+
+
+def test_a_backup_is_made_listed_and_taken_away(client):
+    """The file is a tar of the manifest, its seal, the database, and the bytes by their hashes."""
+    job = ended(client, client.post("/api/admin/backups"))
+    (made,) = client.get("/api/admin/backups").json()
+    assert (job["state"], job["result"]["name"], made["kind"]) == ("done", made["name"], "sqlite")
+    reply = client.get(f"/api/admin/backups/{made['name']}/file")
+    with tarfile.open(fileobj=io.BytesIO(reply.content)) as tar:
+        names = tar.getnames()
+    assert {n.split("/")[-1] for n in names[:3]} == {"manifest.json", "manifest.sha256", "gss.db"}
+    for name in ("../../etc/passwd", "2026-01-01T000000Z", "x"):
+        assert client.get(f"/api/admin/backups/{name}/file").status_code in (400, 404)
+    health = {check["name"]: check for check in client.get("/api/admin/health").json()["checks"]}
+    assert health["backup"]["state"] == "ok"
+
+
+def test_the_store_is_checked_as_a_job(client):
+    """The report is the job's result, and the job can be started again."""
+    job = ended(client, client.post("/api/admin/check-store"))
+    assert (job["state"], job["result"]["whole"], job["can_start_again"]) == ("done", True, True)
+    again = ended(client, client.post(f"/api/jobs/{job['id']}/again"))
+    assert (again["state"], again["id"] > job["id"]) == ("done", True)
