@@ -150,12 +150,16 @@ class SkyStarOut(Out):
 
 
 class EnvelopeOut(Out):
-    """HEALPix ring-order fraction of time in the field, 0 where never."""
+    """HEALPix ring-order fraction of time in the field, 0 where never. ``sweep``: the field on its way, with its
+    ``boresights``, over one orbit or the validity; [] for the whole sky and for catalogues of older versions."""
 
     nside: int
     fraction: list[float]
     outline_start: list[list[tuple[float, float]]]
     outline_end: list[list[tuple[float, float]]]
+    sweep_over: str = ""
+    sweep: list[list[tuple[float, float]]] = []
+    boresights: list[tuple[float, float]] = []
 
 
 class QualityOut(Out):
@@ -170,6 +174,7 @@ class QualityOut(Out):
     worst_ra_deg: float
     worst_dec_deg: float
     worst_roll_deg: float | None = None
+    worst_outline: list[tuple[float, float]] = []
     candidates_per_query: float | None
     candidates_per_star: float | None = None
     blinded_share: float = 0.0

@@ -8,7 +8,9 @@ import numpy as np
 
 from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
 from gss.catalogue_tools.envelope.lifetime import Lifetime
+from gss.catalogue_tools.envelope.sweep import outlines, sweep
 from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.plan import Plan
 from gss.catalogue_tools.request import request_from
 from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
 from gss.catalogue_tools.selection.assessment import Assessment, EnvelopeMap, way_deg
@@ -17,6 +19,7 @@ from gss.catalogue_tools.selection.selection import Fate, Selection, screening_f
 from gss.catalogue_tools.sources.sources import Source
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.errors import CorruptData
+from gss.domain.frames import cam_from_icrs
 from gss.domain.stars import StarTable
 
 MOST_ON_MAP = 4000
@@ -26,7 +29,7 @@ CURVE_POINTS = 60
 
 def preview_report(quick: Preview) -> dict[str, Any]:
     """Funnel and maps of a preview."""
-    return _choice(quick.selection, quick.map) | {
+    return _choice(quick.selection, quick.map, quick.plan) | {
         "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
     }
 
@@ -34,8 +37,8 @@ def preview_report(quick: Preview) -> dict[str, Any]:
 def report_of(built: BuiltCatalogue) -> dict[str, Any]:
     """Everything of a built catalogue."""
     a: Assessment = built.assessment
-    return _choice(built.selection, built.map) | {
-        "quality": _quality(a.quality),
+    return _choice(built.selection, built.map, built.plan) | {
+        "quality": _quality(a.quality) | {"worst_outline": _worst(built.plan, a.quality)},
         "ambiguity": None if a.ambiguity is None else _ambiguity(a.ambiguity),
         "lifetime": _lifetime(a.lifetime),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
@@ -61,7 +64,8 @@ def report_again(manifest: Manifest, source: Source | StarTable) -> dict[str, An
     return report_of(built)
 
 
-def _choice(selection: Selection, envelope: EnvelopeMap) -> dict[str, Any]:
+def _choice(selection: Selection, envelope: EnvelopeMap, plan: Plan) -> dict[str, Any]:
+    way = sweep(plan.base, plan.shape)
     return {
         "funnel": [
             {"label": f.label, "stars": f.stars, "kind": "drop" if f.dropped else "keep"} for f in selection.funnel
@@ -72,6 +76,9 @@ def _choice(selection: Selection, envelope: EnvelopeMap) -> dict[str, Any]:
             "fraction": [round(float(x), 4) for x in envelope.fraction],
             "outline_start": [_line(edge) for edge in envelope.edges_start],
             "outline_end": [_line(edge) for edge in envelope.edges_end],
+            "sweep_over": way.over,
+            "sweep": [_line(field, 2) for field in way.fields],
+            "boresights": _line(way.boresights, 2) if len(way.boresights) else [],
         },
     }
 
@@ -134,10 +141,17 @@ def _sky(selection: Selection) -> list[dict[str, Any]]:
     ]
 
 
-def _line(edge: Any) -> list[tuple[float, float]]:
+def _worst(plan: Plan, q: Quality) -> list[tuple[float, float]]:
+    """The field with the fewest stars, as it lies on the sky."""
+    attitude = cam_from_icrs(q.worst_ra_rad, q.worst_dec_rad, q.worst_roll_rad)
+    return _line(outlines(plan.shape, attitude[None])[0], 2)
+
+
+def _line(edge: Any, decimals: int = 3) -> list[tuple[float, float]]:
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(np.asarray(edge)))
     return [
-        (round(float(a), 3), round(float(d), 3)) for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)
+        (round(float(a), decimals), round(float(d), decimals))
+        for a, d in zip(np.atleast_1d(ra), np.atleast_1d(dec), strict=True)
     ]
 
 

@@ -65,6 +65,8 @@ export function onKey(e: KeyboardEvent): void {
 }
 
 function handled(e: KeyboardEvent): boolean {
+  const pressing = e.key === ' ' && e.target instanceof HTMLElement && (['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName) || e.target.closest('[role=option]') !== null);
+  if (pressing) return false;
   const own = view.allKeys.find((k) => k.key === e.key);
   if (own) { own.run(); return true; }
   const page = PAGES[Number(e.key) - 1];
@@ -75,11 +77,7 @@ function handled(e: KeyboardEvent): boolean {
     case ':': view.open('line'); return true;
     case 'Escape': if (view.opened !== 'none') view.close(); return true;
     case 'o': view.overlaysOff = !view.overlaysOff; return true;
-    case ' ': {
-      if (e.target instanceof HTMLElement && (['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName) || e.target.closest('[role=option]'))) return false;
-      view.frozen = !view.frozen;
-      return true;
-    }
+    case ' ': view.frozen = !view.frozen; return true;
     case '/': {
       const box = document.querySelector<HTMLInputElement>('[data-search]');
       box?.focus();

@@ -1,0 +1,60 @@
+"""The field on its way through the envelope, for the map: once round the orbit, or from the first to the last day."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.envelope.attitude import SUN_LAWS
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope
+from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.domain.angles import Array
+
+STEPS = 48
+# Points of a side: between them a map draws great circles, which is what a lens without distortion shows.
+PER_SIDE = 4
+MIDDLE = 0.5
+# Places of the argument of latitude and of the share of validity among an envelope's numbers.
+LATITUDE_AXIS, PART_AXIS = 2, 0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """``over``: orbit, validity, or "" where the field does not move. ``fields``: (n, k, 3) ICRS outlines, closed;
+    ``boresights``: (n, 3). Attitude, inclination and, over an orbit, the date are in the middle of their limits."""
+
+    over: str
+    fields: Array
+    boresights: Array
+
+
+def sweep(base: Envelope, shape: FieldShape, steps: int = STEPS) -> Sweep:
+    """One field for each of ``steps`` moments; none for the whole sky, one for a camera fixed among the stars.
+
+    ``base``: the envelope before anything hides the sky; ``shape``: the camera's field, without the margin.
+    """
+    over, axis = _moves(base)
+    count = steps if over else int(axis is not None)
+    cube = np.full((count, base.dimensions), MIDDLE)
+    if over and axis is not None:
+        # An orbit closes on itself; a validity has two ends.
+        cube[:, axis] = np.linspace(0.0, 1.0, count, endpoint=over == "validity")
+    cam_from_icrs = base.at(cube).cam_from_icrs if count else np.empty((0, 3, 3))
+    return Sweep(over, outlines(shape, cam_from_icrs), cam_from_icrs[:, 2])
+
+
+def outlines(shape: FieldShape, cam_from_icrs: Array) -> Array:
+    """(n, 4·PER_SIDE + 1, 3) ICRS outlines of the fields of (n, 3, 3) attitudes, closed."""
+    edge = shape.edge(np.linspace(0.0, 4.0, 4 * PER_SIDE + 1))
+    return np.asarray(edge @ cam_from_icrs)
+
+
+def _moves(base: Envelope) -> tuple[str, int | None]:
+    """What the field moves over, and which number of the envelope stands for it; None where no field is meant."""
+    if isinstance(base, BandEnvelope | BlockEnvelope):
+        return "orbit", LATITUDE_AXIS
+    if isinstance(base, PatchEnvelope):
+        return ("validity" if base.limits.pointing in SUN_LAWS else ""), PART_AXIS
+    return "", None
