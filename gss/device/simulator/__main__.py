@@ -44,7 +44,10 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=arguments.baud)
     tracker = StarTracker(camera, sky, memory)
-    device = Device(load_dictionary(), identity, memory, tracker, clock(), framing=arguments.framing)
+    period_s = 1.0 / min(1000.0, max(0.001, arguments.housekeeping_hz))
+    device = Device(
+        load_dictionary(), identity, memory, tracker, clock(), framing=arguments.framing, housekeeping_s=period_s
+    )
     return Terminal(line, device, clock, arguments.baud / 10, world.line), device, clock
 
 

@@ -61,7 +61,9 @@ class Device:
         now_s: float,
         *,
         framing: str = "cobs",
+        housekeeping_s: float = HOUSEKEEPING_S,
     ) -> None:
+        self._housekeeping_s = housekeeping_s
         self._dictionary, self._identity, self._memory, self._tracker = dictionary, identity, memory, tracker
         self._now_s = now_s
         self._origin_s = now_s - memory.record.time_base_s
@@ -201,8 +203,8 @@ class Device:
         self._loader.step(self._now_s)
         self._flush_loader()
         if now_s >= self._housekeeping_due_s:
-            missed = np.ceil((now_s - self._housekeeping_due_s) / HOUSEKEEPING_S)
-            self._housekeeping_due_s += HOUSEKEEPING_S * max(1.0, missed)
+            missed = np.ceil((now_s - self._housekeeping_due_s) / self._housekeeping_s)
+            self._housekeeping_due_s += self._housekeeping_s * max(1.0, missed)
             self._send_housekeeping(0)
             self._flush_loader()
 

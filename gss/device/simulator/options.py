@@ -102,6 +102,13 @@ def _add_time(group: argparse._ArgumentGroup) -> None:
         action="store_true",
         help="time stands still until standard input says: step SECONDS | run [X] | pause",
     )
+    add(
+        "--housekeeping-hz",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="housekeeping packets per second, to load a ground system (default 1)",
+    )
     add("--exit-with-stdin", action="store_true", help="end when standard input closes")
 
 

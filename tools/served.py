@@ -1,0 +1,120 @@
+"""A server of our own for measurements: started, signed in to, looked at from outside, ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gss.operations.accounts.tokens import TokenService
+from gss.operations.clock import utc_now
+from gss.settings import Settings
+from gss.store.engine import Database, open_engine
+
+START_S = 120.0
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass
+class Served:
+    """A running ``gss serve``. ``headers``: what an admin's program sends."""
+
+    address: str
+    folder: Path
+    process: subprocess.Popen[str]
+    headers: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def host_and_port(self) -> tuple[str, int]:
+        """Where it listens."""
+        host, port = self.address.removeprefix("http://").rsplit(":", 1)
+        return host, int(port)
+
+    def processes(self) -> dict[str, int]:
+        """Name and id of the link process and of each API worker."""
+        found = {"link": self.process.pid}
+        for number, pid in enumerate(_children(self.process.pid), 1):
+            with contextlib.suppress(OSError):
+                if b"gss.api.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    found[f"worker {number}"] = pid
+        return found
+
+    def sign_in(self, name: str = "soak-admin") -> str:
+        """A session as a browser gets it: the value of its cookie."""
+        import httpx2
+
+        password = secrets.token_urlsafe(16)
+        command = [sys.executable, "-m", "gss", "user", "add", name, "--role", "admin", "--password-stdin"]
+        subprocess.run(
+            [*command, "--data", str(self.folder)], input=password + "\n", text=True, check=True, capture_output=True
+        )
+        reply = httpx2.post(
+            f"{self.address}/api/session", json={"name": name, "password": password}, headers={"X-GSS": "1"}
+        )
+        reply.raise_for_status()
+        return str(reply.cookies["gss_session"])
+
+
+def resident_bytes(pid: int) -> int:
+    """Memory that a process holds now."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def processor_s(pid: int) -> float:
+    """Processor time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def _children(pid: int) -> list[int]:
+    found: list[int] = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with contextlib.suppress(OSError):
+            found += [int(child) for child in (task / "children").read_text().split()]
+    return sorted(found)
+
+
+@contextlib.contextmanager
+def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served]:
+    """``gss serve`` on a free port over ``folder``, until the block ends."""
+    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+    log = (folder.parent / f"{folder.name}.log").open("ab")
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **environment}
+    )
+    assert process.stdout is not None  # noqa: S101
+    patience = threading.Timer(START_S, process.kill)
+    patience.start()
+    try:
+        lines = (line for line in process.stdout if "http://" in line)
+        address = next((line[line.index("http://") :].split("/setup")[0].strip() for line in lines), "")
+        patience.cancel()
+        if not address:
+            raise RuntimeError(f"the server did not start: {Path(log.name).read_text()[-2000:]}")
+        server = Served(address, folder, process)
+        server.headers = {"Authorization": f"Bearer {_token(folder)}"}
+        yield server
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(timeout=25)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+        log.close()
+
+
+def _token(folder: Path) -> str:
+    database = Database(open_engine(Settings(data=folder).database_url))
+    try:
+        return TokenService(database, utc_now).add(f"tools-{secrets.token_hex(3)}", "admin", days=7, by="tools").key
+    finally:
+        database.close()

@@ -1,0 +1,249 @@
+"""Load for as long as asked: a line at 50 packets/s, ten listeners, and nothing may be late, lost, or grow.
+
+``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browser] [--data FOLDER]`` prints a line per minute and one
+JSON document at the end; its exit status says whether every limit held. ``make soak`` is a day of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import httpx2
+
+from tools.served import Served, processor_s, resident_bytes, served
+from tools.stream_client import Heard, listen
+
+LATEST_S = 1.0
+"""A requirement of the product, with a hundred times what is usual on an idle machine."""
+GROWTH_BYTES, GROWTH_SHARE = 24 << 20, 0.10
+WARM_SHARE, WARM_LEAST_S = 0.25, 20.0
+LOOK_S = 5.0
+Say = Callable[[str], None]
+
+
+@dataclass
+class Look:
+    """One look from outside. ``good``: packets received; ``store_late_s``: age of the newest stored packet; ``line_late_s``: how
+    far the line is behind its best."""
+
+    at_s: float
+    good: int
+    bad: int
+    gaps: int
+    stored: int
+    store_late_s: float
+    line_late_s: float
+    resident: dict[str, int]
+    processor_s: dict[str, float]
+
+
+@dataclass
+class Report:
+    """What came of it."""
+
+    seconds: float
+    rate: float
+    workers: int
+    looks: list[Look] = field(default_factory=list)
+    heard: list[Heard] = field(default_factory=list)
+    browser: dict[str, Any] = field(default_factory=dict)
+
+    def late_ms(self, share: float) -> float:
+        """A quantile of how late the header bar came, over all clients."""
+        late = sorted(s for heard in self.heard for s in heard.late_s)
+        return 1e3 * late[min(len(late) - 1, int(share * len(late)))] if late else float("nan")
+
+    def growth(self) -> dict[str, tuple[float, float]]:
+        """(MiB after warming up, MiB at the end) of each process that lived all the time."""
+        warm = [look for look in self.looks if look.at_s >= max(WARM_LEAST_S, WARM_SHARE * self.seconds)]
+        third = max(1, len(warm) // 3)
+        names = set.intersection(*(set(look.resident) for look in warm)) if warm else set()
+        return {n: (_mib(warm[:third], n), _mib(warm[-third:], n)) for n in sorted(names)}
+
+    def problems(self) -> list[str]:
+        """Every limit that did not hold."""
+        first, last = self.looks[0], self.looks[-1]
+        packets = (last.good - first.good) / (last.at_s - first.at_s)
+        found = []
+        if packets < 0.9 * self.rate:
+            found.append(f"only {packets:.1f} packets/s of {self.rate:g} came")
+        if last.bad or last.gaps:
+            found.append(f"{last.bad} damaged packets and {last.gaps} gaps on a line without faults")
+        received, stored = last.good - first.good, last.stored - first.stored
+        if abs(received - stored) > self.rate + 20:  # the two are not asked at the same moment, and not all packets are telemetry
+            found.append(f"{received} packets received, {stored} stored")
+        if max(last.store_late_s, last.line_late_s) >= LATEST_S:
+            found.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
+        found += [f"client {k}: {text}" for k, heard in enumerate(self.heard) for text in _faults(heard)]
+        for name, (before, after) in self.growth().items():
+            if after - before > max(GROWTH_BYTES / 2**20, GROWTH_SHARE * before):
+                found.append(f"{name} grew from {before:.0f} to {after:.0f} MiB")
+        return found + [f"browser: {text}" for text in self.browser.get("problems", [])]
+
+    def plain(self) -> dict[str, Any]:
+        """For machines."""
+        first, last = self.looks[0], self.looks[-1]
+        span_s = last.at_s - first.at_s
+        return {
+            "seconds": self.seconds,
+            "workers": self.workers,
+            "clients": len(self.heard),
+            "packets_per_s": (last.good - first.good) / span_s,
+            "packets": last.good,
+            "stored": last.stored,
+            "line_gaps": last.gaps,
+            "late_ms": {"p50": self.late_ms(0.5), "p95": self.late_ms(0.95), "max": self.late_ms(1.0)},
+            "late_at_end_s": {"store": last.store_late_s, "line": last.line_late_s},
+            "messages": sum(heard.messages for heard in self.heard),
+            "jumps": sum(heard.jumps for heard in self.heard),
+            "dropped": sum(heard.dropped for heard in self.heard),
+            "reconnects": sum(heard.ended for heard in self.heard),
+            "processor_percent": {
+                name: 100 * (last.processor_s[name] - first.processor_s[name]) / span_s
+                for name in last.processor_s
+                if name in first.processor_s
+            },
+            "resident_mib": self.growth(),
+            "browser": self.browser,
+            "problems": self.problems(),
+        }
+
+
+def _faults(heard: Heard) -> list[str]:
+    found = []
+    if heard.jumps or heard.dropped:
+        found.append(f"{heard.jumps} jumps in the numbers, {heard.dropped} dropped")
+    if not heard.late_s or heard.late_s[-1] >= LATEST_S:
+        found.append(f"the last header bar came late: {heard.late_s[-1:]} s")
+    if heard.ended:
+        found.append(f"the stream ended {heard.ended} times")
+    return found
+
+
+def _mib(looks: Sequence[Look], name: str) -> float:
+    return statistics.median(look.resident[name] for look in looks) / 2**20
+
+
+async def soak(
+    server: Served,
+    seconds: float,
+    *,
+    clients: int = 10,
+    rate: float = 50.0,
+    workers: int = 0,
+    say: Say = lambda _: None,
+) -> Report:
+    """Listen and look for ``seconds``; the sensor sends already."""
+    report = Report(seconds, rate, workers, heard=[Heard() for _ in range(clients)])
+    start_s = time.monotonic()
+    end_s = start_s + seconds
+    host, port = server.host_and_port
+    listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.heard]
+    async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
+        least_late_s, next_word_s = float("inf"), 60.0
+        while True:
+            look, offset_s = await _look(http, server, start_s)
+            least_late_s = min(least_late_s, offset_s)
+            look.line_late_s = offset_s - least_late_s
+            report.looks.append(look)
+            if look.at_s >= next_word_s:
+                next_word_s += 60.0
+                say(_line(report))
+            if time.monotonic() + LOOK_S >= end_s:
+                break
+            await asyncio.sleep(LOOK_S)
+        await asyncio.gather(*listeners)
+    return report
+
+
+async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tuple[Look, float]:
+    """The look, and seconds from the device's clock to ours, of which only changes mean anything."""
+    counters = (await http.get("/link/counters")).json()["received"]
+    newest = (await http.get("/telemetry/packets", params={"packet": "housekeeping", "limit": 1})).json()[0]
+    received_s, asked_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
+    pids = server.processes()
+    bad = sum(int(counters[name]) for name in ("bad_crc", "too_long", "too_short", "undecodable"))
+    look = Look(
+        time.monotonic() - start_s,
+        int(counters["good"]),
+        bad,
+        int(counters["gaps"]),
+        int(newest["id"]),
+        asked_s - received_s,
+        0.0,
+        {name: resident_bytes(pid) for name, pid in pids.items()},
+        {name: processor_s(pid) for name, pid in pids.items()},
+    )
+    return look, received_s - float(newest["device_time_s"])
+
+
+def _line(report: Report) -> str:
+    look = report.looks[-1]
+    memory = ", ".join(f"{name} {size / 2**20:.0f}" for name, size in look.resident.items())
+    jumps, dropped = sum(h.jumps for h in report.heard), sum(h.dropped for h in report.heard)
+    return (
+        f"{look.at_s / 60:6.1f} min  {look.good} packets, gaps {look.gaps}, stored {look.stored}  "
+        f"late p95 {report.late_ms(0.95):.0f} ms, store {1e3 * look.store_late_s:.0f} ms, line {1e3 * look.line_late_s:.0f} ms  "
+        f"jumps {jumps}, dropped {dropped}  MiB: {memory}"
+    )
+
+
+@contextlib.contextmanager
+def loaded_server(folder: Path, rate: float, workers: int) -> Any:
+    """A server whose simulated sensor sends ``rate`` housekeeping packets a second."""
+    arguments = ["--simulator", "cubestar", *(["--workers", str(workers)] if workers else [])]
+    with served(folder, *arguments, GSS_SIMULATOR_OPTIONS=f"--housekeeping-hz {rate:g}") as server:
+        _wait_for_rest(server)
+        yield server
+
+
+def _wait_for_rest(server: Served) -> None:
+    """Until the sensor has been met and asked what it holds: from then on it sends housekeeping only."""
+    deadline_s = time.monotonic() + 120
+    with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
+        while time.monotonic() < deadline_s:
+            known = (http.get("/link").json()["active_bank"] or {}).get("catalogue_id")
+            if known and all(transfer["finished"] for transfer in http.get("/transfers").json()):
+                return
+            time.sleep(0.2)
+    raise RuntimeError("the sensor was not met")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run and print."""
+    parser = argparse.ArgumentParser(prog="python -m tools.soak", description=__doc__)
+    parser.add_argument("hours", type=float)
+    parser.add_argument("--workers", type=int, default=0)
+    parser.add_argument("--clients", type=int, default=10)
+    parser.add_argument("--rate", type=float, default=50.0, help="packets per second")
+    parser.add_argument("--data", type=Path, help="keep the data folder here")
+    asked = parser.parse_args(arguments)
+
+    def say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    with tempfile.TemporaryDirectory(prefix="gss-soak-") as temporary:
+        folder = asked.data or Path(temporary) / "data"
+        with loaded_server(folder, asked.rate, asked.workers) as server:
+            report = asyncio.run(
+                soak(server, asked.hours * 3600, clients=asked.clients, rate=asked.rate, workers=asked.workers, say=say)
+            )
+        size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+    print(json.dumps(report.plain() | {"data_folder_bytes": size, "last_look": asdict(report.looks[-1])}, indent=1))
+    return 1 if report.problems() else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
