@@ -14,6 +14,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -105,6 +107,62 @@ def root() -> Path:
 def photographs() -> Path:
     """The folder of sky photographs."""
     return PHOTOGRAPHS
+
+
+@pytest.fixture(scope="session")
+def signed_in() -> Callable[..., dict[str, str]]:
+    """Signs somebody in without a password, straight in the database; the headers of their requests. ``where``: a data folder,
+    Settings, a database's URL, or the services of this process. The session outlives any clock that a test turns."""
+
+    def sign_in(where: Any, role: str = "admin", name: str = "") -> dict[str, str]:
+        from gss.operations.accounts.secrets import csrf_of, key_hash, new_key
+        from gss.store import accounts
+        from gss.store.models import SignIn, User
+
+        now, key = datetime.now(UTC), new_key()
+        far, name = now + timedelta(days=3650), name or role
+        with _database(where) as database, database.unit_of_work() as session:
+            user = accounts.user_named(session, name)
+            if user is None:
+                user = User(name=name, enabled=True, password_hash="", created=now, created_by="test")
+                session.add(user)
+            user.role = role
+            session.flush()
+            session.add(
+                SignIn(
+                    user_id=user.id,
+                    key_hash=key_hash(key),
+                    created=now,
+                    last_seen=far,
+                    expires=far,
+                    end_reason="",
+                    address="",
+                    agent="",
+                )
+            )
+        return {"Cookie": f"gss_session={key}", "X-GSS": csrf_of(key)}
+
+    return sign_in
+
+
+@contextmanager
+def _database(where: Any) -> Iterator[Any]:
+    from gss.settings import Settings
+    from gss.store.engine import Database, migrate, open_engine
+
+    if not isinstance(where, str | Path | Settings):  # services
+        yield where.database
+        return
+    settings = where if isinstance(where, Settings) else None
+    if settings is None and isinstance(where, Path):
+        settings = Settings(data=where)
+    if settings is not None:
+        settings.data.mkdir(parents=True, exist_ok=True)
+    url = where if isinstance(where, str) else settings.database_url if settings else ""
+    migrate(url)
+    database = Database(open_engine(url))
+    yield database
+    database.close()
 
 
 class SensorInMemory:

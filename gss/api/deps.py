@@ -3,24 +3,111 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import Depends, Header, Path, Query, Request
+from fastapi import Depends, Path, Query, Request
+from fastapi.routing import APIRoute
 from pydantic import AfterValidator
+from starlette.types import Scope
 
 from gss.api.schemas.base import LARGEST_ID
-from gss.operations.commanding.authority import checked_user
+from gss.domain.errors import NotSignedIn
+from gss.operations.accounts import identity
+from gss.operations.accounts.permissions import VIEW, require
 from gss.wiring import Services
+
+# --- who asks -----------------------------------------------------------------------------------------------------
+
+
+def who_of(scope: Scope) -> identity.Who | None:
+    """The identity that the guard proved for this request."""
+    found: identity.Who | None = scope.get("state", {}).get("who")
+    return found
+
+
+def identity_still_valid(services: Services, who: identity.Who) -> str:
+    """Why whoever asked may no longer be answered; "" while they may. Reads the database: for streams, every few seconds."""
+    return services.accounts.why_over(who)
+
+
+def _who(request: Request) -> identity.Who:
+    who = who_of(request.scope)
+    if who is None:
+        raise NotSignedIn("nobody is signed in", hint="sign in, or send Authorization: Bearer gss_…")
+    return who
+
+
+Who = Annotated[identity.Who, Depends(_who)]
+"""Who asks, with role and permissions."""
+
+
+def _user(who: Who) -> str:
+    return who.name
+
+
+User = Annotated[str, Depends(_user)]
+"""Name of who asks."""
+
+
+# --- what it needs ------------------------------------------------------------------------------------------------
+
+
+class Need:
+    """What a route declares: a permission, some with | between, ``command`` for any command's, or ``nobody`` for what is open
+    before signing in. ``changes``: is it on the record when it was done?"""
+
+    def __init__(self, permission: str, changes: bool) -> None:
+        self.permission, self.changes = permission, changes
+
+    async def __call__(self, request: Request) -> None:
+        if self.permission != NOBODY:
+            who = _who(request)
+            require(who.permissions, self.permission, who.role)
+
+
+class Export:
+    """Marks a GET that gives a file away: it is on the record."""
+
+    async def __call__(self) -> None:
+        """Nothing to check: the permission to see is the permission to keep."""
+
+
+NOBODY = "nobody"
+EXPORT = Depends(Export())
+
+
+def need(permission: str, *, changes: bool = True) -> Any:
+    """For ``dependencies=[need("frames.import")]``. Every route that is no GET declares exactly one."""
+    return Depends(Need(permission, changes))
+
+
+def needs_of(route: object) -> list[Need]:
+    """What a route declares."""
+    return [mark for mark in _marks(route) if isinstance(mark, Need)]
+
+
+def is_export(route: object) -> bool:
+    """Does it give a file away?"""
+    return any(isinstance(mark, Export) for mark in _marks(route))
+
+
+def _marks(route: object) -> list[object]:
+    return [d.dependency for d in route.dependencies] if isinstance(route, APIRoute) else []
+
+
+async def view_by_default(request: Request) -> None:
+    """A route that declares nothing needs the permission to look."""
+    if not needs_of(request.scope.get("route")):
+        who = _who(request)
+        require(who.permissions, VIEW, who.role)
+
+
+# --- what is asked for --------------------------------------------------------------------------------------------
 
 
 def _services(request: Request) -> Services:
     services: Services = request.app.state.services
     return services
-
-
-def _user(app: Annotated[Services, Depends(_services)], x_gss_user: Annotated[str, Header()] = "") -> str:
-    """Until there is signing in: a name in the header X-GSS-User, else the server's own."""
-    return checked_user(x_gss_user or app.settings.user)
 
 
 RowId = Annotated[int, Path(ge=1, le=LARGEST_ID)]
@@ -29,9 +116,6 @@ ContactId = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
 """Optional filter by contact."""
 
 App = Annotated[Services, Depends(_services)]
-
-User = Annotated[str, Depends(_user)]
-"""Who asks."""
 
 
 def _with_zone(value: datetime) -> datetime:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import uuid
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +15,18 @@ from starlette.exceptions import HTTPException
 
 from gss.api.headers import HEADERS
 from gss.api.schemas.base import ProblemOut
-from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, LinkDown, NotFound, StoreDown
+from gss.domain.errors import (
+    BadInput,
+    Conflict,
+    CorruptData,
+    GssError,
+    LinkDown,
+    NotFound,
+    NotPermitted,
+    NotSignedIn,
+    StoreDown,
+    TooOften,
+)
 
 SEE = "see /api/openapi.json for what there is and what each field takes"
 log = logging.getLogger("gss.api")
@@ -26,17 +38,24 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (CorruptData, 409),
     (LinkDown, 503),
     (StoreDown, 503),
+    (NotSignedIn, 401),
+    (NotPermitted, 403),
+    (TooOften, 429),
 )
-PROBLEMS: dict[int | str, dict[str, Any]] = {code: {"model": ProblemOut} for code in (400, 403, 404, 409, 422, 503)}
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    code: {"model": ProblemOut} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
+}
 
 
 def install(app: FastAPI) -> None:
     """Answer every error with a ProblemOut."""
 
     @app.exception_handler(GssError)
-    def known(_request: Request, error: GssError) -> JSONResponse:
+    def known(request: Request, error: GssError) -> JSONResponse:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
-        return problem(status, error.message, error.expected, error.got, error.hint)
+        request.state.detail = error.message  # for the audit record
+        wait_s = error.retry_after_s if isinstance(error, TooOften) else 0.0
+        return problem(status, error.message, error.expected, error.got, error.hint, retry_after_s=wait_s)
 
     @app.exception_handler(RequestValidationError)
     def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
@@ -52,13 +71,20 @@ def install(app: FastAPI) -> None:
 
 
 def problem(
-    status: int, message: str, expected: str = "", got: str = "", hint: str = "", cause: Exception | None = None
+    status: int,
+    message: str,
+    expected: str = "",
+    got: str = "",
+    hint: str = "",
+    cause: Exception | None = None,
+    retry_after_s: float = 0.0,
 ) -> JSONResponse:
     """The answer, and its line in the log."""
     texts = {"message": message, "expected": expected, "got": got, "hint": hint}
     body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
-    return JSONResponse(body.model_dump(), status, headers=HEADERS)
+    later = {"Retry-After": str(math.ceil(retry_after_s))} if retry_after_s else {}
+    return JSONResponse(body.model_dump(), status, headers=HEADERS | later)
 
 
 def _printable(text: str) -> str:

@@ -37,6 +37,7 @@ def serve_behind_workers(
             log_level="warning",
             timeout_graceful_shutdown=GRACE_S,
             server_header=False,
+            proxy_headers=False,
         )
         try:
             with contextlib.suppress(KeyboardInterrupt):

@@ -43,9 +43,7 @@ def main() -> None:
             app.state.fanout.close()
             super().handle_exit(sig, frame)
 
-    config = uvicorn.Config(
-        app, log_level="warning", timeout_graceful_shutdown=GRACE_S, server_header=False, **order.options
-    )
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **order.options)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt):
         Server(config).run(sockets=[listener])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import socket
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def register(subparsers: Subparsers) -> None:
     """Add the command."""
     parser = subparsers.add_parser("serve", help="start the server; prints one address")
-    parser.add_argument("--host", help="loopback address to listen on (GSS_HOST)")
+    parser.add_argument("--host", help="address to listen on; another than loopback needs TLS or a proxy (GSS_HOST)")
     parser.add_argument("--port", type=int, help="port of the console; 0 takes a free one (GSS_PORT)")
     parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")
     parser.add_argument("--device", help="port of the sensor: a tty, socket:// or rfc2217:// URL (GSS_DEVICE)")
@@ -31,7 +32,7 @@ def register(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
-    from gss.api.loopback import check_host
+    from gss.api.perimeter import check_exposure
     from gss.domain.errors import BadInput
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
@@ -43,7 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
         settings = Settings(**given)
     except ValueError as error:
         raise BadInput("a setting cannot be used", got=" ".join(str(error).split()), hint="gss serve --help") from None
-    check_host(settings.host)
+    check_exposure(settings)
+    os.umask(0o077)  # what the server writes is its owner's alone
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))
         stack.enter_context(sole_server(settings.database_url))
@@ -68,6 +70,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     import uvicorn
 
     from gss.api.app import create_app
+    from gss.api.serving import greeting, uvicorn_options
     from gss.wiring import build
 
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
@@ -82,15 +85,15 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
             services.announce_stop()
             super().handle_exit(sig, frame)
 
+    port = listener.getsockname()[1]
+    print(greeting(settings, port, services.accounts.users.set_up_link()), flush=True)
     if settings.workers:
         from gss.api.link_process import serve_behind_workers
 
-        print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
-        serve_behind_workers(app, services, settings, listener, {})
+        serve_behind_workers(app, services, settings, listener, uvicorn_options(settings))
         return
 
-    print(f"GSS is at http://{settings.host}:{listener.getsockname()[1]}", flush=True)
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, server_header=False)
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, **uvicorn_options(settings))
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after a clean stop
         Server(config).run(sockets=[listener])
 

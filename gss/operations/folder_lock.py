@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,11 +11,21 @@ from pathlib import Path
 from gss.domain.errors import Conflict, StoreDown
 
 
+def own_folder(folder: Path) -> None:
+    """Make a data folder that only its owner can open; one that was there is closed to everybody outside its group."""
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+    elif folder.stat().st_mode & 0o007:
+        with contextlib.suppress(PermissionError):  # somebody else's folder that we may write to
+            folder.chmod(folder.stat().st_mode & 0o770)
+
+
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the folder; Conflict when another process holds it. The operating system lets go even after kill -9."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        own_folder(folder)
         file = (folder / "server.lock").open("w")
     except OSError as error:
         raise StoreDown(

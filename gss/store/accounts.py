@@ -70,6 +70,16 @@ def end_sign_ins(session: Session, user_id: int, now: datetime, reason: str) -> 
     session.execute(update(SignIn).where(*mine).values(ended=now, end_reason=reason))
 
 
+def seen(session: Session, sign_in_id: int, at: datetime) -> None:
+    """Something was asked with this session."""
+    session.execute(update(SignIn).where(SignIn.id == sign_in_id).values(last_seen=at))
+
+
+def used(session: Session, token_id: int, at: datetime) -> None:
+    """Something was asked with this token."""
+    session.execute(update(ApiToken).where(ApiToken.id == token_id).values(last_used=at))
+
+
 def signed_in_from(session: Session, user_id: int, address: str, since: datetime) -> bool:
     """Has this user signed in from there before?"""
     found = exists().where(SignIn.user_id == user_id, SignIn.address == address, SignIn.created >= since)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Select, select
@@ -16,11 +17,13 @@ BATCH = 500
 
 @dataclass(frozen=True)
 class AuditFilter:
-    """Which rows: of one who, action (its beginning), result; "" is any."""
+    """Which rows: of one who, action (its beginning), result; "" is any. From ``since`` on, before ``until``."""
 
     who: str = ""
     action: str = ""
     result: str = ""
+    since: datetime | None = None
+    until: datetime | None = None
 
     def apply(self, query: Select[Any]) -> Select[Any]:
         """The query with its conditions."""
@@ -30,6 +33,10 @@ class AuditFilter:
             query = query.where(AuditRow.action.startswith(self.action, autoescape=True))
         if self.result:
             query = query.where(AuditRow.result == self.result)
+        if self.since:
+            query = query.where(AuditRow.at >= self.since)
+        if self.until:
+            query = query.where(AuditRow.at < self.until)
         return query
 
 

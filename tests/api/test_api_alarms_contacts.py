@@ -14,11 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.api.app import create_app
 from gss.settings import Settings
 from gss.wiring import build
 
-OPTIONS = {"base_url": "http://localhost", "headers": {"X-GSS": "1"}, "raise_server_exceptions": False}
 TEMPERATURE = "housekeeping.sensor_temperature_c"
 
 
@@ -51,12 +49,12 @@ class Room:
 
 
 @pytest.fixture
-def room(sensor_in_memory, tmp_path) -> Iterator[Room]:
+def room(sensor_in_memory, tmp_path, client_of) -> Iterator[Room]:
     """A server in this process whose line leads to a sensor in memory."""
     sensor = sensor_in_memory()
     sensor.PAUSE_S = 0.002  # five times real time: staleness goes by the wall clock
     services = build(Settings(data=tmp_path / "data"))
-    with TestClient(create_app(services), **OPTIONS) as client:
+    with client_of(services) as client:
         services.link.open_later(sensor.url)
         room = Room(client, sensor)
         room.wait(lambda: room.get("/link")["device"] != "no device")
@@ -71,7 +69,7 @@ def test_an_operators_limit_raises_an_alarm_that_is_seen_shelved_and_closed(room
     assert (before["set"], row["origin"], row["persistence"]) == ("nominal", "dictionary", 3)
     own = {"watch": [None, -60], "persistence": 1, "note": "test of the alarm"}
     changed = room.send("PUT", f"/telemetry/limits/{TEMPERATURE}", own)
-    assert (changed["origin"], changed["watch"], changed["changed_by"]) == ("operator", [None, -60], "operator-1")
+    assert (changed["origin"], changed["watch"], changed["changed_by"]) == ("operator", [None, -60], "ann")
     alarm = room.wait(lambda: room.alarm("sensor_temperature_c"))
     assert (alarm["state"], alarm["level"], alarm["worst"], alarm["unit"]) == ("raised", "watch", "watch", "°C")
     assert alarm["limit_text"] == "above -60 (watch)"

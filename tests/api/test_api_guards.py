@@ -7,8 +7,9 @@ import json
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.api.loopback import check_host
+from gss.api.perimeter import check_exposure
 from gss.domain.errors import BadInput
+from gss.settings import Settings
 
 
 def test_every_answer_carries_the_strict_policy(client):
@@ -24,12 +25,12 @@ def test_a_foreign_page_can_neither_read_nor_change(client):
     """Another origin, another host name (DNS rebinding) and a request without our mark are refused with words."""
     assert client.get("/api/link", headers={"Origin": "http://evil.example"}).status_code == 403
     assert client.get("/api/link", headers={"Host": "evil.example"}).status_code == 403
-    reply = client.post("/api/link/close", headers={"X-GSS": "", "Origin": "http://evil.example"})
+    reply = client.post("/api/link/close", headers={"Origin": "http://evil.example"})
     assert reply.status_code == 403
     unmarked = client.build_request("POST", "/api/link/close")
     del unmarked.headers["X-GSS"]
     reply = client.send(unmarked)
-    assert (reply.status_code, reply.json()["expected"]) == (403, "X-GSS: 1")
+    assert (reply.status_code, reply.json()["message"]) == (403, "a change needs the session's own mark")
 
 
 def test_our_own_page_may(client):
@@ -47,14 +48,21 @@ def test_a_body_beyond_the_cap_is_refused_before_it_is_read(client):
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
 def test_loopback_addresses_may_be_listened_on(host):
     """All of them."""
-    assert check_host(host) == host
+    check_exposure(Settings(host=host))
 
 
-@pytest.mark.parametrize("host", ["192.168.1.5", "example.org", "", "::"])
-def test_other_addresses_may_not(host):
-    """There is no sign-in yet."""
+@pytest.mark.parametrize("host", ["192.168.1.5", "example.org", "", "::", "0.0.0.0"])  # noqa: S104 - that is the point
+def test_other_addresses_need_tls_or_a_proxy(host):
+    """Both with all that belongs to them."""
     with pytest.raises(BadInput, match="loopback only"):
-        check_host(host)
+        check_exposure(Settings(host=host))
+    check_exposure(Settings(host=host, tls_certificate="c.pem", tls_key="k.pem"))
+    check_exposure(Settings(host=host, behind_proxy=True, public_names="gss.example.org"))
+    for half in ({"tls_certificate": "c.pem"}, {"tls_key": "k.pem"}, {"behind_proxy": True}):
+        with pytest.raises(BadInput):
+            check_exposure(Settings(host=host, **half))
+    with pytest.raises(BadInput, match="list of proxies"):
+        check_exposure(Settings(behind_proxy=True, public_names="x.org", trusted_proxies="everybody"))
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 
-ALICE = {"X-GSS-User": "alice"}
-BOB = {"X-GSS-User": "bob"}
+
+@pytest.fixture(scope="module")
+def headers(client: TestClient, signed_in: Callable[..., dict[str, str]]) -> dict[str, dict[str, str]]:
+    """Of requests of alice, bob and carol."""
+    return {name: signed_in(client.app.state.services, "operator", name) for name in ("alice", "bob", "carol")}
 
 
 @pytest.mark.parametrize(
@@ -18,19 +22,22 @@ BOB = {"X-GSS-User": "bob"}
         ("/api/link/open", {"url": "socket://127.0.0.1:9"}),
         ("/api/link/acknowledge-dictionary", None),
         ("/api/transfers/download", {"kind": "frame", "slot": 0}),
+        ("/api/frames/download", {"kind": "frame", "slot": 0}),
         ("/api/transfers/1/resume", None),
         ("/api/commands", {"name": "GET_STATUS", "arguments": {}, "confirm": ""}),
     ],
 )
-def test_nobody_else_commands_through_a_side_door(client: TestClient, path: str, body: dict[str, Any] | None) -> None:
+def test_nobody_else_commands_through_a_side_door(
+    client: TestClient, headers: dict[str, dict[str, str]], path: str, body: dict[str, Any] | None
+) -> None:
     """While alice holds authority bob is told so, whatever door he takes."""
-    assert client.post("/api/authority/take", headers=ALICE).status_code in (200, 409)
-    answer = client.post(path, json=body, headers=BOB)
+    assert client.post("/api/authority/take", headers=headers["alice"]).status_code in (200, 409)
+    answer = client.post(path, json=body, headers=headers["bob"])
     assert answer.status_code == 409, answer.text
     assert "alice" in answer.text
 
 
-def test_the_record_names_who_changed_a_limit(client: TestClient) -> None:
+def test_the_record_names_who_changed_a_limit(client: TestClient, headers: dict[str, dict[str, str]]) -> None:
     """Not the server's own user."""
     limit = {
         "watch": [-10, 40],
@@ -40,7 +47,7 @@ def test_the_record_names_who_changed_a_limit(client: TestClient) -> None:
         "note": "bench",
     }
     key = "housekeeping.sensor_temperature_c"
-    changed = client.put(f"/api/telemetry/limits/{key}", json=limit, headers={"X-GSS-User": "carol"})
+    changed = client.put(f"/api/telemetry/limits/{key}", json=limit, headers=headers["carol"])
     assert changed.status_code == 200, changed.text
     assert changed.json()["changed_by"] == "carol"
 

@@ -39,10 +39,34 @@ EXPECTED_ERRORS = (
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """``gss serve`` with a simulated CubeStar at 3 MBd and stars of Orion; its address."""
-    folder = tmp_path_factory.mktemp("data")
-    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), "--simulator", "cubestar"]
+def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The server's data folder."""
+    folder: Path = tmp_path_factory.mktemp("data")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def headers(data_folder: Path, signed_in: Callable[..., dict[str, str]]) -> dict[str, str]:
+    """Of requests of an admin, for what a test does past the page."""
+    return signed_in(data_folder)
+
+
+@pytest.fixture(scope="module")
+def address(data_folder: Path, headers: dict[str, str]) -> Iterator[str]:
+    """``gss serve`` with a simulated CubeStar at 3 MBd and stars of Orion, and an admin; its address."""
+    assert headers
+    command = [
+        sys.executable,
+        "-m",
+        "gss",
+        "serve",
+        "--port",
+        "0",
+        "--data",
+        str(data_folder),
+        "--simulator",
+        "cubestar",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     line = next(line for line in process.stdout if "http://" in line)
@@ -62,9 +86,18 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def page(browser: Browser, address: str) -> Iterator[Page]:
-    """A page that fails its test on a console error or on any request that leaves the origin."""
+def cookie(headers: dict[str, str]) -> str | None:
+    """Key of the admin's session; None in tests that sign in by hand."""
+    return headers["Cookie"].split("=", 1)[1]
+
+
+@pytest.fixture
+def page(browser: Browser, address: str, cookie: str | None) -> Iterator[Page]:
+    """A page on which an admin is signed in, that fails its test on a console error or on any request that leaves the origin."""
     context = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900})
+    if cookie:
+        morsel = {"name": "gss_session", "value": cookie, "url": address, "httpOnly": True, "sameSite": "Strict"}
+        context.add_cookies([morsel])
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     errors: list[str] = []

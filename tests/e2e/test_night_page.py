@@ -40,13 +40,13 @@ def files() -> list[dict[str, str | bytes]]:
 
 
 @pytest.fixture(scope="module")
-def imported(address: str, browser) -> str:  # type: ignore[no-untyped-def]
+def imported(address: str, browser, headers: dict[str, str]) -> str:  # type: ignore[no-untyped-def]
     """The frames are in the store and solved; their numbers as the page writes them."""
     context = browser.new_context(base_url=address)
     ids = []
     for file in files():
         answer = context.request.post(
-            "/api/frames/import", headers={"X-GSS": "1"}, multipart={"file": file, "profile": "cubestar"}
+            "/api/frames/import", headers=headers, multipart={"file": file, "profile": "cubestar"}
         )
         assert answer.ok, answer.text()
         ids.append(answer.json()["id"])

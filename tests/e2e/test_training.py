@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
+import httpx2
 import pytest
 from playwright.sync_api import expect
 
@@ -43,13 +44,14 @@ def test_an_alarm_latches_until_it_is_back_and_seen(page, picture):
     expect(page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")).to_have_count(0)
 
 
-def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(page, picture):
+def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
+    page, picture, address, headers, data_folder, signed_in
+):
     """Controls say who holds it; after breaking it commands go out again; ABORT was never blocked."""
-    taken = page.request.post("/api/authority/take", headers={"X-GSS": "1", "X-GSS-User": "operator-2"})
-    if not taken.ok:
-        page.request.post("/api/authority/release", headers={"X-GSS": "1"})
-        taken = page.request.post("/api/authority/take", headers={"X-GSS": "1", "X-GSS-User": "operator-2"})
-    assert taken.ok, taken.text()
+    httpx2.post(f"{address}/api/authority/release", headers=headers)
+    other = signed_in(data_folder, "operator", "operator-2")
+    taken = httpx2.post(f"{address}/api/authority/take", headers=other)
+    assert taken.status_code == 200, taken.text
     page.goto("/commands")
     expect(page.get_by_test_id("authority")).to_contain_text("operator-2 holds it")
     expect(page.get_by_test_id("command-send")).to_be_disabled()

@@ -20,9 +20,9 @@ START_S = 60.0
 class Console:
     """A client with the patience of an operator."""
 
-    def __init__(self, address: str) -> None:
-        self.address = address
-        self.http = httpx2.Client(base_url=f"{address}/api", headers={"X-GSS": "1"}, timeout=30)
+    def __init__(self, address: str, headers: dict[str, str]) -> None:
+        self.address, self.headers = address, headers
+        self.http = httpx2.Client(base_url=f"{address}/api", headers=headers, timeout=30)
 
     def get(self, path: str, **query: Any) -> Any:
         """JSON of a page that must exist."""
@@ -57,9 +57,9 @@ class Console:
 
 
 class Server:
-    """``gss serve`` as a child process on a free port."""
+    """``gss serve`` as a child process on a free port. ``headers``: of requests of somebody who is signed in."""
 
-    def __init__(self, folder: Path, *arguments: str, **environment: str) -> None:
+    def __init__(self, folder: Path, headers: dict[str, str], *arguments: str, **environment: str) -> None:
         self.folder = folder
         command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
         self.log = (folder.parent / f"{folder.name}.log").open("ab")
@@ -70,7 +70,7 @@ class Server:
             text=True,
             env={**os.environ, "GSS_SIMULATOR_BAUD": "0", **environment},
         )
-        self.console = Console(self._address())
+        self.console = Console(self._address(), headers)
 
     def _address(self) -> str:
         assert self.process.stdout is not None
@@ -100,12 +100,15 @@ class Server:
 
 
 @pytest.fixture
-def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
-    """Starts servers on one data folder and ends those that are left."""
+def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[Callable[..., Server]]:
+    """Starts servers on one data folder, with an admin signed in, and ends those that are left."""
     started: list[Server] = []
 
     def start(*arguments: str, **environment: str) -> Server:
-        started.append(Server(tmp_path / "data", *arguments, **environment))
+        again = bool(started) and not environment.get("GSS_DATABASE")
+        where = environment.get("GSS_DATABASE") or tmp_path / "data"
+        headers = started[-1].console.headers if again else signed_in(where)
+        started.append(Server(tmp_path / "data", headers, *arguments, **environment))
         return started[-1]
 
     yield start

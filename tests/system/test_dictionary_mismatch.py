@@ -15,7 +15,7 @@ from gss.wiring import build
 pytestmark = pytest.mark.timeout(120)
 
 
-def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, tmp_path, monkeypatch):
+def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, tmp_path, monkeypatch, signed_in):
     """The header says so, commands are refused with words, ABORT is not; after acknowledging they pass."""
     import gss.wiring
 
@@ -23,7 +23,8 @@ def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, t
     other = dataclasses.replace(ours, hash=bytes(32))
     monkeypatch.setattr(gss.wiring, "load_dictionary", lambda: other)
     settings = Settings(data=tmp_path / "data", device=simulator)
-    with TestClient(create_app(build(settings)), base_url="http://localhost", headers={"X-GSS": "1"}) as client:
+    headers = signed_in(settings)
+    with TestClient(create_app(build(settings)), base_url="http://localhost", headers=headers) as client:
 
         def link():
             return client.get("/api/link").json()

@@ -6,18 +6,19 @@ import json
 import subprocess
 import sys
 import threading
+from typing import Any
 
 import pytest
 
 pytestmark = pytest.mark.timeout(240)
 
 
-def read_stream(address: str, seen: dict[str, list], last_event_id: str, enough: threading.Event) -> None:
+def read_stream(console: Any, seen: dict[str, list], last_event_id: str, enough: threading.Event) -> None:
     """Collect events by kind until three commands and a frame came, as an EventSource would."""
     import httpx2
 
-    headers = {"Last-Event-ID": last_event_id} if last_event_id else {}
-    with httpx2.stream("GET", f"{address}/api/stream", headers=headers, timeout=60) as reply:
+    headers = console.headers | ({"Last-Event-ID": last_event_id} if last_event_id else {})
+    with httpx2.stream("GET", f"{console.address}/api/stream", headers=headers, timeout=60) as reply:
         kind = ""
         for line in reply.iter_lines():
             if line.startswith("event:"):
@@ -35,7 +36,7 @@ def test_stream_tells_everything_that_happens_and_resumes(serve):
     console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     seen: dict[str, list] = {}
     enough = threading.Event()
-    reader = threading.Thread(target=read_stream, args=(console.address, seen, "1", enough), daemon=True)
+    reader = threading.Thread(target=read_stream, args=(console, seen, "1", enough), daemon=True)
     reader.start()
     console.wait("the stream", lambda: "link" in seen)
     assert seen["event"][0]["seq"] == 2, "resumed after event 1"

@@ -89,7 +89,7 @@ def test_line_that_vanishes_and_returns_is_opened_again(serve, simulator):
 
 
 def test_server_refuses_to_listen_beyond_this_machine():
-    """Without sign-in there is no other address than loopback."""
+    """Without TLS there is no other address than loopback."""
     command = [sys.executable, "-m", "gss", "serve", "--host", "192.0.2.1", "--port", "0"]
     other = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert other.returncode == 2
@@ -118,7 +118,9 @@ def test_stopping_with_an_open_stream_is_quick_and_quiet(serve):
     opened = threading.Event()
 
     def listen() -> None:
-        with httpx2.stream("GET", f"{server.console.address}/api/stream", timeout=30) as reply:
+        with httpx2.stream(
+            "GET", f"{server.console.address}/api/stream", headers=server.console.headers, timeout=30
+        ) as reply:
             for line in reply.iter_lines():
                 if line.startswith("event: link"):
                     opened.set()

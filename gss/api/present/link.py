@@ -24,7 +24,6 @@ def link(header: Header) -> LinkOut:
         banks=banks,
         active_bank=active,
         alarms=[AlarmOut.model_validate(a) for a in header.alarms],
-        role="operator",
     )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisIn, AnalysisOut, FrameAnalysisIn
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.reports import ReportViewOut
@@ -26,7 +26,7 @@ def list_analyses(
     return [AnalysisOut(**_facts(row)) for row in app.analyses.newest(limit, kind)]
 
 
-@router.post("", status_code=202)
+@router.post("", status_code=202, dependencies=[need("analyse")])
 def analyse(app: App, user: User, body: AnalysisIn) -> JobOut:
     """Analyse as a job; its result names the analysis."""
     wanted: FrameAnalysis | TelemetryAnalysis
@@ -54,7 +54,7 @@ def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
     return AnalysisDetailOut(**_facts(row), request=row.request, figures=row.result["figures"], report=report)
 
 
-@router.get("/{analysis_id}/export", response_class=Response)
+@router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf"] = "pdf") -> Response:
     """The report to read and print, or everything for programs."""
     headers = {"Content-Disposition": f"attachment; filename=analysis-{analysis_id}.{kind}"}

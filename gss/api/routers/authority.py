@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App, User
+from gss.api.deps import App, User, need
 from gss.api.schemas.authority import AuthorityOut, BreakIn
 
 router = APIRouter(tags=["authority"])
@@ -17,19 +17,19 @@ def read_authority(app: App, user: User) -> AuthorityOut:
     return present.authority.authority(app.authority.state(), user)
 
 
-@router.post("/authority/take")
+@router.post("/authority/take", dependencies=[need("authority.take")])
 def take_authority(app: App, user: User) -> AuthorityOut:
     """Take it while nobody holds it."""
     return present.authority.authority(app.authority.take(user), user)
 
 
-@router.post("/authority/release")
+@router.post("/authority/release", dependencies=[need("authority.take")])
 def release_authority(app: App, user: User) -> AuthorityOut:
     """Give it back."""
     return present.authority.authority(app.authority.release(user), user)
 
 
-@router.post("/authority/break")
+@router.post("/authority/break", dependencies=[need("authority.break")])
 def break_authority(app: App, user: User, body: BreakIn) -> AuthorityOut:
     """Take it from its holder, with a reason."""
     return present.authority.authority(app.authority.break_(user, body.reason), user)

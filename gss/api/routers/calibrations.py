@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.calibrations import (
     CalibrationDetailOut,
     CalibrationDiffOut,
@@ -45,7 +45,7 @@ def list_calibrations(
     ]
 
 
-@router.post("", status_code=202)
+@router.post("", status_code=202, dependencies=[need("calibrate")])
 def calibrate(app: App, user: User, body: CalibrationIn) -> JobOut:
     """Calibrate as a job; its result names the calibration."""
     return present.records.job(app.calibrations.start(_wanted(body), body.name, body.note, user=user))
@@ -57,7 +57,7 @@ def compare(app: App, older: Identity, newer: Identity) -> CalibrationDiffOut:
     return present.calibrations.difference(app.calibrations.compare(older, newer))
 
 
-@router.post("/documented")
+@router.post("/documented", dependencies=[need("calibrate")])
 def use_documented(app: App, user: User, body: DocumentedIn) -> None:
     """Rerun frames of this camera with its documented values again."""
     app.calibrations.use_documented(body.profile, user=user)
@@ -69,19 +69,19 @@ def read_calibration(app: App, calibration_id: RowId) -> CalibrationDetailOut:
     return _detail(app, app.calibrations.get(calibration_id))
 
 
-@router.post("/{calibration_id}/use")
+@router.post("/{calibration_id}/use", dependencies=[need("calibrate")])
 def use(app: App, user: User, calibration_id: RowId) -> CalibrationDetailOut:
     """Rerun frames with this camera from now on."""
     return _detail(app, app.calibrations.use(calibration_id, user=user))
 
 
-@router.post("/{calibration_id}/table", status_code=201)
+@router.post("/{calibration_id}/table", status_code=201, dependencies=[need("calibrate")])
 def make_table(app: App, user: User, calibration_id: RowId) -> TableDetailOut:
     """The calibration as a table for the sensor; it is sent from /tables."""
     return present.tables.table_detail(app.calibrations.table(calibration_id, user=user), app.tables.on_board())
 
 
-@router.get("/{calibration_id}/export", response_class=Response)
+@router.get("/{calibration_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, calibration_id: RowId, kind: Literal["json", "ecsv", "html", "pdf"] = "json") -> Response:
     """A version for other programs, or its report to read and print."""
     data = export_calibration(app.calibrations.get(calibration_id), kind)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, User
+from gss.api.deps import EXPORT, App, User, need
 from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
 from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
@@ -24,13 +24,13 @@ def list_experiments(_: App) -> list[ExperimentOut]:
     return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in ENTRIES.values()]
 
 
-@router.post("/experiments", status_code=201)
+@router.post("/experiments", status_code=201, dependencies=[need("campaigns")])
 def run_experiments(app: App, body: ExperimentsIn) -> JobOut:
     """Rerun some of them; a job."""
     return present.records.job(app.campaigns.run_experiments(body.names, body.trials, body.seed))
 
 
-@router.post("/reprocess", status_code=201)
+@router.post("/reprocess", status_code=201, dependencies=[need("campaigns")])
 def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
     """Run a chain over many stored frames; a job. Starting it again does what is left."""
     wanted = Reprocessing(body.chain, tuple(body.frame_ids), body.profile, body.again)
@@ -56,7 +56,7 @@ def compare_chains(app: App) -> list[ChainRecordOut]:
     ]
 
 
-@router.get("/solutions", response_class=Response)
+@router.get("/solutions", response_class=Response, dependencies=[EXPORT])
 def solutions_table(
     app: App, format: Literal["csv", "parquet"] = "csv", chain: Annotated[str, Query(max_length=30)] = ""
 ) -> Response:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from gss.api import present, security
 from gss.api.catalogue_words import request_of
-from gss.api.deps import App, Moment, RowId, User
+from gss.api.deps import EXPORT, App, Moment, RowId, User, need
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
@@ -59,7 +59,7 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
     return [present.catalogues.catalogue(row, banks) for row in app.catalogues.newest(limit)]
 
 
-@router.post("/preview")
+@router.post("/preview", dependencies=[need("catalogues.build", changes=False)])
 def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) -> PreviewOut:
     """The quick look while parameters change; ``ambiguity`` adds a coarse map of where stars can be mistaken."""
     quick = app.catalogues.preview(request_of(body, user, utc_now()), mistakes=ambiguity)
@@ -74,7 +74,7 @@ def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) ->
     )
 
 
-@router.post("", status_code=202)
+@router.post("", status_code=202, dependencies=[need("catalogues.build")])
 def build_catalogue(app: App, user: User, body: CatalogueIn) -> JobOut:
     """Build as a job; its result names the catalogue."""
     request = request_of(body, user, utc_now())
@@ -106,7 +106,7 @@ def list_sources(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> l
     return [StarListOut.model_validate(row) for row in app.star_lists.newest(limit)]
 
 
-@router.post("/sources", status_code=201)
+@router.post("/sources", status_code=201, dependencies=[need("catalogues.build")])
 def add_source(
     app: App,
     user: User,
@@ -128,7 +128,7 @@ def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
     return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
 
 
-@router.get("/{catalogue_id}/report.html", response_class=HTMLResponse)
+@router.get("/{catalogue_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
 def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
     """The quality report to read and to print: one page without scripts, complete in itself."""
     return HTMLResponse(as_html(_sheet(app.catalogues.get(catalogue_id))))
@@ -147,7 +147,7 @@ def _sheet(row: Catalogue) -> Report:
     return catalogue_sheet({**named, **row.manifest, "name": row.name}, row.report)
 
 
-@router.get("/{catalogue_id}/export", response_class=Response)
+@router.get("/{catalogue_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
     """The catalogue as a file: bank image, manifest, C source, the star list, or every table."""
     found = app.catalogues.export(catalogue_id, kind)
@@ -155,14 +155,14 @@ def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
     return Response(found.content, media_type=found.media_type, headers=headers)
 
 
-@router.get("/{catalogue_id}/image.bin", response_class=Response)
+@router.get("/{catalogue_id}/image.bin", response_class=Response, dependencies=[EXPORT])
 def image(app: App, catalogue_id: RowId) -> Response:
     """The bytes for the bank."""
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.bin"}
     return Response(app.catalogues.image(catalogue_id), media_type="application/octet-stream", headers=headers)
 
 
-@router.get("/{catalogue_id}/manifest.json", response_class=Response)
+@router.get("/{catalogue_id}/manifest.json", response_class=Response, dependencies=[EXPORT])
 def manifest(app: App, catalogue_id: RowId) -> Response:
     """What the image holds and where it comes from."""
     text = json.dumps(app.catalogues.get(catalogue_id).manifest, indent=1)
@@ -170,7 +170,7 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
     return Response(text, media_type="application/json", headers=headers)
 
 
-@router.post("/{catalogue_id}/upload", status_code=201)
+@router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
 def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User) -> TransferOut:
     """Send it to an inactive bank."""
     app.authority.check(user)

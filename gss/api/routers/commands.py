@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import App, ContactId, Moment, RowId, User
+from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, need
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
@@ -66,13 +66,13 @@ def list_commands(app: App, wanted: Wanted, limit: Limit = 100, before: ContactI
     return [present.commands.command(app.commands.view(row)) for row in app.history.page(wanted, limit, before)]
 
 
-@router.get("/commands.csv", response_class=StreamingResponse)
+@router.get("/commands.csv", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands(app: App, wanted: Wanted) -> StreamingResponse:
     """Everything that fits the filter as a table, oldest first."""
     return _file(app.history.csv(wanted), "text/csv", "commands.csv")
 
 
-@router.get("/commands.json", response_class=StreamingResponse)
+@router.get("/commands.json", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands_json(app: App, wanted: Wanted) -> StreamingResponse:
     """The same as JSON."""
     return _file(app.history.json(wanted), "application/json", "commands.json")
@@ -84,7 +84,7 @@ def read_facets(app: App) -> FacetsOut:
     return FacetsOut(**app.history.facets())
 
 
-@router.post("/commands/check")
+@router.post("/commands/check", dependencies=[need("view", changes=False)])
 def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
     """Dry run: the bytes, the hazard, the preconditions, the problems. Nothing is sent."""
     result = app.commands.check(body.name, body.arguments, user=user)
@@ -92,13 +92,13 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
     return present.commands.check(result, names)
 
 
-@router.post("/commands/abort", status_code=201)
+@router.post("/commands/abort", status_code=201, dependencies=[need("view")])
 def abort(app: App, user: User) -> CommandOut:
     """ABORT, ahead of everything."""
     return _shown(app, app.commands.abort(user=user, source="abort"))
 
 
-@router.post("/commands", status_code=201)
+@router.post("/commands", status_code=201, dependencies=[need("command")])
 def send_command(app: App, body: CommandIn, user: User) -> CommandOut:
     """Queue a command."""
     return _shown(app, app.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form"))
@@ -110,19 +110,19 @@ def read_command(app: App, command_id: RowId) -> CommandOut:
     return _shown(app, app.commands.get(command_id))
 
 
-@router.post("/commands/{command_id}/retry")
+@router.post("/commands/{command_id}/retry", dependencies=[need("command")])
 def retry_command(app: App, command_id: RowId, user: User) -> CommandOut:
     """The same bytes with the same id, only while unknown."""
     return _shown(app, app.commands.retry(command_id, user=user))
 
 
-@router.post("/commands/{command_id}/withdraw")
+@router.post("/commands/{command_id}/withdraw", dependencies=[need("command")])
 def withdraw_command(app: App, command_id: RowId, user: User) -> CommandOut:
     """Take a command back that still waits in the queue."""
     return _shown(app, app.commands.withdraw(command_id, user=user))
 
 
-@router.post("/commands/{command_id}/resolve")
+@router.post("/commands/{command_id}/resolve", dependencies=[need("command")])
 def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User) -> CommandOut:
     """Settle an unknown command with a note."""
     return _shown(app, app.commands.resolve(command_id, body.note, user=user))

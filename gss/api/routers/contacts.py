@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse, HTMLResponse, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.present.contact_sheet import contact_sheet
 from gss.api.schemas.contacts import (
     ContactDetailOut,
@@ -40,7 +40,7 @@ def read_contact(app: App, contact_id: RowId) -> ContactDetailOut:
     return present.contacts.detail(app.contacts.detail(contact_id))
 
 
-@router.put("/contacts/{contact_id}/note")
+@router.put("/contacts/{contact_id}/note", dependencies=[need("contacts.note")])
 def note_contact(app: App, user: User, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
     """What an operator has to say about it."""
     return present.contacts.detail(app.contacts.note(contact_id, body.note, user=user))
@@ -52,7 +52,7 @@ def check_record(app: App, contact_id: RowId) -> RecordOut:
     return present.contacts.record(contact_id, app.contacts.record(contact_id))
 
 
-@router.get("/contacts/{contact_id}/captures/{file}", response_class=FileResponse)
+@router.get("/contacts/{contact_id}/captures/{file}", response_class=FileResponse, dependencies=[EXPORT])
 def read_capture(app: App, contact_id: RowId, file: str) -> FileResponse:
     """A file of the raw capture."""
     path = app.contacts.file(contact_id, file)
@@ -69,7 +69,7 @@ def report(app: App, contact_id: RowId) -> ReportOut:
     return present.contacts.report(_report(app, contact_id))
 
 
-@router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse)
+@router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
 def report_page(app: App, contact_id: RowId) -> HTMLResponse:
     """The pass report to read and to print: one page without scripts, complete in itself."""
     return HTMLResponse(as_html(contact_sheet(report(app, contact_id))))
@@ -84,7 +84,7 @@ def report_pdf(app: App, contact_id: RowId) -> Response:
     return Response(data, media_type="application/pdf", headers=headers)
 
 
-@router.post("/contacts/{contact_id}/replay", status_code=201)
+@router.post("/contacts/{contact_id}/replay", status_code=201, dependencies=[need("replay")])
 def start_replay(app: App, contact_id: RowId, body: ReplayIn) -> ReplayOut:
     """Replay its capture into a view of its own, in place of what is being replayed."""
     return present.contacts.replay(app.capture_replay.start(contact_id, body.speed, _unix(body.start)))
@@ -96,7 +96,7 @@ def read_replay(app: App) -> ReplayOut:
     return present.contacts.replay(app.capture_replay.state)
 
 
-@router.put("/replay")
+@router.put("/replay", dependencies=[need("replay")])
 def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
     """Another speed, a halt, another place."""
     fastest = "speed" in body.model_fields_set and body.speed is None
@@ -106,7 +106,7 @@ def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
     return present.contacts.replay(state)
 
 
-@router.delete("/replay")
+@router.delete("/replay", dependencies=[need("replay")])
 def stop_replay(app: App) -> ReplayOut:
     """End it."""
     return present.contacts.replay(app.capture_replay.stop())

@@ -7,7 +7,7 @@ import math
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, need
 from gss.api.schemas.design import DesignCameraOut, DesignCamerasOut, DesignIn, DesignOut, FieldLimitOut, TradeRowOut
 from gss.api.schemas.jobs import JobOut
 from gss.catalogue_tools.design.camera import DesignCamera
@@ -49,13 +49,13 @@ def list_cameras(app: App) -> DesignCamerasOut:
     return DesignCamerasOut(cameras=cameras, rows=rows, limits=limits)
 
 
-@router.post("")
+@router.post("", dependencies=[need("view", changes=False)])
 def quick_look(app: App, body: DesignIn) -> DesignOut:
     """The quick look while numbers change: about two thousand pointings."""
     return DesignOut(**app.design.quick(question_of(body)))
 
 
-@router.post("/run", status_code=202)
+@router.post("/run", status_code=202, dependencies=[need("analyse")])
 def full_count(app: App, body: DesignIn) -> JobOut:
     """A million pointings and the lens trade, as a job; ``design`` in its result is what the quick look answers."""
     return present.records.job(app.design.start(question_of(body), body.model_dump(mode="json")))

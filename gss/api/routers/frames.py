@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present, security
-from gss.api.deps import App, ContactId, RowId, User
+from gss.api.deps import EXPORT, App, ContactId, RowId, User, Who, need
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
     DownloadIn,
@@ -55,7 +55,7 @@ def latest_frame(app: App) -> FrameDetailOut:
     return present.frames.frame_detail(app.frames.detail(app.frames.latest_id()))
 
 
-@router.post("/import", status_code=201)
+@router.post("/import", status_code=201, dependencies=[need("frames.import")])
 def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
     """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
     data = file.file.read(security.MAX_BODY_BYTES + 1)
@@ -63,9 +63,10 @@ def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str,
     return present.frames.frame_detail(app.frames.detail(frame.id))
 
 
-@router.post("/download", status_code=201)
-def download_frame(app: App, body: DownloadIn) -> TransferOut:
+@router.post("/download", status_code=201, dependencies=[need("frames.transfer")])
+def download_frame(app: App, user: User, body: DownloadIn) -> TransferOut:
     """Bring a frame or its thumbnail from a slot of the device."""
+    app.commands.require_user(user)
     return present.records.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
 
 
@@ -148,7 +149,7 @@ def histogram(app: App, frame_id: RowId) -> HistogramOut:
     return HistogramOut(edges=edges, counts=counts, low=auto.low, high=auto.high)
 
 
-@router.get("/{frame_id}/file.fits", response_class=Response)
+@router.get("/{frame_id}/file.fits", response_class=Response, dependencies=[EXPORT])
 def fits_file(app: App, frame_id: RowId) -> Response:
     """FITS with the WCS of the best ground solution."""
     detail = app.frames.detail(frame_id)
@@ -157,7 +158,7 @@ def fits_file(app: App, frame_id: RowId) -> Response:
     return Response(data, media_type="application/fits", headers=headers)
 
 
-@router.get("/{frame_id}/recording.rrd", response_class=Response)
+@router.get("/{frame_id}/recording.rrd", response_class=Response, dependencies=[EXPORT])
 def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
     return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
@@ -169,14 +170,17 @@ def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
     return present.frames.frame_replay(frame_id, app.replay.again(frame_id))
 
 
-@router.post("/{frame_id}/upload", status_code=201)
-def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, user: User) -> TransferOut:
-    """Send a stored frame into the sensor's image memory and, if asked, have it solved there."""
-    app.authority.check(user)
+@router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
+def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> TransferOut:
+    """Send a stored frame into the sensor's image memory and, if asked, have it solved there: by commands, which need their
+    permission too."""
+    if body.solve:
+        who.require("command.attitude")
+    app.authority.check(who.name)
     return present.records.transfer(app.images.upload(frame_id, body.slot, solve=body.solve))
 
 
-@router.post("/{frame_id}/solve", status_code=201)
+@router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
     """Run a chain. Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
     frame = app.frames.get(frame_id)

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId
+from gss.api.deps import App, RowId, need
 from gss.api.schemas.jobs import JobOut
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
@@ -25,13 +25,13 @@ def read_job(app: App, job_id: RowId) -> JobOut:
     return present.records.job(app.jobs.get(job_id))
 
 
-@router.post("/{job_id}/cancel")
+@router.post("/{job_id}/cancel", dependencies=[need("jobs.cancel")])
 def cancel_job(app: App, job_id: RowId) -> JobOut:
     """Ask it to end."""
     return present.records.job(app.jobs.cancel(job_id))
 
 
-@router.post("/{job_id}/again", status_code=202)
+@router.post("/{job_id}/again", status_code=202, dependencies=[need("jobs.cancel")])
 def start_again(app: App, job_id: RowId) -> JobOut:
     """Do an ended job anew from its stored request; a new job."""
     return present.records.job(app.jobs.again(job_id))

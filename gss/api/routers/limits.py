@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App, User
+from gss.api.deps import App, User, need
 from gss.api.schemas.telemetry import LimitIn, LimitOut, LimitSetIn, LimitsOut
 from gss.domain.limits import Limits, Range
 
@@ -18,14 +18,14 @@ def read_limits(app: App) -> LimitsOut:
     return present.telemetry.limits(app.telemetry.limits)
 
 
-@router.put("/set")
+@router.put("/set", dependencies=[need("limits")])
 def choose_set(app: App, user: User, body: LimitSetIn) -> LimitsOut:
     """Put another limit set in force."""
     app.telemetry.limits.choose(body.name, user=user, note=body.note)
     return present.telemetry.limits(app.telemetry.limits)
 
 
-@router.put("/{key}")
+@router.put("/{key}", dependencies=[need("limits")])
 def override(app: App, user: User, key: str, body: LimitIn) -> LimitOut:
     """An operator's own limits for a field ``packet.name``; they hold in every set until they are taken back."""
     limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
@@ -38,7 +38,7 @@ def _range(pair: list[float | int | None]) -> Range:
     return low, high
 
 
-@router.delete("/{key}")
+@router.delete("/{key}", dependencies=[need("limits")])
 def restore(app: App, user: User, key: str) -> LimitOut:
     """Take an operator's own limits back."""
     app.telemetry.limits.restore(key, user=user)

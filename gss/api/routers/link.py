@@ -6,7 +6,7 @@ from fastapi import APIRouter
 
 from gss import __version__
 from gss.api import present
-from gss.api.deps import App, User
+from gss.api.deps import App, User, need
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
 
 router = APIRouter(tags=["link"])
@@ -30,7 +30,7 @@ def read_counters(app: App) -> CountersOut:
     return present.link.counters(app.link.contact_counters, app.link.framing, app.link.session.housekeeping)
 
 
-@router.post("/link/open")
+@router.post("/link/open", dependencies=[need("link.open")])
 def open_link(app: App, user: User, body: LinkOpenIn) -> LinkOut:
     """Use another port. What is wrong with it is said at once, and the present one stays."""
     app.authority.check(user)
@@ -38,7 +38,7 @@ def open_link(app: App, user: User, body: LinkOpenIn) -> LinkOut:
     return present.link.link(app.status.header())
 
 
-@router.post("/link/acknowledge-dictionary")
+@router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
 def acknowledge_dictionary(app: App, user: User) -> LinkOut:
     """Accept that the device has another dictionary; commanding is blocked until then."""
     app.authority.check(user)
@@ -46,7 +46,7 @@ def acknowledge_dictionary(app: App, user: User) -> LinkOut:
     return present.link.link(app.status.header())
 
 
-@router.post("/link/close")
+@router.post("/link/close", dependencies=[need("link.open")])
 def close_link(app: App, user: User) -> LinkOut:
     """Give the port back."""
     app.authority.check(user)

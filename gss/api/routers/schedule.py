@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 
 from gss.api import present
-from gss.api.deps import App, User
+from gss.api.deps import App, User, need
 from gss.api.schemas.commands import CommandOut
 from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
 from gss.operations.commanding.command_checks import SCHEDULE
@@ -23,13 +23,13 @@ def read_schedule(app: App) -> ScheduleOut:
     return present.schedule.schedule(app.schedule.state())
 
 
-@router.post("/schedule/refresh", status_code=201)
+@router.post("/schedule/refresh", status_code=201, dependencies=[need("schedule")])
 def refresh_schedule(app: App, user: User) -> CommandOut:
     """Ask the device for its table."""
     return present.commands.command(app.commands.view(app.schedule.refresh(user=user)))
 
 
-@router.post("/schedule/check")
+@router.post("/schedule/check", dependencies=[need("view", changes=False)])
 def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
     """Dry run of SCHEDULE for a command at a moment."""
     plan = app.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
@@ -37,7 +37,7 @@ def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
     return present.schedule.plan(plan, groups, list(plan.order))
 
 
-@router.post("/schedule", status_code=201)
+@router.post("/schedule", status_code=201, dependencies=[need("schedule")])
 def schedule_command(app: App, body: ScheduleIn, user: User) -> CommandOut:
     """Put a command into the device's table."""
     row = app.schedule.send(
@@ -46,13 +46,13 @@ def schedule_command(app: App, body: ScheduleIn, user: User) -> CommandOut:
     return present.commands.command(app.commands.view(row))
 
 
-@router.post("/schedule/cancel-all", status_code=201)
+@router.post("/schedule/cancel-all", status_code=201, dependencies=[need("schedule")])
 def cancel_all(app: App, user: User) -> CommandOut:
     """Take back everything that waits."""
     return present.commands.command(app.commands.view(app.schedule.cancel_all(user=user)))
 
 
-@router.post("/schedule/{schedule_id}/cancel", status_code=201)
+@router.post("/schedule/{schedule_id}/cancel", status_code=201, dependencies=[need("schedule")])
 def cancel_one(app: App, schedule_id: ScheduleId, user: User) -> CommandOut:
     """Take one row back."""
     return present.commands.command(app.commands.view(app.schedule.cancel(schedule_id, user=user)))

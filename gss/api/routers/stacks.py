@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.stacks import (
     RunIn,
     StackCheckOut,
@@ -31,21 +31,21 @@ def list_stacks(app: App) -> list[StackOut]:
     return [present.stacks.stack(row) for row in app.stacks.every()]
 
 
-@router.post("/stacks", status_code=201)
+@router.post("/stacks", status_code=201, dependencies=[need("stacks")])
 def create_stack(app: App, body: StackIn, user: User) -> StackOut:
     """Keep a new stack."""
     content = body.model_dump()
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
-@router.post("/stacks/import", status_code=201)
+@router.post("/stacks/import", status_code=201, dependencies=[need("stacks")])
 def import_stack(app: App, body: StackFileIn, user: User) -> StackOut:
     """Keep a stack from a file; it is checked against our dictionary, whichever it was written with."""
     content = body.model_dump()
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
-@router.post("/stacks/check")
+@router.post("/stacks/check", dependencies=[need("view", changes=False)])
 def check_steps(app: App, body: StepsIn, user: User) -> StackCheckOut:
     """Dry run of steps that are not kept yet."""
     return _checked(app, app.stacks.check(body.model_dump()["steps"], user=user))
@@ -57,7 +57,7 @@ def read_stack(app: App, stack_id: RowId) -> StackOut:
     return present.stacks.stack(app.stacks.get(stack_id))
 
 
-@router.put("/stacks/{stack_id}")
+@router.put("/stacks/{stack_id}", dependencies=[need("stacks")])
 def change_stack(app: App, stack_id: RowId, body: StackIn, user: User) -> StackOut:
     """Another content."""
     content = body.model_dump()
@@ -65,26 +65,26 @@ def change_stack(app: App, stack_id: RowId, body: StackIn, user: User) -> StackO
     return present.stacks.stack(row)
 
 
-@router.delete("/stacks/{stack_id}", status_code=204)
+@router.delete("/stacks/{stack_id}", status_code=204, dependencies=[need("stacks")])
 def delete_stack(app: App, stack_id: RowId) -> None:
     """Forget a stack; its runs stay on the record."""
     app.stacks.delete(stack_id)
 
 
-@router.get("/stacks/{stack_id}/stack.json")
+@router.get("/stacks/{stack_id}/stack.json", dependencies=[EXPORT])
 def export_stack(app: App, stack_id: RowId, response: Response) -> StackFileOut:
     """A stack as a file."""
     response.headers["Content-Disposition"] = f"attachment; filename=stack-{stack_id}.json"
     return StackFileOut(**app.stacks.exported(stack_id))
 
 
-@router.post("/stacks/{stack_id}/check")
+@router.post("/stacks/{stack_id}/check", dependencies=[need("view", changes=False)])
 def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
     """Dry run: bytes, hazards, conditions and times of every step."""
     return _checked(app, app.stacks.check(app.stacks.get(stack_id).steps, user=user))
 
 
-@router.post("/stacks/{stack_id}/run", status_code=201)
+@router.post("/stacks/{stack_id}/run", status_code=201, dependencies=[need("stacks")])
 def run_stack(app: App, stack_id: RowId, body: RunIn, user: User) -> StackRunOut:
     """Run it, with the names of all hazardous steps typed beforehand."""
     return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
@@ -102,19 +102,19 @@ def read_run(app: App, run_id: RowId) -> StackRunOut:
     return present.stacks.run(app.stack_runs.get(run_id))
 
 
-@router.post("/stack-runs/{run_id}/pause")
+@router.post("/stack-runs/{run_id}/pause", dependencies=[need("view")])
 def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Send no further step for now."""
     return present.stacks.run(app.stack_runs.pause(run_id, user=user))
 
 
-@router.post("/stack-runs/{run_id}/resume")
+@router.post("/stack-runs/{run_id}/resume", dependencies=[need("stacks")])
 def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Go on."""
     return present.stacks.run(app.stack_runs.resume(run_id, user=user))
 
 
-@router.post("/stack-runs/{run_id}/stop")
+@router.post("/stack-runs/{run_id}/stop", dependencies=[need("view")])
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """End it; a command that was sent is followed on its own."""
     return present.stacks.run(app.stack_runs.stop(run_id, user=user))

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.tables import (
     OnBoardTableOut,
     TableDefaultsOut,
@@ -44,7 +44,7 @@ def table_defaults(
     return TableDefaultsOut(kind=kind, profile=profile, content=dict(table_content.defaults(kind, profile)))
 
 
-@router.post("", status_code=201)
+@router.post("", status_code=201, dependencies=[need("tables")])
 def create_table(app: App, body: TableIn, user: User) -> TableDetailOut:
     """Make a table of a camera's values and what is given."""
     row = app.tables.create(body.kind, body.name, body.profile, body.content, user=user)
@@ -57,14 +57,14 @@ def read_table(app: App, table_id: RowId) -> TableDetailOut:
     return present.tables.table_detail(app.tables.get(table_id), app.tables.on_board())
 
 
-@router.get("/{table_id}/file.bin", response_class=Response)
+@router.get("/{table_id}/file.bin", response_class=Response, dependencies=[EXPORT])
 def table_file(app: App, table_id: RowId) -> Response:
     """The bytes as the sensor keeps them."""
     headers = {"Content-Disposition": f"attachment; filename=table-{table_id}.bin"}
     return Response(app.tables.data(table_id), media_type="application/octet-stream", headers=headers)
 
 
-@router.post("/{table_id}/upload", status_code=201)
+@router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
 def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User) -> TransferOut:
     """Send it to an inactive bank; it is verified by read-back and committed."""
     app.authority.check(user)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import App, ContactId, Moment
+from gss.api.deps import EXPORT, App, ContactId, Moment
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry.telemetry_export import FORMATS, export
@@ -54,7 +54,7 @@ def packets(
     return [present.telemetry.packet(row) for row in rows]
 
 
-@router.get("/export", response_class=StreamingResponse)
+@router.get("/export", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_telemetry(
     app: App,
     field: ExportFields,

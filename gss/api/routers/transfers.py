@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId, User
+from gss.api.deps import App, RowId, User, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
 
@@ -20,7 +20,7 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
     return [present.records.transfer(view) for view in app.transfers.newest(limit)]
 
 
-@router.post("/download", status_code=201)
+@router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def download(app: App, user: User, body: TransferIn) -> TransferOut:
     """Bring an image or a part of it, a bank, or a table from the device."""
     app.commands.require_user(user)
@@ -35,20 +35,20 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
     return present.records.transfer(app.transfers.get(transfer_id))
 
 
-@router.post("/{transfer_id}/pause")
+@router.post("/{transfer_id}/pause", dependencies=[need("view")])
 def pause(app: App, transfer_id: RowId) -> TransferOut:
     """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
-@router.post("/{transfer_id}/resume")
+@router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def resume(app: App, user: User, transfer_id: RowId) -> TransferOut:
     """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
     app.commands.require_user(user)
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 
-@router.post("/{transfer_id}/abort")
+@router.post("/{transfer_id}/abort", dependencies=[need("view")])
 def abort(app: App, transfer_id: RowId) -> TransferOut:
     """Give it up on both sides. Free to all, as ABORT is."""
     return present.records.transfer(app.transfers.abort(transfer_id))

@@ -17,6 +17,7 @@ from gss.api.schemas.upkeep import (
     ForecastOut,
     HealthCheckOut,
     HealthOut,
+    RemovalOut,
     RetentionIn,
     RetentionOut,
 )
@@ -52,6 +53,12 @@ def choose_retention(app: App, user: User, body: RetentionIn) -> RetentionOut:
     """From the next run on; nothing goes at once, except captures beyond their size."""
     app.upkeep.retention.choose(Policy(**body.model_dump()), user=user)
     return _retention(app)
+
+
+@router.post("/admin/retention/preview", dependencies=[need("admin.retention", changes=False)])
+def preview_retention(app: App, body: RetentionIn) -> RemovalOut:
+    """What a removal with these settings would take now; nothing is changed."""
+    return RemovalOut.model_validate(app.upkeep.retention.preview(Policy(**body.model_dump())))
 
 
 @router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])

@@ -93,8 +93,6 @@ class LinkOut(Out):
     dictionary_acknowledged: bool
     alarms: list[AlarmOut]
     contact_id: int | None
-    user: str
-    role: str
     authority: str | None
     utc: Utc
 

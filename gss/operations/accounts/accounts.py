@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-from gss.domain.errors import NotFound
+from gss.domain.errors import NotFound, StoreDown
 from gss.operations.accounts.attempts import BY_TOKEN_ADDRESS, Attempts
 from gss.operations.accounts.identity import TOKEN_PREFIX, Who
 from gss.operations.accounts.passwords import Passwords
@@ -20,6 +20,8 @@ from gss.store.engine import Database
 
 REMEMBERED_S = 1.0
 """So long an identity is taken as it was last read. What this process changes counts at once, other processes' within it."""
+IN_NEED_S = 600.0
+"""While the database cannot be read, who was known so lately still is: ABORT must get through."""
 MOST_REMEMBERED = 1000
 
 
@@ -49,9 +51,16 @@ class AccountService:
         with self._lock:
             self._remembered.clear()
 
-    def who_has_cookie(self, key: str) -> Who | None:
-        """Whose session; None where it is none."""
-        return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key))
+    def who_has_cookie(self, key: str, *, touch: bool = True) -> Who | None:
+        """Whose session; None where it is none. Without ``touch`` it does not put off the end of an idle session, and writes
+        nothing."""
+        return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key, touch=touch))
+
+    def remembered(self, kind: str, key: str) -> Who | None:
+        """An identity (session or token) that was read less than a moment ago, without asking the database."""
+        with self._lock:
+            at_s, known = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
+            return known if self._monotonic_s() - at_s < REMEMBERED_S else None
 
     def who_has_token(self, key: str, address: str) -> Who | None:
         """Whose token; None where it is worth nothing, TooOften where too many bad ones came from that address."""
@@ -90,7 +99,12 @@ class AccountService:
             if known is not None and self._monotonic_s() - at_s < REMEMBERED_S:
                 return known
         read_s = self._monotonic_s()
-        who = look()
+        try:
+            who = look()
+        except StoreDown:
+            if known is not None and read_s - at_s < IN_NEED_S:
+                return known
+            raise
         with self._lock:
             self._remembered.pop(hashed, None)
             if who is not None:

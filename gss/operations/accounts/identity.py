@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from gss.operations.accounts.permissions import permitted, require
+from gss.operations.accounts.permissions import permissions_of, permitted, require
 
 TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 
@@ -31,3 +32,8 @@ class Who:
     def require(self, wanted: str) -> None:
         """NotPermitted otherwise."""
         require(self.permissions, wanted, self.role)
+
+    def require_all(self, role: str, scopes: Iterable[str]) -> None:
+        """NotPermitted unless one may oneself all that a role with these scopes may: nobody hands out more than they have."""
+        for wanted in sorted(permissions_of(role, scopes)):
+            self.require(wanted)

@@ -16,7 +16,6 @@ COMMANDS = tuple(f"command.{group}" for group in GROUPS)
 FRAMES = ("frames.import", "frames.transfer", "frames.solve")
 CATALOGUES = ("catalogues.build", "catalogues.upload")
 ADMIN = (
-    "authority.break",
     "admin.users",
     "admin.tokens",
     "admin.audit",
@@ -33,6 +32,7 @@ OPERATOR = (
     "stacks",
     "schedule",
     "authority.take",
+    "authority.break",
     "frames.transfer",
     "frames.solve",
     "catalogues.upload",

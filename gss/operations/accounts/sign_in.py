@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from gss.domain.errors import NotSignedIn
+from gss.domain.errors import NotPermitted, NotSignedIn, StoreDown
 from gss.operations.accounts.attempts import BY_ADDRESS, BY_NAME, Attempts, Brake
 from gss.operations.accounts.identity import Who
 from gss.operations.accounts.passwords import Passwords
@@ -67,12 +68,12 @@ class SignInService:
         return self.begin(row.id, address=address, agent=agent)
 
     def check_password(self, who: Who, password: str, *, address: str) -> None:
-        """NotSignedIn unless it is theirs; as slow for guessers as signing in."""
+        """NotPermitted unless it is theirs; as slow for guessers as signing in."""
         row = self._named(who.name)
         keys = self._brakes(who.name, row, address)
         self._attempts.begin(keys)
         if not self._passwords.verify(row.password_hash if row else "", password):
-            raise NotSignedIn("the old password does not fit", hint="try again, or ask an admin for a link")
+            raise NotPermitted("the old password does not fit", hint="try again, or ask an admin for a link")
         self._attempts.passed(keys)
 
     def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
@@ -94,7 +95,7 @@ class SignInService:
             )
             session.add(row)
             session.flush()
-            return NewSession(key, _who(row, user, csrf_of(key)))
+            return NewSession(key, self._who(row, user, key))
 
     def sign_out(self, key: str) -> None:
         """End the session of that key, if it is one."""
@@ -118,17 +119,19 @@ class SignInService:
         with self._database.unit_of_work() as session:
             return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._why_over(s, u, now)]
 
-    def who(self, key: str) -> Who | None:
-        """Whose session that is; None where it has ended or never was."""
+    def who(self, key: str, *, touch: bool = True) -> Who | None:
+        """Whose session that is; None where it has ended or never was. Only with ``touch`` does it count as a request."""
         now = self._now()
         with self._database.unit_of_work() as session:
             found = store.sign_in_of(session, key_hash(key))
             if found is None or self._why_over(*found, now):
                 return None
-            row, user = found
-            if now - row.last_seen >= SEEN_EVERY:
-                row.last_seen = now
-            return _who(row, user, csrf_of(key))
+        row, user = found
+        if touch and now - row.last_seen >= SEEN_EVERY:
+            row.last_seen = now
+            with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:
+                store.seen(session, row.id, now)  # a full disk must not keep people out
+        return self._who(row, user, key)
 
     def why_over(self, sign_in_id: int) -> str:
         """Why a session is over; "" while it lives."""
@@ -161,11 +164,10 @@ class SignInService:
         with self._database.unit_of_work() as session:
             store.user(session, user_id).password_hash = hashed
 
+    def _who(self, row: SignIn, user: User, key: str) -> Who:
+        ends = min(row.expires, row.last_seen + self._lifetimes.idle)
+        return Who(user.name, user.role, permissions_of(user.role), "session", row.id, user.id, csrf_of(key), ends)
+
 
 def _name_key(name: str) -> str:
     return f"name {name.lower()}"
-
-
-def _who(row: SignIn, user: User, csrf: str) -> Who:
-    permissions = permissions_of(user.role)
-    return Who(user.name, user.role, permissions, "session", row.id, user.id, csrf, row.expires)

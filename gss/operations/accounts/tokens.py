@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from gss.domain.errors import BadInput, Conflict
+from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.accounts.identity import TOKEN_PREFIX, Who
 from gss.operations.accounts.permissions import checked_role, permissions_of
 from gss.operations.accounts.secrets import LONGEST, TOKEN_MARK, key_hash, new_token
@@ -99,10 +100,11 @@ class TokenService:
             found = store.token_of(session, key_hash(key))
             if found is None or _why_over(*found, now):
                 return None
-            row = found[0]
-            if row.last_used is None or now - row.last_used >= SEEN_EVERY:
-                row.last_used = now
-            return _who(row)
+        row = found[0]
+        if row.last_used is None or now - row.last_used >= SEEN_EVERY:
+            with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:
+                store.used(session, row.id, now)
+        return _who(row)
 
     def named(self, name: str) -> Who | None:
         """The identity of the living token of that name (without the prefix)."""

@@ -65,6 +65,16 @@ def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, An
     return own
 
 
+def subsystems_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> frozenset[str]:
+    """Whose commands these are: its own subsystem, and with SCHEDULE that of what it carries; all of them where that cannot be
+    told, so that nobody hides a command in bytes."""
+    if command.name != SCHEDULE:
+        return frozenset({command.subsystem})
+    inner = scheduled(dictionary, arguments)
+    carried = subsystems_of(dictionary, *inner) if inner else frozenset(c.subsystem for c in dictionary.commands)
+    return carried | {command.subsystem}
+
+
 def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Command, dict[str, Value]] | None:
     """The command that SCHEDULE (or a schedule_entry) carries with its arguments; None where it cannot be decoded."""
     try:

@@ -18,6 +18,7 @@ from gss.operations.commanding.command_checks import (
     check_unit,
     precondition_states,
     risk_of,
+    subsystems_of,
 )
 from gss.operations.commanding.command_record import CommandRecorder, CommandView, CompletedHook
 from gss.operations.events import EventBus
@@ -44,6 +45,8 @@ class CommandService:
         self._authority = authority
         self._recorder = CommandRecorder(database, bus, now, self.view)
         self.abort_hooks: list[Callable[[str], None]] = []
+        self.permits: Callable[[str, str], None] = lambda user, permission: None
+        """Raises NotPermitted; asked by name and not by request, because stacks go on after theirs has ended."""
 
     @property
     def completed_hooks(self) -> list[CompletedHook]:
@@ -101,7 +104,11 @@ class CommandService:
             problems.append(f"the line is down: {self._link.reason}")
         trials: list[Callable[[], None]] = [lambda: check_unit(definition, self._link.hello)]
         if name != "ABORT":
-            trials += [lambda: self._authority.check(user), lambda: self._link.session.check_allowed(name)]
+            trials += [
+                lambda: self.check_permitted(user, name, arguments),
+                lambda: self._authority.check(user),
+                lambda: self._link.session.check_allowed(name),
+            ]
         for trial in trials:
             try:
                 trial()
@@ -115,6 +122,13 @@ class CommandService:
         risk = risk_of(self._link.dictionary, definition, arguments)
         held = self._authority.holder()
         return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+
+    def check_permitted(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
+        """NotPermitted unless this user's role may send it; ABORT is everybody's."""
+        definition = self._link.dictionary.command(name)
+        if name != "ABORT":
+            for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
+                self.permits(user, f"command.{subsystem}")
 
     def check_user(self, user: str) -> None:
         """Conflict while somebody else holds command authority."""
@@ -146,6 +160,7 @@ class CommandService:
         if name == "ABORT":
             return self.abort(user=user, source=source)
         if source != SERVER:
+            self.check_permitted(user, name, arguments)
             self._authority.check(user)
         check_unit(definition, self._link.hello)
         self.preview(name, arguments)
@@ -191,9 +206,10 @@ class CommandService:
     def retry(self, command_id: int, *, user: str) -> Command:
         """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
         last ids with their results, can still tell that it knows them."""
+        row = self.get(command_id)
+        self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
         self._check_line()
-        row = self.get(command_id)
         if row.result == "unknown" and not self.can_retry(row):
             raise Conflict(
                 "the device no longer remembers this id and might run it again",
@@ -229,6 +245,7 @@ class CommandService:
     def resolve(self, command_id: int, note: str, *, user: str) -> Command:
         """An operator settles an unknown command with a note; nothing is sent."""
         row = self.get(command_id)
+        self.check_permitted(user, row.name, row.arguments)
         if row.result != "unknown":
             raise Conflict("only an unknown command can be marked resolved", got=row.result)
         row = self._recorder.resolve(command_id, f"{user}: {note}")

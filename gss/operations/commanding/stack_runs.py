@@ -68,6 +68,7 @@ class StackRunner:
     def run(self, stack_id: int, confirm: Sequence[str], *, user: str) -> StackRun:
         """Begin a run; its row comes back at once. BadInput lists the names that still must be typed."""
         stack = self._stacks.get(stack_id)
+        self._stacks.check_permitted(stack.steps, user=user)
         check = self._stacks.check(stack.steps, user=user)
         if check.problems:
             raise Conflict(f"{stack.name} cannot run now", got=check.problems[0])

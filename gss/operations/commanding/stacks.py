@@ -124,7 +124,7 @@ class StackService:
         """Bytes, hazards, conditions and times of every step. Nothing is sent."""
         if not 1 <= len(steps) <= MOST_STEPS:
             raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
-        checks = [self._check_step(step) for step in steps]
+        checks = [self._check_step(step, user) for step in steps]
         problems = [f"step {k + 1}: {text}" for k, step in enumerate(checks) for text in step.problems]
         if not self._link.connected:
             problems.append(f"the line is down: {self._link.reason}")
@@ -141,13 +141,19 @@ class StackService:
         risk = risk_of(dictionary, dictionary.command(str(step["command"])), step["arguments"])
         return risk.name if risk.needs_confirmation else ""
 
-    def _check_step(self, step: Step) -> StepCheck:
+    def check_permitted(self, steps: Sequence[Step], *, user: str) -> None:
+        """NotPermitted where one step is not this user's to send: then none of it is."""
+        for step in steps:
+            self._commands.check_permitted(user, str(step["command"]), step.get("arguments") or {})
+
+    def _check_step(self, step: Step, user: str) -> StepCheck:
         dictionary = self._link.dictionary
         command, arguments = dictionary.command(str(step["command"])), step.get("arguments") or {}
         problems: list[str] = []
         groups: list[tuple[str, bytes]] = []
         try:
             checked_step(dictionary, step)
+            self._commands.check_permitted(user, command.name, arguments)
             check_unit(command, self._link.hello)
             groups = self._commands.preview(command.name, arguments)
         except GssError as error:

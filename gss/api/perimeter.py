@@ -1,0 +1,149 @@
+"""Where a request comes from: which names this server goes by, who stands in front of it, and which pages may use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
+from typing import Protocol
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.types import Scope
+
+from gss.domain.errors import BadInput
+
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+PLAIN = "-"
+"""Address where none is known."""
+
+
+class Exposure(Protocol):
+    """The settings that matter here."""
+
+    host: str
+    tls_certificate: str
+    tls_key: str
+    behind_proxy: bool
+    trusted_proxies: str
+    public_names: str
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Where a request comes from, with a proxy taken off. ``authority``: host and port as the browser's address bar has them."""
+
+    address: str
+    authority: str
+    secure: bool
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a request is not heard."""
+
+    message: str
+    expected: str = ""
+    got: str = ""
+
+
+class Perimeter:
+    """Made of the settings once; asked by the guard for every request."""
+
+    def __init__(self, settings: Exposure) -> None:
+        self.tls = bool(settings.tls_certificate)
+        self.behind_proxy = settings.behind_proxy
+        self.secure = self.tls or self.behind_proxy
+        self._proxies = networks(settings.trusted_proxies) if settings.behind_proxy else ()
+        self.names = frozenset((*LOCAL_NAMES, *public_names(settings)))
+
+    def caller(self, scope: Scope, headers: Headers) -> Caller | Refusal:
+        """Who calls; a refusal where a proxy should stand between and does not. X-Forwarded-* of anybody else are nothing."""
+        client = scope.get("client")
+        peer = str(client[0]) if client else PLAIN
+        if not self.behind_proxy:
+            return Caller(peer, headers.get("host", ""), self.tls)
+        if not self._is_proxy(peer):
+            return Refusal("this server is reached through its proxy only", "an address of the proxy", peer)
+        if headers.get("x-forwarded-proto", "").split(",")[-1].strip() != "https":
+            return Refusal("the proxy did not say that the browser came over HTTPS", "X-Forwarded-Proto: https")
+        host = headers.get("x-forwarded-host", headers.get("host", "")).split(",")[-1].strip()
+        return Caller(self._behind(headers.get("x-forwarded-for", ""), peer), host, True)
+
+    def refusal(self, caller: Caller, headers: Headers, *, data: bool) -> Refusal | None:
+        """A foreign host name (DNS rebinding), or a page of another origin. ``data``: it is no page of ours but what they ask."""
+        if host_name(f"//{caller.authority}") not in self.names:
+            names = "localhost, 127.0.0.1, ::1 or one of GSS_PUBLIC_NAMES"
+            return Refusal("unknown host name", names, host_name(f"//{caller.authority}"))
+        origin = headers.get("origin")
+        own = f"{'https' if caller.secure else 'http'}://{caller.authority}"
+        if origin is not None and origin.lower() != own.lower():
+            return Refusal("a page of another origin may not use this server", own, origin)
+        site = headers.get("sec-fetch-site", "none")
+        if data and site not in ("same-origin", "none"):
+            return Refusal("a page of another origin may not use this server", own, f"Sec-Fetch-Site: {site}")
+        return None
+
+    def _is_proxy(self, address: str) -> bool:
+        try:
+            return any(ip_address(address) in network for network in self._proxies)
+        except ValueError:
+            return False
+
+    def _behind(self, forwarded: str, peer: str) -> str:
+        """The last address of the list that is no proxy of ours: what stands before it anybody may have written."""
+        for address in reversed([part.strip() for part in forwarded.split(",") if part.strip()]):
+            if not self._is_proxy(address):
+                try:
+                    return str(ip_address(address))
+                except ValueError:
+                    return PLAIN
+        return peer
+
+
+def host_name(address: str) -> str:
+    """Host of an address; empty where it is none."""
+    try:
+        return (urlsplit(address).hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def public_names(settings: Exposure) -> list[str]:
+    """Names by which browsers may know this server, besides the local ones."""
+    names = [name.strip().lower() for name in settings.public_names.split(",") if name.strip()]
+    return [*names, settings.host.lower()] if settings.tls_certificate and not is_loopback(settings.host) else names
+
+
+def networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
+    """Addresses and networks with commas between."""
+    try:
+        return tuple(ip_network(part.strip(), strict=False) for part in text.split(",") if part.strip())
+    except ValueError as error:
+        raise BadInput(
+            "not a list of proxies", expected="addresses or networks, as 10.0.0.0/8", got=str(error)
+        ) from None
+
+
+def is_loopback(host: str) -> bool:
+    """Does only this machine reach it?"""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_exposure(settings: Exposure) -> None:
+    """Another address than loopback needs TLS or a proxy with it, and a proxy needs the name that browsers use; BadInput."""
+    if bool(settings.tls_certificate) != bool(settings.tls_key):
+        raise BadInput("TLS needs two files", expected="GSS_TLS_CERTIFICATE and GSS_TLS_KEY", got="one of them")
+    if settings.behind_proxy and not (settings.public_names.strip() and networks(settings.trusted_proxies)):
+        raise BadInput(
+            "behind a proxy the browsers' name is needed", expected="GSS_PUBLIC_NAMES and GSS_TRUSTED_PROXIES"
+        )
+    if is_loopback(settings.host) or settings.tls_certificate or settings.behind_proxy:
+        return
+    raise BadInput(
+        "without TLS this server listens on loopback only",
+        expected="127.0.0.1 or ::1, or GSS_TLS_CERTIFICATE and GSS_TLS_KEY, or GSS_BEHIND_PROXY=true",
+        got=settings.host,
+    )

@@ -1,0 +1,69 @@
+"""The audit record, for admins: read, exported, verified; never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import StreamingResponse
+from pydantic import BeforeValidator
+
+from gss.api.deps import EXPORT, App, Moment, need
+from gss.api.schemas.accounts import AuditRowOut, AuditVerdictOut
+from gss.api.schemas.base import LARGEST_ID
+from gss.operations.accounts.audit import FORMATS
+from gss.store.audit import AuditFilter
+
+router = APIRouter(prefix="/audit", tags=["audit"])
+ADMIN = need("admin.audit")
+DATE = len("2026-01-01")
+
+
+def _whole_day(value: Any) -> Any:
+    """A date as an end means the whole day."""
+    if not isinstance(value, str) or len(value) != DATE:
+        return value
+    try:
+        return (datetime.fromisoformat(value) + timedelta(days=1)).isoformat()
+    except (ValueError, OverflowError):
+        return value
+
+
+def _filter(
+    who: Annotated[str, Query(max_length=80)] = "",
+    action: Annotated[str, Query(max_length=60)] = "",
+    result: Literal["", "done", "denied", "failed"] = "",
+    since: Moment | None = None,
+    until: Annotated[Moment | None, BeforeValidator(_whole_day)] = None,
+) -> AuditFilter:
+    return AuditFilter(who, action, result, since, until)
+
+
+Wanted = Annotated[AuditFilter, Depends(_filter)]
+
+
+@router.get("", dependencies=[ADMIN])
+def read_audit(
+    app: App,
+    wanted: Wanted,
+    before: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+) -> list[AuditRowOut]:
+    """Newest first; ``before``: those with a smaller number, for the next page. ``action``: how it begins."""
+    return [AuditRowOut.model_validate(row) for row in app.audit.page(wanted, limit, before)]
+
+
+@router.get("/export", response_class=StreamingResponse, dependencies=[ADMIN, EXPORT])
+def export_audit(app: App, wanted: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
+    """Everything that fits, oldest first, as a file."""
+    pieces: Iterator[str] = app.audit.export(format, wanted)
+    headers = {"Content-Disposition": f"attachment; filename=audit.{format}"}
+    return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
+
+
+@router.get("/verify", dependencies=[ADMIN])
+def verify_audit(app: App, last_hash: Annotated[str, Query(max_length=64)] = "") -> AuditVerdictOut:
+    """Compute every hash again. ``last_hash``: one noted earlier, which must be there still."""
+    return AuditVerdictOut(**vars(app.audit.verify(last_hash)))

@@ -1,0 +1,108 @@
+"""Signing in and out, the first admin, and passwords."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request, Response
+
+from gss.api.deps import NOBODY, App, Who, need, who_of
+from gss.api.schemas.accounts import PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
+from gss.api.security import COOKIE, session_key
+from gss.domain.errors import Conflict
+from gss.operations.accounts import identity
+from gss.operations.accounts.attempts import BY_ADDRESS, Brake
+from gss.operations.accounts.sign_in import NewSession
+from gss.wiring import Services
+
+router = APIRouter(tags=["session"])
+OPEN = need(NOBODY)
+SELF = need("view")
+
+
+@router.get("/session", dependencies=[OPEN])
+def read_session(app: App, request: Request) -> SessionOut:
+    """Who is signed in; it does not put off the end of the session."""
+    who = who_of(request.scope)
+    if who is None:
+        return SessionOut(signed_in=False, set_up_needed=app.accounts.users.set_up_needed())
+    return _told(who)
+
+
+@router.post("/session", dependencies=[OPEN])
+def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
+    """Sign in with a name and a password."""
+    known = app.accounts.users.named(body.name)
+    request.state.named = (
+        known.name if known else "unknown name"
+    )  # a password typed into the wrong field stays unwritten
+    address, agent = _from(request)
+    opened = app.accounts.sessions.sign_in(
+        body.name, body.password, address=address, agent=agent, old_key=session_key(request.headers)
+    )
+    return _open(request, response, opened)
+
+
+@router.delete("/session", status_code=204, dependencies=[SELF])
+def sign_out(app: App, request: Request, response: Response) -> None:
+    """End this session."""
+    app.accounts.sessions.sign_out(session_key(request.headers))
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.state.secure)
+
+
+@router.put("/session/password", dependencies=[SELF])
+def change_password(app: App, request: Request, response: Response, who: Who, body: PasswordBody) -> SessionOut:
+    """Another password. All sessions of this user end; this browser gets a new one."""
+    if who.kind != "session" or who.user_id is None:
+        raise Conflict("a token has no password", hint="sign in")
+    address, agent = _from(request)
+    app.accounts.sessions.check_password(who, body.old, address=address)
+    app.accounts.users.set_password(who.user_id, body.new)
+    return _open(request, response, app.accounts.sessions.begin(who.user_id, address=address, agent=agent))
+
+
+@router.post("/setup", dependencies=[OPEN])
+def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
+    """Make the first admin, with the link that the server printed at its start."""
+    brake = _brake(app, request)
+    user = app.accounts.users.set_up(body.token, body.name, body.password)
+    app.accounts.attempts.passed(brake)
+    request.state.named = user.name
+    address, agent = _from(request)
+    return _open(request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+
+
+@router.post("/password-links", dependencies=[OPEN])
+def use_password_link(app: App, request: Request, response: Response, body: PasswordLinkBody) -> SessionOut:
+    """Set one's password with a one-time link."""
+    brake = _brake(app, request)
+    user = app.accounts.users.set_password_by_link(body.token, body.password)
+    app.accounts.attempts.passed(brake)
+    request.state.named = user.name
+    address, agent = _from(request)
+    return _open(request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+
+
+def _brake(app: Services, request: Request) -> list[tuple[str, Brake]]:
+    keys = [(f"link {request.state.address}", BY_ADDRESS)]
+    app.accounts.attempts.begin(keys)
+    return keys
+
+
+def _from(request: Request) -> tuple[str, str]:
+    return request.state.address, request.headers.get("user-agent", "")
+
+
+def _open(request: Request, response: Response, opened: NewSession) -> SessionOut:
+    """The key goes into a cookie that no script can read and no other site makes the browser send."""
+    response.set_cookie(COOKIE, opened.key, httponly=True, samesite="strict", secure=request.state.secure, path="/")
+    return _told(opened.who)
+
+
+def _told(who: identity.Who) -> SessionOut:
+    return SessionOut(
+        signed_in=True,
+        name=who.name,
+        role=who.role,
+        permissions=sorted(who.permissions),
+        csrf=who.csrf,
+        expires=who.expires,
+    )

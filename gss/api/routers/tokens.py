@@ -1,0 +1,33 @@
+"""Tokens of programs, for admins."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api.deps import App, RowId, Who, need
+from gss.api.schemas.accounts import NewTokenOut, TokenIn, TokenOut
+
+router = APIRouter(prefix="/tokens", tags=["tokens"])
+ADMIN = need("admin.tokens")
+
+
+@router.get("", dependencies=[ADMIN])
+def list_tokens(app: App) -> list[TokenOut]:
+    """Newest first, with those that are over."""
+    return [TokenOut.model_validate(row) for row in app.accounts.tokens.every()]
+
+
+@router.post("", status_code=201, dependencies=[ADMIN])
+def add_token(app: App, who: Who, body: TokenIn) -> NewTokenOut:
+    """A new token; its key is shown this once. It can do no more than whoever makes it."""
+    who.require_all(body.role, body.scopes)
+    made = app.accounts.tokens.add(
+        body.name, body.role, body.days, by=who.name, owner_id=who.user_id, scopes=body.scopes
+    )
+    return NewTokenOut(token=TokenOut.model_validate(made.row), key=made.key)
+
+
+@router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])
+def revoke_token(app: App, token_id: RowId) -> None:
+    """It is worth nothing from now on."""
+    app.accounts.tokens.revoke(token_id)

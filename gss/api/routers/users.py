@@ -1,0 +1,73 @@
+"""Users and their sessions, for admins."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api.deps import App, RowId, User, Who, need
+from gss.api.schemas.accounts import LinkedUserOut, SignInOut, UserChangeIn, UserIn, UserOut
+from gss.operations.accounts.users import Link
+from gss.store import models
+
+router = APIRouter(tags=["users"])
+ADMIN = need("admin.users")
+
+
+@router.get("/users", dependencies=[ADMIN])
+def list_users(app: App) -> list[UserOut]:
+    """By name."""
+    return [_user(row) for row in app.accounts.users.every()]
+
+
+@router.post("/users", status_code=201, dependencies=[ADMIN])
+def add_user(app: App, user: User, body: UserIn) -> LinkedUserOut:
+    """A new user, with the one-time link by which they set their password."""
+    row = app.accounts.users.add(body.name, body.role, by=user)
+    return _linked(row, app.accounts.users.password_link(row.id))
+
+
+@router.put("/users/{user_id}", dependencies=[ADMIN])
+def change_user(app: App, user_id: RowId, body: UserChangeIn) -> UserOut:
+    """Another role, on or off. It holds from the next request on; switching off ends all sessions."""
+    return _user(app.accounts.users.change(user_id, role=body.role, enabled=body.enabled))
+
+
+@router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
+def new_password_link(app: App, user_id: RowId) -> LinkedUserOut:
+    """A new one-time link for a user's password; those before are void."""
+    link = app.accounts.users.password_link(user_id)
+    return _linked(app.accounts.users.get(user_id), link)
+
+
+@router.get("/sessions", dependencies=[ADMIN])
+def list_sessions(app: App, who: Who) -> list[SignInOut]:
+    """Open sessions, the last seen first."""
+    return [
+        SignInOut(
+            id=row.id,
+            name=user.name,
+            role=user.role,
+            created=row.created,
+            last_seen=row.last_seen,
+            expires=row.expires,
+            address=row.address,
+            agent=row.agent,
+            own=who.kind == "session" and who.key_id == row.id,
+        )
+        for row, user in app.accounts.sessions.living()
+    ]
+
+
+@router.delete("/sessions/{session_id}", status_code=204, dependencies=[ADMIN])
+def end_session(app: App, user: User, session_id: RowId) -> None:
+    """End somebody's session."""
+    app.accounts.sessions.end(session_id, by=user)
+
+
+def _user(row: models.User) -> UserOut:
+    names = ("id", "name", "role", "enabled", "created", "created_by", "last_sign_in")
+    return UserOut(**{name: getattr(row, name) for name in names}, has_password=bool(row.password_hash))
+
+
+def _linked(row: models.User, link: Link) -> LinkedUserOut:
+    return LinkedUserOut(user=_user(row), link=f"/welcome#{link.key}", expires=link.expires)
