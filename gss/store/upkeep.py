@@ -185,6 +185,11 @@ def _remove(session: Session, ids: Sequence[int]) -> None:
         session.execute(delete(TelemetryPacket).where(TelemetryPacket.id.in_(ids)))
 
 
+def count_events(session: Session, before: datetime) -> int:
+    """Lines of the record from before."""
+    return session.scalar(select(func.count()).select_from(Event).where(Event.at < before)) or 0
+
+
 def remove_events(session: Session, before: datetime, limit: int = BATCH) -> int:
     """Remove the oldest lines of the record, so many at once; how many went."""
     ids = list(session.scalars(select(Event.seq).where(Event.at < before).order_by(Event.at).limit(limit)))

@@ -61,6 +61,16 @@ class RetentionOut(RetentionIn):
     forecast: ForecastOut
 
 
+class RemovalOut(Out):
+    """What a removal would take now. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays."""
+
+    frames: int
+    frames_bytes: int
+    packets: int
+    to_thin: int
+    events: int
+
+
 class BackupOut(Out):
     """A backup. ``bytes``: of everything that it names; what backups share lies on the disk once."""
 

@@ -65,6 +65,17 @@ class Policy:
             )
 
 
+@dataclass(frozen=True)
+class Removal:
+    """What a policy lets go now. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute would stay."""
+
+    frames: int
+    frames_bytes: int
+    packets: int
+    to_thin: int
+    events: int
+
+
 class RetentionService:
     """Keeps the policy, forecasts, and removes."""
 
@@ -115,6 +126,23 @@ class RetentionService:
     def capture_bytes(self) -> int:
         """How large they may become together."""
         return self._link.capture_retention.keep_bytes
+
+    def preview(self, policy: Policy) -> Removal:
+        """What a removal with ``policy`` would take now; nothing is removed."""
+        at = self._now()
+        going = list(self.going(policy, at))
+        packets, thin, events = (
+            _before(at, days) for days in (policy.telemetry_days, policy.telemetry_thin_days, policy.events_days)
+        )
+        with self._database.unit_of_work() as session:
+            gone = store.count_packets(session, packets) if packets else 0
+            return Removal(
+                frames=len(going),
+                frames_bytes=sum(p.size for p in going),
+                packets=gone,
+                to_thin=max(0, store.count_packets(session, thin) - gone) if thin else 0,
+                events=store.count_events(session, events) if events else 0,
+            )
 
     def last_run(self) -> datetime | None:
         """When a removal last ended."""

@@ -8,9 +8,14 @@ export interface SessionRow { id: number; name: string; role: string; created: s
 export interface TokenRow { id: number; name: string; role: string; scopes: string[]; created: string; created_by: string; expires: string; revoked: string | null; last_used: string | null }
 export interface AuditRow { seq: number; at: string; who: string; role: string; action: string; target: string; result: string; detail: string; address: string }
 export interface AuditVerdict { rows: number; last_hash: string; problem: string }
-export interface HealthCheck { name: string; state: string; value: string; text: string }
+export interface HealthCheck { name: string; state: string; value: number | null; text: string }
 export interface Health { state: string; checks: HealthCheck[] }
-export interface Backup { name: string; created: string; bytes: number }
+export interface Backup { name: string; created: string; version: string; bytes: number; blobs: number; captures: number }
+export interface Policy { frames_days: number; frames_gb: number; keep_frames: number; telemetry_thin_days: number; telemetry_days: number; events_days: number; captures_mb: number; backups_keep: number }
+export interface Forecast { database_bytes: number; frames_bytes: number; captures_bytes: number; free_bytes: number; bytes_now: number; bytes_per_day: number; full_in_days: number | null; next_removal: string | null; removable_bytes: number }
+export interface Retention extends Policy { last_run: string | null; forecast: Forecast }
+/** What a policy would remove now. */
+export interface Removal { frames: number; frames_bytes: number; packets: number; to_thin: number; events: number }
 
 export const admin = {
   users: () => get<UserRow[]>('/users'),
@@ -28,5 +33,8 @@ export const admin = {
   backups: () => get<Backup[]>('/admin/backups'),
   backUp: () => post<Job>('/admin/backups'),
   checkStore: () => post<Job>('/admin/check-store'),
+  retention: () => get<Retention>('/admin/retention'),
+  chooseRetention: (policy: Policy) => send<Retention>('PUT', '/admin/retention', policy),
+  previewRetention: (policy: Policy, signal: AbortSignal) => post<Removal>('/admin/retention/preview', policy, signal),
   runRetention: () => post<Job>('/admin/retention/run'),
 };

@@ -13,7 +13,7 @@ export const WORDS: Record<string, [string, readonly string[]]> = {
   stacks: ['running stacks', ['operator']],
   schedule: ['scheduling', ['operator']],
   'authority.take': ['taking command authority', ['operator', 'catalogue manager', 'engineer']],
-  'authority.break': ['breaking command authority', []],
+  'authority.break': ['breaking command authority', ['operator']],
   'frames.import': ['importing images', ['engineer']],
   'frames.transfer': ['moving frames to and from the device', ['operator', 'engineer']],
   'frames.solve': ['running a chain on a frame', ['operator', 'engineer']],

@@ -1,0 +1,174 @@
+"""From the printed set-up link to the first attitude; signing in, out, and back in where one was."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(180)]
+NAME, PASSWORD = "ann", "orion over the sea"
+CHEAP = {"GSS_PASSWORD_MEMORY_KIB": "64", "GSS_PASSWORD_PASSES": "1"}
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory):
+    """The set-up link of ``gss serve`` with nothing in its folder and a simulated CubeStar."""
+    folder = tmp_path_factory.mktemp("fresh") / "data"
+    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), "--simulator", "cubestar"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, **CHEAP})
+    assert process.stdout is not None
+    line = next(line for line in process.stdout if "/setup#" in line)
+    yield line[line.index("http://") :].split()[0]
+    process.send_signal(signal.SIGINT)
+    process.wait(timeout=20)
+    process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def address(printed):
+    """Overrides the shared server: here nobody is signed in."""
+    return printed.split("/setup#")[0]
+
+
+@pytest.fixture
+def cookie():
+    """Overrides the shared sign-in: these tests do it by hand."""
+    return
+
+
+def sign_in(page, name=NAME, password=PASSWORD):
+    """Fill the form and press the key."""
+    page.get_by_test_id("sign-in-name").fill(name)
+    page.get_by_test_id("sign-in-password").fill(password)
+    page.keyboard.press("Enter")
+
+
+def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, picture):
+    """A name, a password twice with what is missing in words, and Live opens with the tour; the link is then used up."""
+    page.goto(printed)
+    expect(page.get_by_test_id("set-up-name")).to_be_focused()
+    page.keyboard.type(NAME)
+    page.keyboard.press("Tab")
+    page.keyboard.type("short")
+    expect(page.get_by_test_id("password-words")).to_contain_text("too short: 5 of 10 characters")
+    expect(page.get_by_test_id("set-up-go")).to_be_disabled()
+    page.get_by_test_id("new-password").fill(PASSWORD)
+    page.keyboard.press("Tab")
+    page.keyboard.type("orion over the lake")
+    expect(page.get_by_text("this is not the same")).to_be_visible()
+    picture("set-up")
+    page.get_by_test_id("new-password-again").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    expect(page).to_have_url(re.compile("/live$"))
+    expect(page.get_by_test_id("user-cell")).to_contain_text(NAME)
+    expect(page.get_by_test_id("user-cell")).to_contain_text("admin")
+    assert "#" not in page.url
+
+    page.context.clear_cookies()
+    page.goto("about:blank")
+    page.goto(printed)
+    page.get_by_test_id("set-up-name").fill("mallory")
+    page.get_by_test_id("new-password").fill("mallory likes stars")
+    page.get_by_test_id("new-password-again").fill("mallory likes stars")
+    page.get_by_test_id("set-up-go").click()
+    expect(page.get_by_test_id("set-up-problem")).to_contain_text("cannot be used")
+
+
+def test_signing_in_says_what_is_wrong_and_opens_the_page_that_was_asked_for(page, picture):
+    """A wrong password is refused without saying which part was wrong; the right one opens the deep link."""
+    page.goto("/telemetry")
+    expect(page.get_by_test_id("sign-in-name")).to_be_focused()
+    sign_in(page, password="not the password")
+    expect(page.get_by_test_id("sign-in-problem")).to_contain_text("do not fit")
+    expect(page.get_by_test_id("sign-in-password")).to_have_value("")
+    expect(page.get_by_test_id("sign-in-password")).to_be_focused()
+    picture("sign-in")
+    sign_in(page)
+    expect(page.get_by_test_id("telemetry")).to_be_visible()
+    assert page.url.endswith("/telemetry")
+
+
+def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
+    """Five steps, each advanced by what the sensor did; at the end on board stands beside ground. Closed, it comes back from help."""
+    page.goto("/live")
+    sign_in(page)
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    tour = page.get_by_test_id("tour")
+    expect(tour).to_have_attribute("data-step", "0")
+    page.get_by_test_id("authority-open").click()
+    expect(tour).to_have_attribute("data-step", "0")
+    page.get_by_test_id("authority-take").click()
+    for step, press in enumerate(("TAKE_IMAGE", "FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"), start=1):
+        expect(tour).to_have_attribute("data-step", str(step))
+        if step == 2:
+            picture("tour")
+        page.get_by_test_id(f"cmd-{press}").click()
+    expect(tour).to_have_attribute("data-step", "5")
+    expect(tour).to_contain_text("the ground agrees")
+    expect(page.get_by_test_id("attitude")).to_contain_text("on board and ground agree")
+    page.get_by_test_id("tour-close").click()
+    expect(tour).to_have_count(0)
+    page.reload()
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    expect(tour).to_have_count(0)
+    page.goto("/live?tour=1")
+    expect(tour).to_be_visible()
+
+
+def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
+    """Ended from elsewhere: sign-in in place, the half-filled form is there again, and what was refused is not sent again."""
+    page.goto("/commands")
+    sign_in(page)
+    page.get_by_test_id("command-search").fill("exposure")
+    page.locator("[data-command=SET_EXPOSURE]").first.click()
+    page.get_by_test_id("arg-exposure_ms").fill("321")
+    own = page.evaluate(
+        """async () => {
+            const who = await (await fetch('/api/session')).json();
+            const mine = (await (await fetch('/api/sessions')).json()).find((s) => s.own);
+            const gone = await fetch('/api/sessions/' + mine.id, { method: 'DELETE', headers: { 'X-GSS': who.csrf } });
+            return gone.status;
+        }"""
+    )
+    assert own == 204
+    expect(page.get_by_test_id("session-ended")).to_contain_text("Your session ended")
+    expect(page.get_by_test_id("sign-in-name")).to_have_value(NAME)
+    expect(page.get_by_test_id("sign-in-password")).to_be_focused()
+    picture("session-ended")
+    page.get_by_test_id("sign-in-password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("arg-exposure_ms")).to_have_value("321")
+    expect(page.get_by_test_id("console-state")).to_contain_text("console connected")
+    page.get_by_test_id("command-send").click()
+    expect(page.get_by_test_id("history-row").first).to_contain_text("completed")
+
+
+def test_the_own_password_is_changed_and_signing_out_ends_it(page, picture):
+    """The old one is asked for; the session goes on; after signing out only the new one opens the console."""
+    page.goto("/contacts")
+    sign_in(page)
+    page.get_by_test_id("user-open").click()
+    page.get_by_test_id("change-password").click()
+    page.get_by_test_id("old-password").fill("not it")
+    page.get_by_test_id("new-password").fill("rigel under the hill")
+    page.get_by_test_id("new-password-again").fill("rigel under the hill")
+    page.get_by_test_id("change-password-go").click()
+    expect(page.get_by_test_id("own-problem")).to_contain_text("does not fit")
+    picture("own-account")
+    page.get_by_test_id("old-password").fill(PASSWORD)
+    page.get_by_test_id("change-password-go").click()
+    expect(page.get_by_test_id("toasts")).to_contain_text("password is changed")
+    expect(page.get_by_test_id("contacts")).to_be_visible()
+    page.get_by_test_id("user-open").click()
+    page.get_by_test_id("sign-out").click()
+    expect(page.get_by_test_id("sign-in")).to_be_visible()
+    sign_in(page)
+    expect(page.get_by_test_id("sign-in-problem")).to_be_visible()
+    sign_in(page, password="rigel under the hill")
+    expect(page.get_by_test_id("user-cell")).to_contain_text(NAME)
