@@ -74,7 +74,7 @@ class Settings(BaseSettings):
         description="Memory of one password hash (argon2id); less than 19456 is weak.",
     )
     password_passes: int = Field(default=3, ge=1, le=100, description="Passes of one password hash (argon2id).")
-    backups: Path | None = Field(default=None, description="Folder of the backups; empty: inside the data folder.")
+    backups: str = Field(default="", description="Folder of the backups; empty: inside the data folder.")
     disk_watch_mb: int = Field(default=2048, ge=0, description="Free space below which there is an alarm.")
     disk_stop_mb: int = Field(
         default=256, ge=0, description="Free space below which imports, downloads, builds and backups are refused."
@@ -96,7 +96,7 @@ class Settings(BaseSettings):
     @property
     def backups_folder(self) -> Path:
         """Where backups are, in force."""
-        return self.backups or self.data / "backups"
+        return Path(self.backups) if self.backups else self.data / "backups"
 
     @property
     def blobs_url(self) -> str:

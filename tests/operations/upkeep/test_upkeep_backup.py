@@ -1,0 +1,221 @@
+"""Backups: whole or not there, verified before anything is put back, and what is put back is served again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tarfile
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, NotFound, StoreDown
+from gss.operations.jobs import Cancelled
+from gss.operations.upkeep.check_store import check_store
+from gss.operations.upkeep.restore import NEW_IDS, restore
+from gss.store import commands
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, open_engine
+from gss.store.models import Frame
+
+
+def rows(database) -> list[tuple[int, str]]:
+    with database.unit_of_work() as session:
+        return [(f.id, f.sha256) for f in session.scalars(select(Frame).order_by(Frame.id))]
+
+
+def opened(folder: Path) -> Database:
+    return Database(open_engine(f"sqlite:///{folder / 'gss.db'}"))
+
+
+def test_what_was_backed_up_comes_back_whole(store, clock, tmp_path):
+    """Rows, bytes and captures are the same; the store that was put back passes its own check."""
+    store.fill()
+    made = store.backups.make()
+    done = restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    database = opened(tmp_path / "new")
+    assert rows(database) == rows(store.database)
+    blobs = BlobStore(str(tmp_path / "new" / "blobs"))
+    assert check_store(database, blobs, tmp_path / "new" / "captures").whole
+    assert done.files == len(made.blobs) == 7
+    (capture,) = (tmp_path / "captures").glob("*.raw")
+    assert (tmp_path / "new" / "captures" / capture.name).read_bytes() == capture.read_bytes()
+    database.close()
+
+
+def test_command_ids_begin_anew_behind_all_that_may_have_been_sent(store, clock, tmp_path):
+    """The record does not know what was sent after the backup; an id that the device remembers would bring an old answer."""
+    made = store.backups.make()
+    restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    database = opened(tmp_path / "new")
+    with database.unit_of_work() as session:
+        assert commands.last_request_id(session) == NEW_IDS
+    database.close()
+
+
+def test_the_second_backup_copies_only_what_is_new_and_old_ones_go(store, clock, tmp_path):
+    """Bytes are kept once for all backups; with the last backup that needs them they go."""
+    store.fill()
+    first = store.backups.make()
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file()}
+    store.add_frame(b"n" * 77, age_days=0)
+    clock.forward(60)
+    second = store.backups.make()
+    after = {p: p.stat().st_mtime_ns for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file()}
+    assert {p: t for p, t in after.items() if p in before} == before
+    assert len(after) == len(before) + 1
+    assert [made.name for made in store.backups.every()] == [second.name, first.name]
+    assert store.backups.prune(1) == [first.name]
+    assert [made.name for made in store.backups.every()] == [second.name]
+    restore(tmp_path / "backups" / second.name, tmp_path / "new", clock)
+
+
+def test_the_tar_file_is_as_good_as_the_folder(store, clock, tmp_path):
+    """What the page gives away can be put back."""
+    store.fill()
+    made = store.backups.make()
+    file = tmp_path / "elsewhere" / "backup.tar"
+    file.parent.mkdir()
+    file.write_bytes(b"".join(store.backups.archive(made.name)))
+    restore(file, tmp_path / "new", clock)
+    database = opened(tmp_path / "new")
+    assert rows(database) == rows(store.database)
+    database.close()
+    cut = tmp_path / "elsewhere" / "cut.tar"
+    cut.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(CorruptData):
+        restore(cut, tmp_path / "other", clock)
+    assert sorted(p.name for p in file.parent.iterdir()) == ["backup.tar", "cut.tar"]
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("what", ["database", "blob", "manifest", "gone", "newer", "not a backup", "full folder"])
+def test_what_is_not_whole_is_refused_and_nothing_is_put_in_place(store, clock, tmp_path, what):
+    """One bit anywhere, a missing file, a newer version, a folder with something in it."""
+    store.fill()
+    made = store.backups.make()
+    folder = tmp_path / "backups" / made.name
+    blob = next(p for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file())
+    wanted: type[GssError] = CorruptData
+    if what == "database":
+        flip(folder / "gss.db")
+    elif what == "blob":
+        flip(blob)
+    elif what == "manifest":
+        flip(folder / "manifest.json")
+    elif what == "gone":
+        blob.unlink()
+        wanted = NotFound
+    elif what == "newer":
+        record = json.loads((folder / "manifest.json").read_bytes()) | {"schema": "9999"}
+        data = json.dumps(record).encode()
+        (folder / "manifest.json").write_bytes(data)
+        (folder / "manifest.sha256").write_text(hashlib.sha256(data).hexdigest() + "  manifest.json\n")
+        wanted = BadInput
+    elif what == "not a backup":
+        (folder / "manifest.json").unlink()
+        wanted = NotFound
+    else:
+        (tmp_path / "new").mkdir()
+        (tmp_path / "new" / "gss.db").write_bytes(b"somebody's")
+        wanted = Conflict
+    with pytest.raises(wanted):
+        restore(folder, tmp_path / "new", clock)
+    left = [p.name for p in (tmp_path / "new").rglob("*")] if (tmp_path / "new").exists() else []
+    assert left == (["gss.db"] if what == "full folder" else [])
+    assert not list(tmp_path.glob(".new*"))
+
+
+def test_a_manifest_or_tar_that_names_paths_is_refused(store, clock, tmp_path):
+    """No name of a backup reaches the disk outside of the new folder."""
+    evil = tmp_path / "evil.tar"
+    for name in ("../evil", "/etc/evil", "2026-01-01T000000Z/../../evil", "blobs/ab/../../evil"):
+        with tarfile.open(evil, "w") as tar:
+            tar.addfile(tarfile.TarInfo(name))
+        with pytest.raises(CorruptData):
+            restore(evil, tmp_path / "new", clock)
+    made = store.backups.make()
+    folder = tmp_path / "backups" / made.name
+    record = json.loads((folder / "manifest.json").read_bytes())
+    for change in ({"captures": {"../x": "0" * 64}}, {"blobs": {"../../x": 1}}, {"kind": "other"}, {"extra": 1}):
+        data = json.dumps(record | change).encode()
+        (folder / "manifest.json").write_bytes(data)
+        (folder / "manifest.sha256").write_text(hashlib.sha256(data).hexdigest() + "  manifest.json\n")
+        with pytest.raises((CorruptData, BadInput)):
+            restore(folder, tmp_path / "new", clock)
+
+
+@pytest.mark.parametrize("when", ["copying", "0 of", "3 of", "sealing"])
+def test_killed_while_it_is_made_there_is_no_backup_and_the_next_one_cleans_up(store, clock, tmp_path, when):
+    """Under its own name it is there only when it is whole."""
+    store.fill()
+
+    def until(_done, _total, text):
+        if when in text:
+            # kill -9 leaves everything as it is at this moment: a copy of it is what the next server finds
+            shutil.copytree(tmp_path / "backups", tmp_path / "left")
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        store.backups.make(until)
+    shutil.rmtree(tmp_path / "backups")
+    shutil.move(tmp_path / "left", tmp_path / "backups")
+    assert store.backups.every() == []
+    made = store.backups.make()
+    restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    assert sorted(p.name for p in (tmp_path / "backups").iterdir()) == sorted([made.name, "blobs"])
+
+
+def test_two_backups_at_once_are_refused_and_a_full_disk_makes_none(store, tmp_path):
+    """One at a time; and none where it would leave too little room."""
+    store.fill()
+
+    def again(_done, _total, text):
+        if "copying" in text:
+            store.backups.make()
+
+    with pytest.raises(Conflict, match="under way"):
+        store.backups.make(again)
+    store.room[0] = store.disk.stop_bytes + 1000
+    with pytest.raises(StoreDown, match="nearly full"):
+        store.backups.start(user="ann")
+    assert store.backups.every() == []
+
+
+def test_the_check_of_the_store_tells_each_kind_of_harm(store, tmp_path):
+    """Missing and damaged bytes, wrong sizes, left-overs, torn and short captures, broken references, a damaged page."""
+    store.fill()
+    captures = tmp_path / "captures"
+    assert check_store(store.database, store.blobs, captures).whole
+    store.blob_path(bytes([1]) * 500).unlink()
+    flip(store.blob_path(bytes([2]) * 500))
+    store.blobs.put(b"nobody's")
+    (capture,) = captures.glob("*.raw")
+    capture.write_bytes(capture.read_bytes()[:-3])
+    with store.database.engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA foreign_keys=OFF")
+        connection.exec_driver_sql("UPDATE frames SET contact_id = 99, columns = 400 WHERE id = 4")
+        connection.commit()
+    found = {f.name: f for f in check_store(store.database, store.blobs, captures).findings}
+    states = {name: f.state for name, f in found.items()}
+    assert states == {
+        "database": "ok",
+        "schema": "ok",
+        "references": "error",
+        "bytes missing": "error",
+        "bytes damaged": "error",
+        "bytes of other sizes": "error",
+        "bytes left over": "note",
+        "captures gone": "ok",
+        "captures torn": "note",
+        "captures short": "error",
+        "audit": "ok",
+    }
+    assert found["bytes missing"].examples[0].startswith("frame 2")

@@ -1,0 +1,191 @@
+"""Retention takes what it may, keeps what it must, says what it took, and survives a crash at any point."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+from sqlalchemy import func, select
+
+from gss.domain.errors import BadInput
+from gss.operations.events import EventBus
+from gss.operations.jobs import JobService
+from gss.operations.upkeep import retention as room
+from gss.operations.upkeep.clocks import ClockWatch
+from gss.operations.upkeep.forecast import forecast
+from gss.operations.upkeep.retention import DailyRetention, Policy, RetentionService
+from gss.store import upkeep
+from gss.store.engine import Database, open_engine
+from gss.store.models import Calibration, Frame, Solution, TelemetryPacket
+
+
+def pixels_left(database) -> list[int]:
+    with database.unit_of_work() as session:
+        return list(session.scalars(select(Frame.id).where(Frame.pixels_removed.is_(None)).order_by(Frame.id)))
+
+
+def count(database, model) -> int:
+    with database.unit_of_work() as session:
+        return session.scalar(select(func.count()).select_from(model))
+
+
+def test_nothing_goes_until_somebody_says_so(store):
+    """Every age and size is for ever at first."""
+    store.fill()
+    store.add_packets("housekeeping", 50, 400, 1)
+    result = store.end(store.retention.run(user="ann")).result["removed"]
+    assert result == {"frames": 0, "bytes": 0, "packets": 0, "thinned": 0, "events": 0}
+
+
+def test_old_pixels_go_and_rows_solutions_and_favourites_stay(store):
+    """By age: not favourites, not what a calibration was made from, not the newest, not bytes that another frame has too."""
+    old = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
+    with store.database.unit_of_work() as session:
+        upkeep.set_favourite(session, old[1], True)
+        made = {"created": store.clock(), "author": "a", "tool": "t", "values": {}, "result": {}}
+        session.add(Calibration(profile="p", kind="flat", name="n", request={"flat_pairs": [[old[2], 9]]}, **made))
+    young = [store.add_frame(bytes([3]) * 100, age_days=1), store.add_frame(b"y" * 100, age_days=1)]
+    store.retention.choose(Policy(frames_days=30, keep_frames=2), user="ann")
+    removed = store.end(store.retention.run(user="ann")).result["removed"]
+    assert pixels_left(store.database) == [old[1], old[2], *young]
+    assert (removed["frames"], removed["bytes"]) == (4, 300)
+    assert store.blobs.exists(store.blobs.put(bytes([3]) * 100))
+    assert not store.blob_path(bytes([0]) * 100).exists()
+    assert (count(store.database, Frame), count(store.database, Solution)) == (8, 8)
+
+
+def test_the_oldest_pixels_go_while_all_are_too_large_together(store):
+    """By size: oldest first, no more than needed."""
+    ids = [store.add_frame(bytes([k]) * 1000, age_days=k + 1) for k in range(5)]
+    store.retention.choose(Policy(frames_gb=3.2e-6, keep_frames=1), user="ann")
+    store.end(store.retention.run(user="ann"))
+    assert pixels_left(store.database) == ids[2:]
+
+
+@pytest.mark.parametrize("batch", [7, 2000])
+def test_packets_are_thinned_to_one_a_minute_and_then_go(store, batch, monkeypatch):
+    """What was asked for stays at thinning; the first of each minute stays; beyond the last age none does."""
+    monkeypatch.setattr(upkeep.thin_packets, "__defaults__", (batch,))
+    monkeypatch.setattr(upkeep.remove_packets, "__defaults__", (batch,))
+    store.clock.at = store.clock.at.replace(second=0)
+    store.add_packets("housekeeping", 180, 10, 1)
+    store.add_packets("attitude", 30, 10, 1, request_id=5)
+    store.add_packets("housekeeping", 40, 100, 1)
+    store.add_packets("housekeeping", 25, 1, 1)
+    store.retention.choose(Policy(telemetry_thin_days=5, telemetry_days=50), user="ann")
+    removed = store.end(store.retention.run(user="ann")).result["removed"]
+    assert (removed["packets"], removed["thinned"]) == (40, 177)
+    with store.database.unit_of_work() as session:
+        rows = session.scalars(select(TelemetryPacket).order_by(TelemetryPacket.received)).all()
+    assert [r.values["n"] for r in rows if r.packet == "housekeeping"] == [0, 60, 120, *range(25)]
+    assert len([r for r in rows if r.packet == "attitude"]) == 30
+    assert store.retention.removed_before() == store.clock() - timedelta(days=5)
+
+
+@pytest.mark.parametrize("kept_times", [1, 2, 3, 4])
+def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock, tmp_path, monkeypatch, kept_times):
+    """After a crash no row promises bytes that are gone, and in the end exactly the same has gone."""
+    monkeypatch.setattr(room, "FRAMES_AT_ONCE", 2)
+    ids = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
+    store.add_packets("housekeeping", 10, 40, 1)
+    store.retention.choose(Policy(frames_days=30, telemetry_days=30, keep_frames=0), user="ann")
+    work, times, after = store.retention.work, [], []
+
+    class Killed(BaseException):
+        pass
+
+    def dying(run):
+        def keep(checkpoint, session=None):
+            run.keep(checkpoint, session)
+            times.append(1)
+            if session is not None:
+                session.commit()
+            if len(times) == kept_times:
+                with sqlite3.connect(tmp_path / "gss.db") as live, sqlite3.connect(tmp_path / "after.db") as copy:
+                    live.backup(copy)
+                live.close()
+                copy.close()
+                after.append(Database(open_engine(f"sqlite:///{tmp_path / 'after.db'}")))
+                raise Killed
+
+        try:
+            return work(replace(run, keep=keep))
+        except Killed:
+            return {}
+
+    store.jobs.resumable("retention", dying)
+    store.end(store.retention.run(user="ann"))
+    (database,) = after
+    second = JobService(database, EventBus(database, clock), clock)
+    retention = RetentionService(
+        database, store.blobs, second, EventBus(database, clock), store.link, tmp_path / "upkeep.lock", clock
+    )
+    second.start()
+    second.finish()
+    assert retention.last_run() is not None
+    assert pixels_left(database) == []
+    assert list(store.blobs.keys()) == []
+    assert (count(database, Frame), count(database, TelemetryPacket)) == (len(ids), 0)
+    removed = second.newest(1)[0].result["removed"]
+    assert (removed["frames"], removed["packets"]) == (6, 10)
+    database.close()
+
+
+def test_the_forecast_says_when_the_disk_is_full_and_what_goes_next(store):
+    """A week's growth into the room that is left; under a policy that holds it, it never is."""
+    for k in range(7):
+        store.add_frame(bytes([k]) * 1_000_000, age_days=k + 0.5)
+    store.room[0] = store.disk.stop_bytes + 10_000_000
+    first = forecast(store.database, store.retention, store.disk)
+    assert first.bytes_per_day == pytest.approx(1e6, rel=0.2)
+    assert first.full_in_days == pytest.approx(10, rel=0.25)
+    assert (first.next_removal, first.removable_bytes) == (None, 0)
+    store.retention.choose(Policy(frames_days=20, telemetry_days=9, keep_frames=0), user="ann")
+    second = forecast(store.database, store.retention, store.disk)
+    assert second.full_in_days is None
+    assert second.next_removal == store.clock() + timedelta(days=13.5)
+
+
+def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, clock):
+    """A clock that jumps a year ahead must not make everything old: removal waits for an hour of steady running."""
+    ids = [store.add_frame(bytes([k]) * 100, age_days=1) for k in range(3)]
+    store.retention.choose(Policy(frames_days=30, keep_frames=0), user="ann")
+    mono = [0.0]
+    clocks = ClockWatch(bus, clock, lambda: mono[0])
+    daily = DailyRetention(store.retention, clocks, clock)
+
+    def live(seconds, times=1):
+        for _ in range(times):
+            clock.forward(seconds)
+            mono[0] += seconds
+            clocks.tick()
+            daily.tick()
+
+    def runs():
+        return len([job for job in store.jobs.newest(50) if job.kind == "retention"])
+
+    live(600, 5)
+    assert runs() == 0
+    clock.forward(366 * 86400)  # the jump
+    live(1, 60)
+    assert (runs(), clocks.last_jump_s, clocks.steady()) == (0, pytest.approx(366 * 86400), False)
+    assert any("jumped forward" in event.text for event in bus.after(0, 100))
+    clock.forward(-366 * 86400)  # somebody set it right
+    live(1, 2)
+    live(1800, 2)
+    store.end(store.jobs.newest(1)[0])
+    assert runs() == 1
+    assert pixels_left(store.database) == ids
+    live(3600, 23)
+    assert runs() == 1
+    live(3600, 2)
+    assert runs() == 2
+
+
+def test_a_policy_that_cannot_be_is_refused():
+    """Negative ages, and packets that would go before they are thinned."""
+    for wrong in ({"frames_days": -1}, {"telemetry_days": 5, "telemetry_thin_days": 5}, {"frames_gb": float("nan")}):
+        with pytest.raises(BadInput):
+            Policy(**wrong)
