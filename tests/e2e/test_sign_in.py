@@ -95,7 +95,7 @@ def test_signing_in_says_what_is_wrong_and_opens_the_page_that_was_asked_for(pag
 
 
 def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
-    """Five steps, each advanced by what the sensor did; at the end on board stands beside ground. Closed, it comes back from help."""
+    """Five steps, each advanced by what the sensor did; on board then stands beside ground. Closed, it comes back by a link."""
     page.goto("/live")
     sign_in(page)
     expect(page.get_by_test_id("link-state")).to_contain_text("up")

@@ -1,10 +1,7 @@
 /** Who sits here: name, role, what the role may do; and what happens when the server no longer knows us. */
-import { api, ApiError, door } from '../api/client';
+import { api, door } from '../api/client';
 import type { SessionInfo } from '../api/types';
-import { lacking, WORDS } from '../lib/roles';
-
-/** A server from before accounts. */
-const BEFORE_ACCOUNTS: SessionInfo = { signed_in: true, name: 'operator', role: 'admin', permissions: Object.keys(WORDS), csrf: '1', expires: null, set_up_needed: false, must_change: false };
+import { lacking } from '../lib/roles';
 
 class Session {
   /** False until the server has said for the first time whether we are signed in. */
@@ -59,7 +56,6 @@ class Session {
     try {
       this.put(await api.session());
     } catch (error) {
-      if (error instanceof SyntaxError || (error instanceof ApiError && error.status === 404)) return this.put(BEFORE_ACCOUNTS);
       this.problem = error instanceof Error ? error.message : String(error);
     }
   }
