@@ -341,7 +341,7 @@ class HostSession:
             self._events += self._lane.abandon(f"meant for {before.serial}; {hello.serial} answered")
         self._desk.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
         # A ground without its old database must not use ids again that the device remembers.
-        self._ids.following = max(self._ids.following, hello.last_request_id + 1)
+        self._ids.following = max(self._ids.following, hello.last_request_id % 0xFFFF_FFFF + 1)
         self._events.append(hello)
         if self._handshake.agreed:
             self._desk.line_back(now_s)
