@@ -14,6 +14,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
 from gss.domain.results import SolveResult
+from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.report.parts import Report
 from gss.operations.studies import analysis_sheets as sheets
@@ -75,7 +76,9 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
         got = "none" if commanded_rad_s is None else f"{math.degrees(commanded_rad_s):g}°/s"
         raise BadInput("a slew test needs the rate that was commanded", expected="above 0, below 20°/s", got=got)
     if (kind == "two-cameras") != (others > 0):
-        raise BadInput("frames of a second camera", expected="for two-cameras, and only for it", got=f"{others} frames")
+        raise BadInput(
+            "frames of a second camera", expected="for two-cameras, and only for it", got=counted(others, "frame")
+        )
 
 
 def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, tell: Tell) -> Run:
@@ -208,4 +211,6 @@ def _of(run: Run) -> str:
     version = run.known.sources.get("calibration", "")
     camera = f"{run.known.name}, {version}" if version else run.known.name
     chain = next((r.chain for r in run.results if r is not None), "")
-    return f"{len(run.shots)} frames of {camera}, {first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z, chain {chain}"
+    return (
+        f"{counted(len(run.shots), 'frame')} of {camera}, {first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z, chain {chain}"
+    )

@@ -14,6 +14,7 @@ from gss import __version__
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile
+from gss.domain.words import counted
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import CHAINS, Solver
@@ -124,7 +125,7 @@ class AnalysisService:
             if wanted.other_ids:
                 profile(wanted.other_profile)
             first, other = self._shots.of(wanted.frame_ids), self._shots.of(wanted.other_ids)
-            kind, of = wanted.kind, f"{len(first)} frames"
+            kind, of = wanted.kind, counted(len(first), "frame")
         name = title or f"{kind}, {of}"
 
         def work(run: Run) -> dict[str, Any]:

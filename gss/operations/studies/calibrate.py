@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gss.device.table_use import calibrated, calibration_values
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile
+from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import calibration_report as report
 from gss.operations.studies.night_frames import Shot, Solved, Tell, solve_shots, stack
@@ -153,7 +154,7 @@ def from_darks(
 ) -> Found:
     """Pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields. ``keep`` stores the
     map for reruns and says what the result shows of it."""
-    tell(0.0, f"{len(darks)} dark frames")
+    tell(0.0, counted(len(darks), "dark frame"))
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
         given = ", ".join(str(e) for e in sorted(exposures, key=str))

@@ -11,6 +11,7 @@ from gss.domain.camera import Camera
 from gss.domain.camera_record import camera_from
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile, profile
+from gss.domain.words import counted
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import Solver
@@ -124,7 +125,7 @@ class CalibrationService:
             self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {user}")
             return result
 
-        what = f"{len(shots)} frames" if shots else "the bench"
+        what = counted(len(shots), "frame") if shots else "the bench"
         return f"calibrate {of} from {what}", work
 
     def _camera(self, wanted: Wanted) -> CameraProfile | None:

@@ -17,6 +17,7 @@ from typing import Any
 from gss import __version__
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.profiles import CameraProfile
+from gss.domain.words import counted
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.frames.observer import observer_of_frame
 from gss.operations.frames.solve import CHAINS
@@ -109,7 +110,7 @@ class ReprocessService:
             "up_to": tasks[-1].frame_id,
             "epoch_jyear": self._epoch_jyear,
         }
-        return self._jobs.begin(KIND, f"{wanted.chain} on {len(tasks)} frames", request)
+        return self._jobs.begin(KIND, f"{wanted.chain} on {counted(len(tasks), 'frame')}", request)
 
     def tasks(self, wanted: Reprocessing, **filters: Any) -> list[Task]:
         """What is to be done, oldest frame first."""

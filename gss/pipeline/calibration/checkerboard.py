@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput
+from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 
 NAMES = ("focal_col_px", "focal_row_px", "centre_col_px", "centre_row_px", "k1", "k2", "p1", "p2", "k3")
@@ -125,7 +126,7 @@ def _made(
     values = tuple(float(getattr(camera if n.endswith("_px") else camera.distortion, n)) for n in NAMES)
     said: list[Advice] = []
     if len(off) < FEW_IMAGES:
-        said.append(Advice("few-frames", f"the board was found in {len(off)} pictures", "take 10 to 20"))
+        said.append(Advice("few-frames", f"the board was found in {counted(len(off), 'picture')}", "take 10 to 20"))
     if covered < COVERED:
         text = f"corners of the board in {covered:.0%} of the field only"
         said.append(Advice("one-part", text, "move the board until it has been in every corner of the picture"))

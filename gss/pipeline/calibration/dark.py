@@ -13,6 +13,7 @@ from scipy.stats import trim_mean
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
+from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
@@ -117,7 +118,9 @@ def _cube(frames: Frames, fewest: int) -> NDArray[np.float32]:
 def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -> list[Advice]:
     said: list[Advice] = []
     if len(cube) < FEW_FRAMES:
-        said.append(Advice("few-frames", f"{len(cube)} dark frames", "take ten or more: the median is then quieter"))
+        said.append(
+            Advice("few-frames", counted(len(cube), "dark frame"), "take ten or more: the median is then quieter")
+        )
     drift = float(np.ptp(level))
     if drift > max(2.0, noise):
         text = f"the level changed by {drift:.1f} DN between the frames"

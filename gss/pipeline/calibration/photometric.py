@@ -17,6 +17,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.stars import Ids
+from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.histogram import Histogram, histogram
 from gss.pipeline.calibration.photometric_design import Light, corner_radius, light_of, measure
@@ -122,7 +123,7 @@ def _usable(
         warnings.append(Advice("saturated", text, "expose shorter, or point away from bright stars"))
     dim = np.flatnonzero(offsets < -CLOUD_MAG)
     if len(dim):
-        text = f"{len(dim)} frames have lost more than {CLOUD_MAG} mag of light and were left out"
+        text = f"{counted(len(dim), 'frame')} left out: more than {CLOUD_MAG} mag of light lost"
         warnings.append(Advice("clouds", text, "repeat under a clear sky"))
     good &= ~light.clipped & ~np.isin(light.frame, dim)
     if limits_mag is not None:

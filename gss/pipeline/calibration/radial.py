@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array, separation_rad
 from gss.domain.camera import Camera, RadialTilt
 from gss.domain.errors import BadInput
+from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
@@ -68,7 +69,7 @@ def radial_polynomial(
         raise BadInput(
             "too few stars with one near the optical centre beside them",
             expected=f"{FEWEST_STARS} in frames with a star within {near_mm:g} mm of the centre",
-            got=f"{len(r)} in {used_frames} frames",
+            got=f"{len(r)} in {counted(used_frames, 'frame')}",
             hint="image a dense part of the sky: at least half the frames then have such a star",
         )
     delta = np.concatenate(delta_parts)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.words import counted, verb
 from gss.pipeline.attitude import svd
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.sightings import FrameStars
@@ -61,7 +62,7 @@ def _of_size(
         warnings.append(
             Advice(
                 "mixed-sizes",
-                f"{len(other)} frames are not {start.columns} x {start.rows} px",
+                f"{counted(len(other), 'frame')} {verb(len(other), 'is', 'are')} not {start.columns} x {start.rows} px",
                 "calibrate each camera, and each binning or window, by itself",
             )
         )
@@ -82,7 +83,9 @@ def _without_clipped(frames: list[FrameStars], warnings: list[Advice]) -> list[F
 
 
 def _with_stars(frames: list[FrameStars], excluded: list[tuple[str, str]]) -> list[FrameStars]:
-    excluded += [(f.name, f"{len(f)} stars; {FEWEST_STARS} are needed") for f in frames if len(f) < FEWEST_STARS]
+    excluded += [
+        (f.name, f"{counted(len(f), 'star')}; {FEWEST_STARS} are needed") for f in frames if len(f) < FEWEST_STARS
+    ]
     return [f for f in frames if len(f) >= FEWEST_STARS]
 
 
@@ -91,7 +94,7 @@ def _steady(frames: list[FrameStars], excluded: list[tuple[str, str]], warnings:
     if not moving:
         return frames
     longest = max(f.streak_px for f in moving)
-    text = f"the camera moved during the exposure of {len(moving)} frames: trails up to {longest:.0f} px"
+    text = f"the camera moved during the exposure of {counted(len(moving), 'frame')}: trails up to {longest:.0f} px"
     hint = "fix the camera to the ground, or expose shorter"
     steady = [f for f in frames if f.streak_px <= STREAK_PX]
     if len(steady) < FEW_FRAMES:
@@ -111,7 +114,7 @@ def _upright(
         warnings.append(
             Advice(
                 "mirrored",
-                f"{sum(mirrored)} of {len(frames)} frames are mirrored: only their left-right reverse is in the sky",
+                f"{sum(mirrored)} of {counted(len(frames), 'frame')} mirrored: only the left-right reverse is in the sky",
                 "read the file the right way round, or correct the order of the read-out",
                 severe=all(mirrored),
             )
@@ -176,7 +179,7 @@ def _of_one_scale(
     warnings.append(
         Advice(
             "mixed-cameras",
-            f"{int((~keep).sum())} of {len(frames)} frames have another plate scale than the rest",
+            f"{int((~keep).sum())} of {counted(len(frames), 'frame')} with another plate scale than the rest",
             "calibrate frames of one camera with one lens at one focus together",
             severe=int(keep.sum()) < 2 * int((~keep).sum()),
         )
@@ -210,9 +213,11 @@ def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
         return []
     parts = []
     if len(dim):
-        parts.append(f"stars of {len(dim)} frames are more than {CLOUD_MAG} mag too faint")
+        parts.append(f"stars of {counted(len(dim), 'frame')} are more than {CLOUD_MAG} mag too faint")
     if len(few):
-        parts.append(f"{len(few)} frames have less than half as many stars as the others")
+        parts.append(
+            f"{counted(len(few), 'frame')} {verb(len(few), 'has', 'have')} less than half as many stars as the others"
+        )
     names = ", ".join(frames[k].name for k in sorted({*dim.tolist(), *few.tolist()})[:5])
     return [
         Advice(
@@ -231,12 +236,12 @@ def poor_data(pixels: Array, frames: int, size: tuple[int, int]) -> list[Advice]
     """What is poor about the stars that are left."""
     made: list[Advice] = []
     if len(pixels) < FEW_STARS:
-        text = f"{len(pixels)} stars in all"
+        text = f"{counted(len(pixels), 'star')} in all"
         made.append(
             Advice("few-stars", text, f"take more frames, until there are {FEW_STARS} or better 300 stars", True)
         )
     if frames < FEW_FRAMES:
-        made.append(Advice("few-frames", f"{frames} frames", "take 20 or more, turned against each other"))
+        made.append(Advice("few-frames", counted(frames, "frame"), "take 20 or more, turned against each other"))
     share = coverage(pixels, size) if len(pixels) else 0.0
     if share < 0.8:
         text = f"stars in {share:.0%} of the field only"

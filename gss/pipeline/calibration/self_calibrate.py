@@ -18,6 +18,7 @@ from gss.domain.camera import Camera, RadialTilt
 from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress
 from gss.domain.rotation import quaternion_from_matrix
+from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.bundle import Adjusted, Prior, huber_cost
 from gss.pipeline.calibration.hold_out import held_out
@@ -108,7 +109,7 @@ def _enough(screened: Screened, given: int) -> None:
     raise BadInput(
         "these frames do not suffice for a calibration",
         expected=f"more than {max(unknowns, 10) // 2} stars matched",
-        got=f"{stars} in {len(screened.frames)} of {given} frames" + (f" ({why})" if why else ""),
+        got=f"{stars} in {len(screened.frames)} of {counted(given, 'frame')}" + (f" ({why})" if why else ""),
         hint=hint,
     )
 
@@ -140,7 +141,7 @@ def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Tri
     if not strange.any() or strange.mean() > 0.3:
         return screened, stars, False
     names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
-    text = f"{len(names)} frames do not fit the others and were left out"
+    text = f"{counted(len(names), 'frame')} left out: not like the others"
     hint = "look whether they are of the same camera and focus, and whether their stars are identified rightly"
     kept = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
     better = Screened(
