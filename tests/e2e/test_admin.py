@@ -1,0 +1,221 @@
+"""The admin's page, and what the other roles see of what they may not do."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(180)]
+PASSWORD = "rigel above the roof"
+ASK = """async ([method, path, body]) => {
+    const who = await (await fetch('/api/session')).json();
+    const answer = await fetch('/api' + path, { method, headers: { 'X-GSS': who.csrf, 'Content-Type': 'application/json' },
+        body: body === null ? null : JSON.stringify(body) });
+    return [answer.status, await answer.text()];
+}"""
+# For each role: a page, the control that is held there, and the request behind it.
+HELD = [
+    ("viewer", "/live", "cmd-TAKE_IMAGE", "operator's", ("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}})),
+    ("viewer", "/frames", "import", "engineer's", ("PUT", "/frames/1/favourite", {"favourite": True})),
+    ("viewer", "/contacts", "link-close", "operator's", ("POST", "/link/close", None)),
+    ("engineer", "/catalogues", "new-catalogue", "catalogue manager's", ("POST", "/catalogues", {"name": "x"})),
+    (
+        "engineer",
+        "/live",
+        "cmd-CALCULATE_ATTITUDE",
+        "operator's",
+        ("POST", "/commands", {"name": "CALCULATE_ATTITUDE", "arguments": {}}),
+    ),
+    (
+        "catalogue manager",
+        "/live",
+        "cmd-TAKE_IMAGE",
+        "operator's or engineer's",
+        ("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}}),
+    ),
+    (
+        "catalogue manager",
+        "/campaigns",
+        "reprocess-start",
+        "engineer's",
+        ("POST", "/campaigns/reprocess", {"chain": "reference"}),
+    ),
+    ("operator", "/frames", "import", "engineer's", ("POST", "/users", {"name": "x", "role": "admin"})),
+]
+
+
+def make_user(page, name, role):
+    """Add a user on the page; the link that is shown once."""
+    page.goto("/admin?show=people")
+    page.get_by_test_id("new-user-name").fill(name)
+    page.get_by_test_id(f"new-user-{role}").check()
+    page.get_by_test_id("new-user-go").click()
+    expect(page.get_by_test_id("user-link")).to_contain_text(f"Link for {name}")
+    link = page.get_by_test_id("one-time").input_value()
+    page.get_by_test_id("one-time-close").click()
+    expect(page.get_by_test_id("user-link")).to_have_count(0)
+    return link
+
+
+@pytest.fixture
+def as_user(page, browser, address):
+    """Adds a user of a role and opens their link in a browser of their own; their page."""
+    contexts = []
+
+    def open_link(name, role, start="/live"):
+        link = make_user(page, name, role)
+        context = browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})
+        contexts.append(context)
+        theirs = context.new_page()
+        theirs.goto(link)
+        theirs.get_by_test_id("new-password").fill(PASSWORD)
+        theirs.get_by_test_id("new-password-again").fill(PASSWORD)
+        theirs.keyboard.press("Enter")
+        expect(theirs.get_by_test_id("user-cell")).to_contain_text(name)
+        theirs.goto(start)
+        return theirs
+
+    yield open_link
+    for context in contexts:
+        context.close()
+
+
+def test_a_new_user_comes_in_by_a_link_that_is_shown_once(page, as_user, picture):
+    """Added with a role, the link opened elsewhere, a password of their own; the table and the sessions show them."""
+    theirs = as_user("vera", "viewer")
+    expect(theirs.get_by_test_id("nav-admin")).to_have_count(0)
+    theirs.goto("/admin")
+    expect(theirs.get_by_test_id("admin-refused")).to_contain_text("needs the admin's role, you are a viewer")
+    page.reload()
+    expect(page.locator("[data-testid=user-row][data-user=vera]")).to_contain_text("active")
+    expect(page.locator("[data-testid=session-row][data-user=vera]")).to_have_count(1)
+    picture("admin-people")
+
+
+@pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
+def test_what_a_role_may_not_do_is_dashed_and_says_why(as_user, role):
+    """Reachable by the keyboard, with the reason; it does nothing when pressed, and the server refuses too."""
+    theirs = as_user(role.replace(" ", "-"), role)
+    for _, path, control, whose, request in [row for row in HELD if row[0] == role]:
+        theirs.goto(path)
+        held = theirs.get_by_test_id(control)
+        expect(held).to_have_attribute("data-held", re.compile(re.escape(f"needs the {whose} role, you are")))
+        held.focus()
+        expect(held).to_be_focused()
+        expect(theirs.locator("#held-reason")).to_contain_text(whose)
+        assert held.evaluate("e => getComputedStyle(e).borderTopStyle") == "dashed"
+        theirs.keyboard.press("Enter")
+        status, text = theirs.evaluate(ASK, list(request))
+        assert status == 403, (path, status, text)
+        assert "role" in text
+    expect(theirs.get_by_test_id("toasts")).to_have_text("")
+
+
+def test_an_operator_works_where_a_viewer_looks(as_user):
+    """The same page, the other role: nothing on it is held, and a command goes through."""
+    theirs = as_user("olga", "operator")
+    expect(theirs.get_by_test_id("link-state")).to_contain_text("up")
+    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-held", re.compile(".+"))
+    theirs.get_by_test_id("cmd-TAKE_IMAGE").click()
+    expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).to_have_attribute("data-result", "completed")
+    theirs.get_by_test_id("authority-open").click()
+    theirs.get_by_test_id("authority-release").click()
+
+
+def test_another_role_and_switching_off_hold_at_once(page, as_user):
+    """A changed role opens what it may; switched off, the person stands before the sign-in within seconds."""
+    theirs = as_user("ines", "viewer", "/frames")
+    row = page.locator("[data-testid=user-row][data-user=ines]")
+    row.get_by_test_id("user-role").select_option("engineer")
+    expect(page.get_by_test_id("users")).to_be_visible()
+    theirs.reload()
+    expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-held", re.compile(".+"))
+    row.get_by_test_id("user-off").click()
+    expect(row).to_contain_text("sessions end at once")
+    row.get_by_test_id("user-off-now").click()
+    expect(row).to_contain_text("switched off")
+    expect(theirs.get_by_test_id("session-ended")).to_be_visible()
+
+
+def test_a_token_is_shown_once_works_and_is_worth_nothing_when_revoked(page, browser, address, picture):
+    """A program with it reads; narrowed to the metrics it reads nothing else; revoked it is a stranger."""
+    page.goto("/admin?show=tokens")
+    page.get_by_test_id("new-token-name").fill("watchdog")
+    page.get_by_test_id("new-token-days").fill("30")
+    page.get_by_test_id("new-token-go").click()
+    expect(page.get_by_test_id("token-key")).to_be_visible()
+    key = page.get_by_test_id("one-time").input_value()
+    assert key.startswith("gss_")
+    picture("admin-tokens")
+    program = browser.new_context(base_url=address, extra_http_headers={"Authorization": f"Bearer {key}"})
+    assert program.request.get("/api/link").status == 200
+    assert program.request.post("/api/link/close").status == 403
+    page.get_by_test_id("one-time-close").click()
+    assert key not in page.content()
+    row = page.locator("[data-testid=token-row][data-token=watchdog]")
+    row.get_by_test_id("token-revoke").click()
+    expect(row).to_contain_text("revoked")
+    assert program.request.get("/api/link").status == 401
+    program.close()
+
+
+def test_the_record_is_filtered_whole_and_given_away_as_a_file(page, picture):
+    """Who did what, with refusals; the chain of hashes is whole; CSV has the same rows."""
+    page.goto("/admin?show=audit")
+    rows = page.get_by_test_id("audit-row")
+    expect(rows.first).to_be_visible()
+    expect(page.get_by_test_id("audit")).to_contain_text("whole:")
+    picture("admin-audit")
+    page.get_by_test_id("audit-result").select_option("denied")
+    expect(page.locator("[data-testid=audit-row][data-result=done]")).to_have_count(0)
+    page.get_by_test_id("audit-who").fill("nobody-of-this-name")
+    expect(page.get_by_text("No row passes these filters.")).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_test_id("audit-csv").click()
+    assert download.value.suggested_filename == "audit.csv"
+
+
+def test_health_says_in_words_what_was_looked_at(page, picture):
+    """Each check has a lamp, a word and a sentence; every stored file can be checked as a job."""
+    page.goto("/admin?show=health")
+    expect(page.get_by_test_id("health-row").first).to_be_visible()
+    assert page.get_by_test_id("health-row").count() >= 8
+    page.get_by_test_id("check-store").click()
+    expect(page.get_by_test_id("health").get_by_test_id("job")).to_have_attribute("data-state", "done")
+    picture("admin-health")
+
+
+def test_retention_shows_what_it_would_take_before_it_takes_it(page, picture):
+    """A number out of range is said so; a changed one shows its effect beside the one in force; saved, it can run."""
+    page.goto("/admin?show=storage")
+    expect(page.get_by_test_id("storage-kind").first).to_be_visible()
+    field = page.get_by_test_id("retention-telemetry_days")
+    field.fill("99999")
+    expect(page.get_by_text("0 – 36 500", exact=False)).to_be_visible()
+    expect(page.get_by_test_id("retention-save")).to_be_disabled()
+    field.fill("0.00001")
+    packets = (
+        page.get_by_test_id("retention-effect").locator("tr").filter(has_text="packets of telemetry").locator("td")
+    )
+    expect(packets.nth(1)).to_have_text("0")
+    expect(packets.nth(2)).to_have_text(re.compile(r"[1-9]"))
+    picture("admin-storage")
+    field.fill("365")
+    page.get_by_test_id("retention-save").click()
+    expect(page.get_by_test_id("retention-save")).to_be_disabled()
+    page.get_by_test_id("retention-run").click()
+    expect(page.get_by_test_id("retention").get_by_test_id("job")).to_have_attribute("data-state", "done")
+
+
+def test_a_backup_is_made_and_downloaded(page, picture):
+    """One press, a job to its end, a row with its size, and a file."""
+    page.goto("/admin?show=backup")
+    expect(page.get_by_test_id("backup-now")).to_be_enabled()
+    page.get_by_test_id("backup-now").click()
+    expect(page.get_by_test_id("backup-row").first).to_be_visible()
+    picture("admin-backup")
+    with page.expect_download() as download:
+        page.get_by_test_id("backup-download").first.click()
+    assert download.value.suggested_filename.endswith(".tar")
