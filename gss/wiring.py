@@ -40,6 +40,9 @@ from gss.operations.line.raw_capture import Retention
 from gss.operations.line.reception import Reception
 from gss.operations.line.replay_capture import CaptureReplay
 from gss.operations.line.status import StatusService
+from gss.operations.recordings.live import LiveRecordings
+from gss.operations.recordings.scope import Scopes
+from gss.operations.recordings.stored import Recordings
 from gss.operations.studies.analyses import AnalysisService
 from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.camera_book import CameraBook
@@ -111,6 +114,9 @@ class Services:
     calibrations: CalibrationService
     analyses: AnalysisService
     place: PlaceService
+    scopes: Scopes
+    recordings: Recordings
+    live_recordings: LiveRecordings
     accounts: AccountService
     audit: AuditService
     upkeep: Upkeep
@@ -257,6 +263,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now, darks)
     analyses = AnalysisService(database, jobs, shots, solver, book, contacts, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
+    place = PlaceService(dictionary, database, bank_history, schedule.clock)
+    recordings = Recordings(database, frames, stars, place.at)
     accounts = make_accounts(settings, database)
     commands.permits = accounts.require
     upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
@@ -306,5 +314,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         accounts=accounts,
         audit=AuditService(database, utc_now),
         upkeep=upkeep,
-        place=PlaceService(dictionary, database, bank_history, schedule.clock),
+        place=place,
+        scopes=Scopes(database, utc_now),
+        recordings=recordings,
+        live_recordings=LiveRecordings(recordings, database, bus, utc_now),
     )

@@ -7,24 +7,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli import export_commands, records
+from gss.cli import export_commands, export_rerun, records
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
-
-
-MOST_FRAMES = 10_000
 
 
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("export", help="write recordings and documents")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
-    rerun = kinds.add_parser("rerun", help="stored frames as one Rerun recording")
-    rerun.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
-    rerun.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
-    rerun.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
-    rerun.set_defaults(run=export_rerun)
+    export_rerun.register(kinds)
     fits = kinds.add_parser("fits", help="stored frames as FITS files with the coordinates of their solution")
     fits.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
     fits.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for frame-N.fits")
@@ -55,20 +48,6 @@ def register(subparsers: Subparsers) -> None:
     records.register_exports(kinds)
 
 
-def export_rerun(arguments: argparse.Namespace) -> int:
-    """Write the recording."""
-    from gss.operations.frames.rerun_export import recording
-    from gss.settings import Settings
-    from gss.wiring import build
-
-    settings = Settings(**({"data": arguments.data} if arguments.data else {}))
-    services = build(settings)
-    data = recording(services.frames, _ids(arguments.frames), services.stars)
-    arguments.out.write_bytes(data)
-    print(f"{arguments.out}: {len(data)} bytes")
-    return 0
-
-
 def export_shell(arguments: argparse.Namespace) -> int:
     """Write the page."""
     from gss.cli import whole_parser
@@ -94,10 +73,11 @@ def export_fits(arguments: argparse.Namespace) -> int:
     """Write one file per frame; frames with missing rows are left out and named."""
     from gss.cli.records import services_of
     from gss.operations.frames.fits_export import fits_file
+    from gss.operations.recordings.ranges import ids_of
 
     services, written = services_of(arguments), 0
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for frame_id in _ids(arguments.frames):
+    for frame_id in ids_of(arguments.frames):
         detail = services.frames.detail(frame_id)
         if not detail.frame.complete:
             print(f"frame {frame_id} has missing rows and was left out", file=sys.stderr)
@@ -107,21 +87,6 @@ def export_fits(arguments: argparse.Namespace) -> int:
         written += 1
     print(f"{arguments.out}: {written} files")
     return 0
-
-
-def _ids(text: str) -> list[int]:
-    from gss.domain.errors import BadInput
-
-    ids: list[int] = []
-    for part in text.split(","):
-        first, _, last = part.partition("-")
-        if not first.isdigit() or (last and not last.isdigit()):
-            raise BadInput("not a list of frames", expected="numbers and ranges such as 3,5-9", got=text)
-        low, high = int(first), int(last or first)
-        if high < low or high - low >= MOST_FRAMES:
-            raise BadInput("not a range of frames", expected=f"low-high, at most {MOST_FRAMES} frames", got=part)
-        ids += range(low, high + 1)
-    return ids
 
 
 def export_icd(arguments: argparse.Namespace) -> int:

@@ -26,7 +26,6 @@ from gss.domain.errors import BadInput
 from gss.operations.frames import pictures
 from gss.operations.frames.fits_export import fits_file as fits_bytes
 from gss.operations.frames.observer import observer_of_frame
-from gss.operations.frames.rerun_export import recording
 from gss.operations.frames.solve import SolveRequest
 from gss.store.models import Frame
 
@@ -161,7 +160,9 @@ def fits_file(app: App, frame_id: RowId) -> Response:
 @router.get("/{frame_id}/recording.rrd", response_class=Response, dependencies=[EXPORT])
 def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
-    return Response(recording(app.frames, [frame_id], app.stars), media_type="application/octet-stream")
+    data = app.recordings.write(app.scopes.of_frames([frame_id]))
+    headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.rrd"}
+    return Response(data, media_type="application/x-rerun", headers=headers)
 
 
 @router.get("/{frame_id}/replay")

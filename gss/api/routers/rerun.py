@@ -1,13 +1,107 @@
-"""The Rerun viewer's own files, behind our origin and our policy."""
+"""Rerun: recordings of what is stored and of what happens, and the viewer's own files, behind our origin and our session."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+import asyncio
+import contextlib
+import struct
+from collections.abc import AsyncIterator
+from typing import Annotated
 
-from gss.api.deps import App
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import StreamingResponse
+
+from gss.api.deps import EXPORT, App, Who, identity_still_valid
+from gss.api.schemas.base import LARGEST_ID
+from gss.domain.errors import BadInput
+from gss.operations.recordings.ranges import ids_of
+from gss.operations.recordings.scope import Scope
+from gss.wiring import Services
 
 router = APIRouter(prefix="/rerun", tags=["rerun"])
 TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
+RRD = "application/x-rerun"
+PIECES = "application/x-gss-rrd-pieces"
+SIDE = 12
+"""Frames before and after the one that a page shows."""
+GATHER_S = 0.25
+PING_S = 5.0
+Id = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
+
+
+@router.get("/recording.rrd", response_class=Response, dependencies=[EXPORT])
+def stored_recording(
+    app: App,
+    frames: Annotated[str, Query(max_length=4000)] = "",
+    around: Id = None,
+    contact: Id = None,
+    calibration: Id = None,
+    analysis: Id = None,
+    campaign: Id = None,
+) -> Response:
+    """The recording of frames (``3,5-9``), of one frame with its neighbours, or of a contact, calibration, analysis or campaign."""
+    scope = _scope(app, frames, around, contact, calibration, analysis, campaign)
+    headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd"}
+    return Response(app.recordings.write(scope), media_type=RRD, headers=headers)
+
+
+def _scope(
+    app: Services,
+    frames: str,
+    around: int | None,
+    contact: int | None,
+    calibration: int | None,
+    analysis: int | None,
+    campaign: int | None,
+) -> Scope:
+    asked = [bool(frames), *(v is not None for v in (around, contact, calibration, analysis, campaign))]
+    if sum(asked) != 1:
+        expected = "one of frames, around, contact, calibration, analysis, campaign"
+        raise BadInput("what shall be recorded?", expected=expected, got=f"{sum(asked)} of them")
+    if around is not None:
+        return app.scopes.around(around, SIDE)
+    if contact is not None:
+        return app.scopes.of_contact(contact)
+    if calibration is not None:
+        return app.scopes.of_calibration(calibration)
+    if analysis is not None:
+        return app.scopes.of_analysis(analysis)
+    if campaign is not None:
+        return app.scopes.of_campaign(campaign)
+    return app.scopes.of_frames(ids_of(frames))
+
+
+@router.get("/live", response_class=StreamingResponse)
+async def live_recording(request: Request, app: App, who: Who) -> StreamingResponse:
+    """A recording that goes on until the connection or the session ends. Pieces, each a whole .rrd after its length in four bytes,
+    little endian; a length of zero says that the server still lives."""
+    loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+    def wake() -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(news.set)
+
+    first, live = await asyncio.to_thread(app.live_recordings.open, wake)
+
+    async def pieces() -> AsyncIterator[bytes]:
+        try:
+            yield _framed(first)
+            while not app.stopping.is_set() and not await request.is_disconnected():
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(news.wait(), PING_S)
+                if await asyncio.to_thread(identity_still_valid, app, who):
+                    return
+                await asyncio.sleep(GATHER_S)  # a frame and its solution come as several messages
+                news.clear()
+                yield _framed(await asyncio.to_thread(live.piece))
+        finally:
+            app.live_recordings.close(live)
+
+    return StreamingResponse(pieces(), media_type=PIECES, headers={"Cache-Control": "no-store"})
+
+
+def _framed(piece: bytes) -> bytes:
+    return struct.pack("<I", len(piece)) + piece
 
 
 @router.get("/{name}", response_class=Response)

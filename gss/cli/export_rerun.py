@@ -1,0 +1,49 @@
+"""``gss export rerun``: frames, a contact, a calibration, an analysis or a campaign as one Rerun recording."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+
+def register(kinds: Subparsers) -> None:
+    """Add the command."""
+    parser = kinds.add_parser("rerun", help="what is stored as one Rerun recording")
+    of = parser.add_mutually_exclusive_group(required=True)
+    of.add_argument("--frames", help="ids of frames, for example 3,5-9")
+    of.add_argument(
+        "--contact", type=int, metavar="N", help="everything of a contact: frames, telemetry, commands, events"
+    )
+    of.add_argument("--calibration", type=int, metavar="N", help="the frames that a camera was calibrated from")
+    of.add_argument("--analysis", type=int, metavar="N", help="the frames of an analysis")
+    of.add_argument("--campaign", type=int, metavar="N", help="the frames that a campaign's job ran a chain on")
+    parser.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
+    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the recording."""
+    from gss.cli.records import services_of
+    from gss.operations.recordings.ranges import ids_of
+
+    services = services_of(arguments)
+    scopes = services.scopes
+    if arguments.frames is not None:
+        scope = scopes.of_frames(ids_of(arguments.frames))
+    elif arguments.contact is not None:
+        scope = scopes.of_contact(arguments.contact)
+    elif arguments.calibration is not None:
+        scope = scopes.of_calibration(arguments.calibration)
+    elif arguments.analysis is not None:
+        scope = scopes.of_analysis(arguments.analysis)
+    else:
+        scope = scopes.of_campaign(arguments.campaign)
+    data = services.recordings.write(scope)
+    arguments.out.write_bytes(data)
+    print(f"{arguments.out}: {len(data)} bytes, {len(scope.frame_ids)} frames")
+    return 0

@@ -1,0 +1,53 @@
+"""What a Rerun viewer shows of a recording: one layout per use."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Any
+
+
+class Use(StrEnum):
+    """What a recording is looked at for."""
+
+    FRAME = "frame"
+    SEQUENCE = "sequence"
+    CONTACT = "contact"
+    CAMPAIGN = "campaign"
+    LIVE = "live"
+
+
+def blueprint(use: Use) -> Any:
+    """Sky, picture, plots and log, arranged for the use. Sequences run by frame, contacts by UTC; live ones follow."""
+    import rerun.blueprint as rrb  # half a second and 100 MB that only this door pays
+
+    sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
+    picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
+    attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds")
+    stars = rrb.TimeSeriesView(origin="/stars", name="Stars")
+    telemetry = rrb.TimeSeriesView(origin="/telemetry", name="Telemetry")
+    log = rrb.TextLogView(origin="/log", name="Log")
+    time = rrb.TimePanel(
+        state="collapsed",
+        timeline="utc" if use is Use.CONTACT else "frame",
+        play_state="following" if use is Use.LIVE else "paused",
+    )
+    if use is Use.FRAME:
+        side = rrb.Vertical(picture, attitude, log, row_shares=[2, 1, 1])
+        body: Any = rrb.Horizontal(sky, side, column_shares=[3, 2])
+    elif use is Use.CAMPAIGN:
+        plots = rrb.Vertical(attitude, stars, row_shares=[1, 1])
+        body = rrb.Horizontal(rrb.Vertical(plots, log, row_shares=[3, 1]), rrb.Vertical(picture, sky))
+    elif use is Use.CONTACT:
+        above = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
+        body = rrb.Vertical(above, rrb.Horizontal(telemetry, attitude, stars), row_shares=[3, 2])
+    else:
+        side = rrb.Vertical(picture, attitude, rrb.Tabs(log, telemetry, stars), row_shares=[2, 1, 1])
+        body = rrb.Horizontal(sky, side, column_shares=[3, 2])
+    return rrb.Blueprint(
+        body,
+        time,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )

@@ -1,0 +1,94 @@
+"""A recording that goes on: each new frame, attitude, command, event and packet becomes a piece as it comes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from gss.domain.errors import Conflict, NotFound
+from gss.operations.clock import Now
+from gss.operations.events import EventBus, Message, Subscription
+from gss.operations.recordings.blueprints import Use
+from gss.operations.recordings.recorder import Recorder
+from gss.operations.recordings.stored import PLOTTED, Recordings
+from gss.store import frames
+from gss.store.engine import Database
+
+AT_ONCE = 4
+"""Live recordings at one time: each paints its pictures itself."""
+BEGIN_WITH = 10
+"""Frames from before, so that there is something to see at once."""
+TOPICS = ("frame", "solution", "telemetry", "command", "event")
+
+
+class LiveRecording:
+    """One listener's recording. ``piece`` blocks for as long as drawing takes, never for news: call it in a thread after a wake."""
+
+    def __init__(
+        self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None]
+    ) -> None:
+        self._recorder, self._recordings, self._bus, self._now = recorder, recordings, bus, now
+        self._mailbox: Subscription = bus.subscribe(wake)
+
+    def close(self) -> None:
+        """Listen no longer."""
+        self._bus.unsubscribe(self._mailbox)
+
+    def piece(self) -> bytes:
+        """Everything that came since the last piece, as a whole .rrd; empty where nothing of it is shown."""
+        messages, dropped = self._mailbox.take()
+        wanted = [m for m in messages if m.topic in TOPICS]
+        if not wanted and not dropped:
+            return b""
+        # A frame and its solutions come as several messages: it is drawn once, as it stands now.
+        seen = {m.payload.id if m.topic == "frame" else m.payload.frame_id for m in wanted if m.topic in TOPICS[:2]}
+        pictures = {m.payload.id for m in wanted if m.topic == "frame"}
+        for message in wanted:
+            self._small(message)
+        for frame_id in sorted(seen):
+            try:
+                self._recordings.frame(self._recorder, frame_id, picture=frame_id in pictures)
+            except NotFound:  # removed meanwhile
+                continue
+        return self._recorder.take()
+
+    def _small(self, message: Message) -> None:
+        payload: Any = message.payload
+        if message.topic == "event":
+            self._recorder.event(payload)
+        elif message.topic == "command" and payload.row.finished is not None:
+            self._recorder.command(payload.row)
+        elif message.topic == "telemetry":
+            fields, _ = payload
+            known = {v.definition.name: v for v in fields if v.packet == "housekeeping" and v.state != "stale"}
+            self._recorder.telemetry(self._now(), {n: known[n].value for n in PLOTTED if n in known})
+
+
+class LiveRecordings:
+    """Opens live recordings, a few at a time."""
+
+    def __init__(self, recordings: Recordings, database: Database, bus: EventBus, now: Now) -> None:
+        self._recordings, self._database, self._bus, self._now = recordings, database, bus, now
+        self._room = threading.BoundedSemaphore(AT_ONCE)
+
+    def open(self, wake: Callable[[], None]) -> tuple[bytes, LiveRecording]:
+        """The first piece with the frames before, and what follows it. Conflict when too many are open."""
+        if not self._room.acquire(blocking=False):
+            raise Conflict("too many live recordings are open", expected=f"at most {AT_ONCE}", hint="close another one")
+        try:
+            recorder = self._recordings.recorder("gss-live", Use.LIVE)
+            live = LiveRecording(recorder, self._recordings, self._bus, self._now, wake)
+            with self._database.unit_of_work() as session:
+                ids = [f.id for f in frames.page(session, BEGIN_WITH, 0)[1]]
+            for frame_id in reversed(ids):
+                self._recordings.frame(recorder, frame_id)
+            return recorder.take(), live
+        except BaseException:
+            self._room.release()
+            raise
+
+    def close(self, live: LiveRecording) -> None:
+        """Make room."""
+        live.close()
+        self._room.release()

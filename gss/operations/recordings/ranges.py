@@ -1,0 +1,21 @@
+"""Numbers as people write them: ``3,5-9``."""
+
+from __future__ import annotations
+
+from gss.domain.errors import BadInput
+
+MOST_IN_A_RANGE = 10_000
+
+
+def ids_of(text: str) -> list[int]:
+    """The numbers in the order written. BadInput for anything else."""
+    ids: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        if not (first.isascii() and first.isdigit()) or (last and not (last.isascii() and last.isdigit())):
+            raise BadInput("not a list of frames", expected="numbers and ranges such as 3,5-9", got=text[:80])
+        low, high = int(first), int(last or first)
+        if high < low or high - low >= MOST_IN_A_RANGE:
+            raise BadInput("not a range of frames", expected=f"low-high, at most {MOST_IN_A_RANGE} frames", got=part)
+        ids += range(low, high + 1)
+    return ids

@@ -1,0 +1,199 @@
+"""Writes frames, attitudes, telemetry, commands and events into one Rerun recording; what was written is taken piece by piece."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from gss.domain.angles import Array
+from gss.domain.camera_record import camera_from
+from gss.domain.frames import pointing_difference_rad
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.stars import StarTable
+from gss.operations.frames import pictures
+from gss.operations.frames.frames import FrameDetail, Pixels
+from gss.operations.frames.place import Place
+from gss.operations.frames.sky import bodies
+from gss.operations.recordings.blueprints import Use, blueprint
+from gss.store.models import Command, Event, Frame, Solution
+
+JPEG_QUALITY = 80
+SPHERE_RADIUS = 10.0
+EARTH_RADIUS = 1.6
+EARTH_RADIUS_KM = 6378.137
+SKY_MAG = 4.5
+GREEN, BLUE, ORANGE, WHITE, GREY = (95, 211, 166), (91, 183, 240), (244, 149, 63), (255, 255, 255), (133, 145, 160)
+AXES = [(245, 102, 111), (79, 181, 141), BLUE]
+LEVELS = {"ok": "INFO", "watch": "WARN", "warning": "WARN", "critical": "ERROR"}
+ARCSEC = 3600 * 180 / math.pi
+PlaceAt = Callable[[datetime], Place | None]
+
+
+class Recorder:
+    """One recording on the timelines ``frame`` (the frame's number in the store) and ``utc``. Not for several threads."""
+
+    def __init__(self, recording_id: str, use: Use, stars: StarTable, place_at: PlaceAt) -> None:
+        import rerun as rr  # half a second and 100 MB that only this door pays
+
+        self._rr, self._place_at = rr, place_at
+        self._stream = rr.RecordingStream("gss", recording_id=recording_id[:120], send_properties=True)
+        self._memory = self._stream.binary_stream()
+        self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
+        self._path: list[Array] = []
+        self._frame_id: int | None = None
+        self._sky(stars)
+
+    def take(self) -> bytes:
+        """What was written since the last time, as a whole .rrd; the first piece carries layout and sky."""
+        return bytes(self._memory.read(flush=True) or b"")
+
+    # --- what happens ---------------------------------------------------------------------------------------------
+
+    def frame(self, detail: FrameDetail, pixels: Pixels | None) -> None:
+        """A frame with what was made of it; ``pixels`` None leaves the picture out."""
+        self._at(detail.frame.taken, detail.frame.id)
+        if pixels is not None:
+            self._picture(pixels)
+        best = detail.ground or detail.on_board
+        if best is not None:
+            self._overlays(best)
+            if best.quaternion is not None:
+                self._camera(best, detail.frame.taken)
+        for solution in detail.solutions:
+            self._said(solution)
+        self._figures(detail)
+
+    def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
+        """Numbers of one packet."""
+        self._at(received)
+        for name, value in values.items():
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                self._stream.log(f"telemetry/{name}", self._rr.Scalars(float(value)))
+
+    def command(self, row: Command) -> None:
+        """A command and where it stands."""
+        self._at(row.finished or row.created)
+        arguments = ", ".join(f"{k} {v}" for k, v in row.arguments.items())
+        level = "ERROR" if row.result in ("rejected", "failed", "unknown") else "INFO"
+        words = f"{row.name} {arguments}".strip() + f": {row.result}" + (f", {row.detail}" if row.detail else "")
+        self._stream.log("log/commands", self._rr.TextLog(words, level=level))
+
+    def event(self, row: Event) -> None:
+        """A line of the record."""
+        self._at(row.at)
+        self._stream.log("log/events", self._rr.TextLog(row.text, level=LEVELS.get(row.severity, "INFO")))
+
+    # --- how it is drawn ------------------------------------------------------------------------------------------
+
+    def _at(self, moment: datetime, frame_id: int | None = None) -> None:
+        """Time of what follows. What belongs to no frame stands with the frame before it, so that it shows on both timelines."""
+        self._frame_id = frame_id if frame_id is not None else self._frame_id
+        self._stream.reset_time()
+        if self._frame_id is not None:
+            self._stream.set_time("frame", sequence=self._frame_id)
+        self._stream.set_time("utc", timestamp=moment)
+
+    def _sky(self, stars: StarTable) -> None:
+        rr, bright = self._rr, stars.brighter_than(SKY_MAG)
+        radii = np.clip(0.06 * 10 ** (-0.12 * bright.v_mag), 0.01, 0.12)
+        labels = [bright.name_of(int(h)) for h in bright.hip]
+        points = rr.Points3D(bright.icrs * SPHERE_RADIUS, radii=radii, colors=WHITE, labels=labels, show_labels=False)
+        self._stream.log("sky/stars", points, static=True)
+        circles = [_parallel(d) for d in (-60, -30, 0, 30, 60)]
+        self._stream.log("sky/grid", rr.LineStrips3D(circles, colors=(48, 59, 71), radii=0.005), static=True)
+        self._stream.log("sky", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+
+    def _picture(self, pixels: Pixels) -> None:
+        buffer = io.BytesIO()
+        grey = pictures.apply(pixels, pictures.auto_stretch(pixels))
+        Image.fromarray(grey).save(buffer, format="JPEG", quality=JPEG_QUALITY)
+        self._stream.log("camera/image", self._rr.EncodedImage(contents=buffer.getvalue(), media_type="image/jpeg"))
+
+    def _overlays(self, solution: Solution) -> None:
+        detail = solution.detail
+        bad = [r for r in detail["regions"] if r["rejected"]]
+        corners = np.array([[r["col_min"], r["row_min"]] for r in bad], float).reshape(-1, 2)
+        ends = np.array([[r["col_max"] + 1, r["row_max"] + 1] for r in bad], float).reshape(-1, 2)
+        said = [r["rejected"] for r in bad]
+        boxes = self._rr.Boxes2D(mins=corners, sizes=ends - corners, colors=ORANGE, labels=said, show_labels=False)
+        self._stream.log("camera/image/rejected", boxes)
+        self._points("camera/image/centroids", detail["stars"], WHITE, 1.0)
+        self._points("camera/image/matched", [s for s in detail["stars"] if s.get("hip")], GREEN, 6.0)
+        self._points("camera/image/predicted", detail["predicted"], BLUE, 3.0)
+
+    def _points(self, path: str, rows: list[dict[str, Any]], colour: tuple[int, int, int], radius: float) -> None:
+        # Rerun's picture corner is the corner of a pixel, ours its centre. An empty list takes back the marks of the frame before.
+        at = np.array([[row["col_px"] + 0.5, row["row_px"] + 0.5] for row in rows], float).reshape(-1, 2)
+        named = [f"{r['name']} {r['v_mag']:.2f}" if r.get("name") and r.get("v_mag") is not None else "" for r in rows]
+        self._stream.log(path, self._rr.Points2D(at, colors=colour, radii=radius, labels=named, show_labels=False))
+
+    def _camera(self, solution: Solution, taken: datetime) -> None:
+        rr, cam_from_icrs = self._rr, matrix_from_quaternion(np.array(solution.quaternion, float))
+        place = self._place_at(taken)
+        eye = np.zeros(3) if place is None else place.km / EARTH_RADIUS_KM * EARTH_RADIUS
+        camera = camera_from(solution.camera)
+        outline = camera.outline(12) @ cam_from_icrs * SPHERE_RADIUS
+        rays = [np.stack([eye, corner @ cam_from_icrs * SPHERE_RADIUS]) for corner in camera.corners()]
+        self._stream.log(
+            "sky/field", rr.LineStrips3D([np.vstack([outline, outline[:1]]), *rays], colors=BLUE, radii=0.02)
+        )
+        axes = rr.Arrows3D(origins=[eye] * 3, vectors=[cam_from_icrs[k] * 2.0 for k in range(3)], colors=AXES)
+        self._stream.log("sky/body_axes", axes)
+        found = bodies(taken)
+        at, names = [b.icrs * SPHERE_RADIUS for b in found], [b.name for b in found]
+        self._stream.log("sky/bodies", rr.Points3D(at, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
+        if place is None:
+            return
+        self._path.append(eye)
+        self._stream.log("sky/orbit/position", rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[place.words]))
+        self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
+        ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")
+        self._stream.log("sky/earth", ball)
+
+    def _said(self, solution: Solution) -> None:
+        solved = solution.outcome == "solved"
+        said = f"{solution.matched} of {solution.found} stars" if solved else solution.reason
+        words = f"{solution.origin} {solution.chain}: {solution.outcome}, {said}"
+        self._stream.log("log/solutions", self._rr.TextLog(words, level="INFO" if solved else "WARN"))
+
+    def _figures(self, detail: FrameDetail) -> None:
+        """Lines of the plots: residual and error per chain, on board against ground, stars."""
+        scalars = self._rr.Scalars
+        for solution in reversed(detail.solutions):
+            name = "on_board" if solution.origin == "on board" else solution.chain
+            self._stream.log(f"stars/{name}/matched", scalars(float(solution.matched)))
+            error = solution.error_axis_rad
+            if error is not None and solution.outcome == "solved":
+                self._stream.log(f"attitude/{name}/error_arcsec", scalars(error * ARCSEC))
+            rms = residual_rms_arcsec(solution)
+            if rms is not None:
+                self._stream.log(f"attitude/{name}/residual_rms_arcsec", scalars(rms))
+        a, b = detail.on_board, detail.ground
+        if a is not None and b is not None and a.quaternion is not None and b.quaternion is not None:
+            one, two = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (a, b))
+            cross = pointing_difference_rad(one, two)[0] * ARCSEC
+            self._stream.log("attitude/on_board_minus_ground_arcsec", scalars(cross))
+
+
+def residual_rms_arcsec(solution: Solution) -> float | None:
+    """Root mean square over the stars that have a residual."""
+    known = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
+    return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(known).T))))) if known else None
+
+
+def _parallel(dec_deg: float) -> Array:
+    ra, dec = np.linspace(0, 2 * np.pi, 73), math.radians(dec_deg)
+    return SPHERE_RADIUS * np.stack(
+        [np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.full_like(ra, np.sin(dec))], axis=-1
+    )
+
+
+def pixels_of(frame: Frame, read: Callable[[Frame], Pixels]) -> Pixels | None:
+    """The picture, unless retention took it."""
+    return None if frame.pixels_removed is not None else read(frame)

@@ -1,0 +1,80 @@
+"""A recording out of the store: frames, telemetry, commands and events of a scope in the order in which they happened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from heapq import merge
+
+from gss.domain.stars import StarTable
+from gss.operations.frames.frames import FrameService
+from gss.operations.recordings.blueprints import Use
+from gss.operations.recordings.recorder import PlaceAt, Recorder, pixels_of
+from gss.operations.recordings.scope import Scope
+from gss.store import commands, events, frames, telemetry
+from gss.store.engine import Database
+
+MOST_PICTURES = 60
+"""Of more frames than that, every n-th carries its picture: a recording is loaded whole."""
+MOST_LINES = 5000
+MOST_PACKETS = 3600
+LONGEST_SPAN = timedelta(days=2)
+"""Frames from further apart than this come without the telemetry and log between them."""
+PLOTTED = (
+    "sensor_temperature_c",
+    "processor_temperature_c",
+    "current_imager_ma",
+    "supply_3v3_v",
+    "background_dn",
+    "match_confidence",
+    "stars_matched",
+    "centroids_found",
+    "attitude_age_s",
+    "sigma_cross_arcsec",
+    "rate_deg_s",
+)
+Step = tuple[datetime, int, Callable[[], None]]
+
+
+class Recordings:
+    """Makes recordings of what is stored."""
+
+    def __init__(self, database: Database, frame_service: FrameService, stars: StarTable, place_at: PlaceAt) -> None:
+        self._database, self._frames, self._stars, self._place_at = database, frame_service, stars, place_at
+
+    def recorder(self, name: str, use: Use) -> Recorder:
+        """An empty one with layout and sky."""
+        return Recorder(name, use, self._stars, self._place_at)
+
+    def write(self, scope: Scope) -> bytes:
+        """The .rrd file of a scope."""
+        recorder = self.recorder(scope.name, scope.use)
+        for _, _, step in merge(self._pictures(recorder, scope), self._around(recorder, scope), key=lambda s: s[:2]):
+            step()
+        return recorder.take()
+
+    def _pictures(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
+        with self._database.unit_of_work() as session:
+            taken = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
+        every = -(-len(taken) // MOST_PICTURES)
+        for k, (moment, frame_id) in enumerate(taken):
+            yield moment, 0, lambda i=frame_id, seen=k % every == 0: self.frame(recorder, i, seen)  # type: ignore[misc]
+
+    def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:
+        """One stored frame with its solutions."""
+        detail = self._frames.detail(frame_id)
+        recorder.frame(detail, pixels_of(detail.frame, self._frames.pixels) if picture else None)
+
+    def _around(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
+        if scope.end - scope.start > LONGEST_SPAN and scope.use is not Use.CONTACT:
+            return
+        with self._database.unit_of_work() as session:
+            lines = events.between(session, scope.start, scope.end, MOST_LINES)
+            sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MOST_LINES)
+        steps: list[Step] = [(e.at, 2, lambda e=e: recorder.event(e)) for e in lines]  # type: ignore[misc]
+        steps += [(c.finished or c.created, 1, lambda c=c: recorder.command(c)) for c in sent]  # type: ignore[misc]
+        rows = list(telemetry.rows(self._database, "housekeeping", PLOTTED, scope.start, scope.end))
+        for row in rows[:: -(-len(rows) // MOST_PACKETS) or 1]:
+            values = dict(zip(PLOTTED, row.values, strict=True))
+            steps.append((row.received, 3, lambda at=row.received, v=values: recorder.telemetry(at, v)))  # type: ignore[misc]
+        yield from sorted(steps, key=lambda s: s[:2])
