@@ -31,6 +31,9 @@ GROUPS = (
     "upkeep",
     "experiments",
     "replay",
+    "user",
+    "token",
+    "audit",
 )
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1

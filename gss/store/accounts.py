@@ -5,9 +5,10 @@ from __future__ import annotations
 from datetime import datetime
 
 from sqlalchemy import ColumnElement, exists, func, select, update
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from gss.domain.errors import NotFound
+from gss.domain.errors import Conflict, NotFound
 from gss.store.models import ApiToken, OneTimeLink, SignIn, User
 
 # --- users --------------------------------------------------------------------------------------------------------
@@ -34,6 +35,18 @@ def user(session: Session, user_id: int) -> User:
 def user_named(session: Session, name: str) -> User | None:
     """The user of that name, whatever its letters' case."""
     return session.scalar(select(User).where(func.lower(User.name) == name.lower()))
+
+
+def add_user(session: Session, row: User) -> User:
+    """Store a new user; Conflict where the name is taken, also by one who was made at the same moment."""
+    if user_named(session, row.name) is None:
+        session.add(row)
+        try:
+            session.flush()
+            return row
+        except IntegrityError:
+            pass
+    raise Conflict("another user has this name", got=row.name, hint="take another name")
 
 
 def enabled_admins(session: Session) -> int:

@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Select, select
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from gss.store.models import AuditRow
@@ -45,10 +46,17 @@ def last(session: Session) -> AuditRow | None:
     return session.scalar(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))
 
 
+class PlaceTaken(Exception):
+    """Another row took this one's place in the chain meanwhile; this one is not stored."""
+
+
 def add(session: Session, row: AuditRow) -> None:
-    """Append a row; IntegrityError where another one took its place in the chain meanwhile."""
+    """Append a row, or PlaceTaken."""
     session.add(row)
-    session.flush()
+    try:
+        session.flush()
+    except IntegrityError as error:
+        raise PlaceTaken from error
 
 
 def page(session: Session, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:

@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from sqlalchemy.exc import IntegrityError
-
 from gss.domain.errors import StoreDown
 from gss.operations.clock import Now, iso_z
 from gss.store import audit as store
@@ -52,7 +50,7 @@ class AuditService:
         for _ in range(TRIES):
             try:
                 return self._append(*words, _fit(address, 60))
-            except IntegrityError:
+            except store.PlaceTaken:
                 continue  # somebody else's row came between: follow that one
         raise StoreDown("the audit record cannot be written now", hint="look at disk space and locks")
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-
-from sqlalchemy.exc import IntegrityError
-from sqlalchemy.orm import Session
+from typing import Any
 
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.accounts.identity import TOKEN_PREFIX
@@ -70,11 +68,8 @@ class UserService:
         """A new user; Conflict where the name is taken. Without a password a link is needed before the first sign-in."""
         checked_role(role)
         hashed = self._hashed(password, name) if password else ""
-        try:
-            with self._database.unit_of_work() as session:
-                return self._add(session, name, role, hashed, by)
-        except IntegrityError:
-            raise _taken(name) from None
+        with self._database.unit_of_work() as session:
+            return self._add(session, name, role, hashed, by)
 
     def set_up(self, key: str, name: str, password: str) -> User:
         """The first admin, by the link that the server printed at its start."""
@@ -86,12 +81,10 @@ class UserService:
                 raise _used_link()
             return self._add(session, name, "admin", hashed, "set-up link")
 
-    def _add(self, session: Session, name: str, role: str, hashed: str, by: str) -> User:
-        if store.user_named(session, checked_name(name)) is not None:
-            raise _taken(name)
+    def _add(self, session: Any, name: str, role: str, hashed: str, by: str) -> User:
         now = self._now()
         row = User(
-            name=name,
+            name=checked_name(name),
             role=role,
             enabled=True,
             password_hash=hashed,
@@ -100,9 +93,7 @@ class UserService:
             password_changed=now if hashed else None,
             last_sign_in=None,
         )
-        session.add(row)
-        session.flush()
-        return row
+        return store.add_user(session, row)
 
     def _hashed(self, password: str, name: str) -> str:
         self._passwords.check_new(password, name)
@@ -155,7 +146,7 @@ class UserService:
             raise _used_link()
         return link
 
-    def _store_password(self, session: Session, user_id: int, hashed: str) -> User:
+    def _store_password(self, session: Any, user_id: int, hashed: str) -> User:
         row = store.user(session, user_id)
         row.password_hash, row.password_changed = hashed, self._now()
         store.end_sign_ins(session, row.id, self._now(), "the password was changed")
@@ -178,7 +169,7 @@ class UserService:
                 raise Conflict("this user is switched off", hint="switch it on first")
             return self._link(session, PASSWORD, user_id, PASSWORD_LASTS)
 
-    def _link(self, session: Session, kind: str, user_id: int | None, lasts: timedelta) -> Link:
+    def _link(self, session: Any, kind: str, user_id: int | None, lasts: timedelta) -> Link:
         now, key = self._now(), new_key()
         store.void_links(session, kind, user_id, now)
         store.add_link(session, kind, user_id, key_hash(key), now, now + lasts)
@@ -191,10 +182,6 @@ def checked_name(name: str) -> str:
     if name.lower() in OF_SOFTWARE or name.lower().startswith(TOKEN_PREFIX):
         raise BadInput("this name belongs to software", expected="another name", got=name)
     return name
-
-
-def _taken(name: str) -> Conflict:
-    return Conflict("another user has this name", got=name, hint="take another name")
 
 
 def _used_link() -> NotPermitted:

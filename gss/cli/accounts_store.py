@@ -1,0 +1,66 @@
+"""What the shell needs of a store to speak of users: the database, nothing of the server. It may run meanwhile."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import getpass
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.operations.accounts.accounts import AccountService
+    from gss.operations.accounts.audit import AuditService
+    from gss.settings import Settings
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Accounts and record of a store; ``who`` is how the shell's user is called there."""
+
+    accounts: AccountService
+    audit: AuditService
+    settings: Settings
+    who: str
+
+    def record(self, action: str, target: str) -> None:
+        """On the record, as what is done over the network."""
+        self.audit.record(self.who, f"shell.{action}", target, "done", role="shell")
+
+
+def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """The option that names the store."""
+    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    return parser
+
+
+@contextlib.contextmanager
+def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
+    """Open the store, and make it where there is none: the first user may be made before the first start."""
+    from gss.operations.accounts.audit import AuditService
+    from gss.operations.clock import utc_now
+    from gss.operations.folder_lock import own_folder
+    from gss.settings import Settings
+    from gss.store.engine import Database, migrate, open_engine
+    from gss.wiring import make_accounts
+
+    os.umask(0o077)
+    settings = Settings() if arguments.data is None else Settings(data=arguments.data)
+    own_folder(settings.data)
+    migrate(settings.database_url)
+    database = Database(open_engine(settings.database_url))
+    try:
+        accounts = make_accounts(settings, database)
+        yield Desk(accounts, AuditService(database, utc_now), settings, f"shell:{_user()}"[:60])
+    finally:
+        database.close()
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())

@@ -1,0 +1,57 @@
+"""``gss token``: keys for programs."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from gss.cli.accounts_store import desk, with_data
+from gss.cli.user import ROLES
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the commands."""
+    kinds = subparsers.add_parser("token", help="keys for programs").add_subparsers(
+        dest="kind", required=True, metavar="WHAT"
+    )
+    with_data(kinds.add_parser("list", help="all of them, without the keys")).set_defaults(run=list_tokens)
+    p = with_data(kinds.add_parser("add", help="a new token; the key is printed this once"))
+    p.add_argument("name")
+    p.add_argument("--role", required=True, choices=ROLES)
+    p.add_argument("--days", type=float, default=90, help="days until it ends, default 90")
+    p.add_argument("--only", metavar="PERMISSIONS", default="", help="keep these permissions only, with commas between")
+    p.set_defaults(run=add_token)
+    p = with_data(kinds.add_parser("revoke", help="end a token"))
+    p.add_argument("name")
+    p.set_defaults(run=revoke_token)
+
+
+def list_tokens(arguments: argparse.Namespace) -> int:
+    """Name, role, end."""
+    with desk(arguments) as store:
+        for row in store.accounts.tokens.every():
+            state = f"revoked {row.revoked:%Y-%m-%d}" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%MZ}"
+            print(f"{row.name:<24} {row.role:<18} {state}  {', '.join(row.scopes)}".rstrip())
+    return 0
+
+
+def add_token(arguments: argparse.Namespace) -> int:
+    """Make a token and print its key, alone on its line for scripts."""
+    scopes = [word.strip() for word in arguments.only.split(",") if word.strip()]
+    with desk(arguments) as store:
+        made = store.accounts.tokens.add(arguments.name, arguments.role, arguments.days, by=store.who, scopes=scopes)
+        store.record("token_add", f"{made.row.name} as {made.row.role}")
+        print(made.key)
+    return 0
+
+
+def revoke_token(arguments: argparse.Namespace) -> int:
+    """It is worth nothing from now on."""
+    with desk(arguments) as store:
+        row = store.accounts.tokens.revoke_named(arguments.name)
+        store.record("token_revoke", row.name)
+        print(f"{row.name} is revoked")
+    return 0

@@ -1,0 +1,145 @@
+"""``gss user``: who may sign in. For the first user without a browser, a forgotten password, and an admin who left."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import sys
+from typing import TYPE_CHECKING
+
+from gss.cli.accounts_store import Desk, desk, with_data
+
+if TYPE_CHECKING:
+    from gss.cli import Subparsers
+    from gss.store.models import User
+
+ROLES = ("viewer", "operator", "catalogue manager", "engineer", "admin")
+
+
+def register(subparsers: Subparsers) -> None:
+    """Add the commands."""
+    kinds = subparsers.add_parser("user", help="who may sign in").add_subparsers(
+        dest="kind", required=True, metavar="WHAT"
+    )
+    with_data(kinds.add_parser("list", help="everybody")).set_defaults(run=list_users)
+    p = with_data(kinds.add_parser("add", help="a new user; without a password a link is printed"))
+    p.add_argument("name")
+    p.add_argument("--role", required=True, choices=ROLES)
+    _with_password(p)
+    p.set_defaults(run=add_user)
+    p = with_data(kinds.add_parser("password", help="a new password; all sessions of the user end"))
+    p.add_argument("name")
+    _with_password(p)
+    p.set_defaults(run=set_password)
+    p = with_data(kinds.add_parser("link", help="print a one-time link for a new password"))
+    p.add_argument("name")
+    p.set_defaults(run=print_link)
+    p = with_data(kinds.add_parser("role", help="another role"))
+    p.add_argument("name")
+    p.add_argument("role", choices=ROLES)
+    p.set_defaults(run=change_role)
+    for word, help_text in (("disable", "end all sessions and let nobody in by this name"), ("enable", "let in again")):
+        p = with_data(kinds.add_parser(word, help=help_text))
+        p.add_argument("name")
+        p.set_defaults(run=switch, enabled=word == "enable")
+
+
+def _with_password(parser: argparse.ArgumentParser) -> None:
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--password-stdin", action="store_true", help="read the password from standard input")
+    how.add_argument("--ask", action="store_true", help="ask for the password on the terminal")
+
+
+def list_users(arguments: argparse.Namespace) -> int:
+    """Name, role, state."""
+    with desk(arguments) as store:
+        for row in store.accounts.users.every():
+            state = "on" if row.enabled else "off"
+            seen = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
+            print(f"{row.name:<24} {row.role:<18} {state:<4} last sign-in {seen}")
+    return 0
+
+
+def add_user(arguments: argparse.Namespace) -> int:
+    """Make a user."""
+    password = _password(arguments)
+    with desk(arguments) as store:
+        row = store.accounts.users.add(arguments.name, arguments.role, by=store.who, password=password)
+        store.record("user_add", f"{row.name} as {row.role}")
+        print(f"{row.name} is {row.role}")
+        if not password:
+            _tell_link(store, row)
+    return 0
+
+
+def set_password(arguments: argparse.Namespace) -> int:
+    """Change a password; without one a link is printed."""
+    password = _password(arguments)
+    with desk(arguments) as store:
+        row = _named(store, arguments.name)
+        if not password:
+            return _tell_link(store, row)
+        store.accounts.users.set_password(row.id, password)
+        store.record("user_password", row.name)
+        print(f"{row.name} has a new password; all sessions ended")
+    return 0
+
+
+def print_link(arguments: argparse.Namespace) -> int:
+    """A link to hand over."""
+    with desk(arguments) as store:
+        return _tell_link(store, _named(store, arguments.name))
+
+
+def change_role(arguments: argparse.Namespace) -> int:
+    """Another role, from the next request on."""
+    with desk(arguments) as store:
+        row = store.accounts.users.change(_named(store, arguments.name).id, role=arguments.role)
+        store.record("user_role", f"{row.name} as {row.role}")
+        print(f"{row.name} is {row.role}")
+    return 0
+
+
+def switch(arguments: argparse.Namespace) -> int:
+    """Off or on."""
+    with desk(arguments) as store:
+        row = store.accounts.users.change(_named(store, arguments.name).id, enabled=arguments.enabled)
+        store.record("user_enable" if row.enabled else "user_disable", row.name)
+        print(f"{row.name} is switched {'on' if row.enabled else 'off'}")
+    return 0
+
+
+def _tell_link(store: Desk, row: User) -> int:
+    from gss.api.serving import address_of
+
+    link = store.accounts.users.password_link(row.id)
+    store.record("user_link", row.name)
+    address = address_of(store.settings, store.settings.port)
+    print(f"{row.name} sets the password at {address}/welcome#{link.key} until {link.expires:%Y-%m-%d %H:%MZ}, once")
+    return 0
+
+
+def _named(store: Desk, name: str) -> User:
+    from gss.domain.errors import NotFound
+
+    row = store.accounts.users.named(name)
+    if row is None:
+        raise NotFound("no such user", got=name, hint="gss user list")
+    return row
+
+
+def _password(arguments: argparse.Namespace) -> str:
+    """From standard input or the terminal, never from the command line, where every user of the machine reads it."""
+    from gss.domain.errors import BadInput
+
+    if arguments.password_stdin:
+        words = sys.stdin.readline().rstrip("\r\n")
+        if not words:
+            raise BadInput("standard input holds no password", expected="one line")
+        return words
+    if arguments.ask:
+        words = getpass.getpass("Password: ")
+        if words != getpass.getpass("Once more: "):
+            raise BadInput("the two are not the same")
+        return words
+    return ""
