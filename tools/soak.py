@@ -30,6 +30,7 @@ LATEST_S = 1.0
 GROWTH_BYTES, GROWTH_SHARE = 24 << 20, 0.10
 WARM_SHARE, WARM_LEAST_S = 0.25, 20.0
 LOOK_S = 5.0
+START_S = 180.0
 Say = Callable[[str], None]
 
 
@@ -82,7 +83,9 @@ class Report:
         if last.bad or last.gaps:
             found.append(f"{last.bad} damaged packets and {last.gaps} gaps on a line without faults")
         received, stored = last.good - first.good, last.stored - first.stored
-        if abs(received - stored) > self.rate + 20:  # the two are not asked at the same moment, and not all packets are telemetry
+        if (
+            abs(received - stored) > self.rate + 20
+        ):  # the two are not asked at the same moment, and not all packets are telemetry
             found.append(f"{received} packets received, {stored} stored")
         if max(last.store_late_s, last.line_late_s) >= LATEST_S:
             found.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
@@ -143,14 +146,16 @@ async def soak(
     clients: int = 10,
     rate: float = 50.0,
     workers: int = 0,
+    session: str = "",
     say: Say = lambda _: None,
 ) -> Report:
-    """Listen and look for ``seconds``; the sensor sends already."""
+    """Listen and look for ``seconds``; the sensor sends already. ``session``: of a real browser that watches too; empty: none."""
     report = Report(seconds, rate, workers, heard=[Heard() for _ in range(clients)])
     start_s = time.monotonic()
     end_s = start_s + seconds
     host, port = server.host_and_port
     listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.heard]
+    watching = asyncio.create_task(watch(server, session, end_s)) if session else None
     async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         least_late_s, next_word_s = float("inf"), 60.0
         while True:
@@ -165,6 +170,8 @@ async def soak(
                 break
             await asyncio.sleep(LOOK_S)
         await asyncio.gather(*listeners)
+    if watching is not None:
+        report.browser = await watching
     return report
 
 
@@ -200,6 +207,44 @@ def _line(report: Report) -> str:
     )
 
 
+LISTEN = """() => {
+  const heard = (window.heard = { messages: 0, dropped: 0, breaks: 0, late: 0, latest: 0 });
+  const stream = new EventSource('/api/stream');
+  stream.addEventListener('dropped', (e) => { heard.dropped += JSON.parse(e.data).dropped; });
+  stream.addEventListener('error', () => { heard.breaks += 1; });
+  stream.addEventListener('link', (e) => {
+    heard.messages += 1;
+    heard.late = (Date.now() - Date.parse(JSON.parse(e.data).utc)) / 1000;
+    heard.latest = Math.max(heard.latest, heard.late);
+  });
+}"""
+
+
+async def watch(server: Served, session: str, until_s: float) -> dict[str, Any]:
+    """The Live page in a real browser, and an event source of our own beside the page's."""
+    from playwright.async_api import async_playwright
+
+    from tools.browser import launch_options
+
+    problems: list[str] = []
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(**launch_options())
+        context = await browser.new_context()
+        await context.add_cookies([{"name": "gss_session", "value": session, "url": server.address}])
+        page = await context.new_page()
+        page.on("pageerror", lambda error: problems.append(f"script: {error}"))
+        await page.goto(f"{server.address}/live")
+        await page.evaluate(LISTEN)
+        await asyncio.sleep(max(0.0, until_s - time.monotonic()))
+        heard: dict[str, Any] = await page.evaluate("() => window.heard")
+        await browser.close()
+    if heard["dropped"] or heard["breaks"]:
+        problems.append(f"{heard['dropped']} dropped, the stream broke {heard['breaks']} times")
+    if not heard["messages"] or heard["late"] >= LATEST_S:
+        problems.append(f"the last of {heard['messages']} header bars was {heard['late']:.2f} s late")
+    return {**heard, "problems": problems}
+
+
 @contextlib.contextmanager
 def loaded_server(folder: Path, rate: float, workers: int) -> Any:
     """A server whose simulated sensor sends ``rate`` housekeeping packets a second."""
@@ -211,12 +256,13 @@ def loaded_server(folder: Path, rate: float, workers: int) -> Any:
 
 def _wait_for_rest(server: Served) -> None:
     """Until the sensor has been met and asked what it holds: from then on it sends housekeeping only."""
-    deadline_s = time.monotonic() + 120
+    deadline_s = time.monotonic() + START_S
     with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         while time.monotonic() < deadline_s:
-            known = (http.get("/link").json()["active_bank"] or {}).get("catalogue_id")
-            if known and all(transfer["finished"] for transfer in http.get("/transfers").json()):
-                return
+            with contextlib.suppress(httpx2.TransportError):  # API workers take some seconds to load
+                known = (http.get("/link").json()["active_bank"] or {}).get("catalogue_id")
+                if known and all(transfer["finished"] for transfer in http.get("/transfers").json()):
+                    return
             time.sleep(0.2)
     raise RuntimeError("the sensor was not met")
 
@@ -228,6 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--clients", type=int, default=10)
     parser.add_argument("--rate", type=float, default=50.0, help="packets per second")
+    parser.add_argument("--browser", action="store_true", help="a real browser too")
     parser.add_argument("--data", type=Path, help="keep the data folder here")
     asked = parser.parse_args(arguments)
 
@@ -237,9 +284,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="gss-soak-") as temporary:
         folder = asked.data or Path(temporary) / "data"
         with loaded_server(folder, asked.rate, asked.workers) as server:
-            report = asyncio.run(
-                soak(server, asked.hours * 3600, clients=asked.clients, rate=asked.rate, workers=asked.workers, say=say)
+            session = server.sign_in() if asked.browser else ""
+            run = soak(
+                server,
+                asked.hours * 3600,
+                clients=asked.clients,
+                rate=asked.rate,
+                workers=asked.workers,
+                session=session,
+                say=say,
             )
+            report = asyncio.run(run)
         size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
     print(json.dumps(report.plain() | {"data_folder_bytes": size, "last_look": asdict(report.looks[-1])}, indent=1))
     return 1 if report.problems() else 0

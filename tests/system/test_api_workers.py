@@ -1,0 +1,189 @@
+"""Several API worker processes beside the one that owns the line: nobody can tell, and the loss of one loses nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import stat
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+from tools.served import Served
+from tools.stream_client import Heard, listen
+
+pytestmark = pytest.mark.timeout(240)
+LOCAL = (
+    "/frames",
+    "/frames/{frame}",
+    "/frames/{frame}/pixels?row=3&col=4",
+    "/frames/{frame}/histogram",
+    "/frames/{frame}/image.png",
+    "/frames/{frame}/raw",
+    "/solutions/{solution}",
+    "/events",
+    "/telemetry/cycles",
+    "/telemetry/packets?limit=20&before_id=100",
+    "/commands/facets",
+    "/commands.csv?name=TAKE_IMAGE",
+    "/catalogues/{catalogue}/manifest.json",
+    "/catalogues/{catalogue}/image.bin",
+    "/campaigns/chains",
+    "/analyses",
+    "/design/cameras",
+    "/profiles",
+    "/stacks",
+    "/contacts",
+)
+
+
+@pytest.fixture
+def server(serve, tmp_path):
+    """A server with two API workers and a simulated sensor that has been met; its private socket is below the test's folder."""
+    (tmp_path / "t").mkdir()
+    server = serve("--simulator", "cubestar", "--workers", "2", TMPDIR=str(tmp_path / "t"))
+
+    def met() -> bool:
+        with contextlib.suppress(httpx2.TransportError):  # the workers take some seconds to load
+            return bool((server.console.get("/link")["active_bank"] or {}).get("catalogue_id"))
+        return False
+
+    server.console.wait("the sensor's banks", met, 150)
+    return server
+
+
+def workers_of(server: Any) -> dict[str, int]:
+    """Process ids of the workers that live."""
+    found = Served(server.console.address, server.folder, server.process).processes()
+    return {name: pid for name, pid in found.items() if name != "link"}
+
+
+def test_the_main_job_goes_through_workers_and_answers_are_those_of_the_link_process(server, tmp_path):
+    """Command to attitude through two workers; what a worker answers itself is what the link process would have answered; the
+    private socket is its owner's alone, and whoever reaches it without a session is refused there again."""
+    console = server.console
+    assert len(workers_of(server)) == 2
+    for name in ("TAKE_IMAGE", "FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
+        assert console.command(name)["result"] == "completed"
+    frame = console.wait(
+        "comparison",
+        lambda: next(
+            (d for f in console.get("/frames")["frames"] if (d := console.get(f"/frames/{f['id']}"))["comparison"]),
+            None,
+        ),
+    )
+    assert frame["comparison"]["agree"]
+    assert console.get(f"/frames/{frame['id']}/replay")["text"] == "equal"
+
+    (private,) = (tmp_path / "t").glob("gss-*/link")
+    assert stat.S_IMODE(private.stat().st_mode) == 0o600
+    assert stat.S_IMODE(private.parent.stat().st_mode) == 0o700
+    ids = {
+        "frame": frame["id"],
+        "solution": frame["solutions"][0]["id"],
+        "catalogue": console.get("/catalogues")[0]["id"],
+    }
+    with httpx2.Client(transport=httpx2.HTTPTransport(uds=str(private)), base_url="http://localhost/api") as link:
+        for template in LOCAL:
+            path = template.format(**ids)
+            from_worker = console.http.get(path)
+            from_link = link.get(path, headers=console.headers)
+            assert from_worker.status_code == 200, (path, from_worker.text)
+            if path not in ("/contacts", "/events"):  # those go on between two looks
+                assert from_worker.content == from_link.content, path
+        assert link.get("/link").status_code == 401
+        assert link.get("/frames").status_code == 401
+    assert console.http.get("/frames/999999").status_code == 404
+    assert console.http.get("/nothing").status_code == 404
+    big = b"\0" * (3 << 20)
+    refused = console.http.post("/frames/import", files={"file": ("x.png", big)})
+    assert (refused.status_code, "x.png" in refused.text or refused.json()["message"] != "") == (400, True)
+
+
+def test_a_session_is_one_session_whichever_worker_answers(server):
+    """Failed sign-ins of all workers count together; who signs out is out everywhere; nobody says himself where he comes
+    from."""
+    console = server.console
+    told = {"X-GSS": "1", "X-GSS-Peer": "10.9.8.7 1 http"}
+    codes = []
+    for _ in range(12):  # a new connection each: whichever worker is first takes it
+        reply = httpx2.post(
+            f"{console.address}/api/session", json={"name": "eve", "password": "a wrong one"}, headers=told
+        )
+        codes.append(reply.status_code)
+    assert codes[0] == 401
+    assert codes[-1] == 429
+    assert all(row["address"] != "10.9.8.7" for row in console.get("/audit")["rows"])
+    assert console.http.delete("/session").status_code in (200, 204)
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        pages = [f"{console.address}/api/{what}" for what in ("link", "frames") * 3]
+        answers = {httpx2.get(page, headers=console.headers).status_code for page in pages}
+        if answers == {401}:
+            return
+    pytest.fail(f"still answered after signing out: {answers}")
+
+
+def test_a_killed_worker_loses_nothing(server):
+    """kill -9 in the middle of commands and streams: what was acknowledged is there once, the streams come back and miss no
+    recorded event, another worker takes the place, and it is told. Without the link process no worker stays."""
+    console = server.console
+    host, port = console.address.removeprefix("http://").split(":")
+    heard = [Heard() for _ in range(8)]
+    before, until_s = workers_of(server), time.monotonic() + 25
+
+    async def everybody() -> None:
+        await asyncio.gather(*(listen(host, int(port), console.headers, h, until_s) for h in heard))
+
+    listeners = threading.Thread(target=lambda: asyncio.run(everybody()))
+    listeners.start()
+    acknowledged, broken, killed = [], 0, False
+    while time.monotonic() < until_s - 8:
+        if len(acknowledged) == 10 and not killed:
+            os.kill(before["worker 1"], signal.SIGKILL)
+            killed = True
+        try:
+            body = {"name": "GET_STATUS", "arguments": {}, "confirm": ""}
+            reply = httpx2.post(f"{console.address}/api/commands", json=body, headers=console.headers, timeout=20)
+            acknowledged += [reply.json()["id"]] if reply.status_code == 201 else []
+            broken += reply.status_code != 201
+        except httpx2.HTTPError:
+            broken += 1
+        time.sleep(0.05)
+    listeners.join()
+
+    def new_crew() -> bool:
+        now = set(workers_of(server).values())
+        return len(now) == 2 and before["worker 1"] not in now
+
+    console.wait("another worker", new_crew, 30)
+    rows = console.get("/commands", limit=1000, name="GET_STATUS")
+    stored = [row["id"] for row in rows if row["user"] != "gss"]
+    assert killed
+    assert len(acknowledged) > 20
+    assert set(acknowledged) <= set(stored)
+    assert len(stored) == len(set(stored)) <= len(acknowledged) + broken
+    assert any(h.ended for h in heard), "no stream was on the worker that was killed"
+    last = max(h.seq for h in heard)
+    assert {(h.jumps, h.dropped, h.seq) for h in heard} == {(0, 0, last)}
+    assert any("API worker" in e["text"] and "signal 9" in e["text"] for e in console.get("/events", limit=1000))
+
+    left = list(workers_of(server).values())
+    server.kill()
+    deadline = time.monotonic() + 20
+    while any(_alive(pid) for pid in left) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not [pid for pid in left if _alive(pid)]
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
