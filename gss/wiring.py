@@ -134,6 +134,7 @@ class Services:
         self.upkeep.retention.start()
         self.link.start()
         self.status.start()
+        self.telemetry.rollups.start()
         if self.settings.device:
             self.link.open_later(self.settings.device)
 
@@ -152,6 +153,7 @@ class Services:
         self.replay.stop()
         self.frames.stop()
         self.jobs.stop()
+        self.telemetry.rollups.stop()
         self.executor.stop()
         self.database.close()
 

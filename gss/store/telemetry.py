@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import JSON, ColumnElement, String, func, literal, select
 from sqlalchemy.orm import Session
 
 from gss.store.engine import Database
@@ -44,7 +45,7 @@ def rows(
 ) -> Iterator[Row]:
     """The packets of a span, oldest first, both ends included; never more than ``block`` of them in memory, and no
     transaction stays open between two blocks."""
-    columns = [TelemetryPacket.values[name] for name in names]
+    columns = [_value(name) for name in names]
     query = (
         select(
             TelemetryPacket.received,
@@ -72,6 +73,14 @@ def rows(
         if len(found) < block:
             return
         at, row_id = found[-1][0], found[-1][1]
+
+
+def _value(name: str) -> ColumnElement[Any]:
+    """A field of a packet's values. Both databases have the operator, and it leaves a number's digits as they were stored; the
+    function that SQLAlchemy's index uses on SQLite gives fifteen of them."""
+    if sqlite3.sqlite_version_info < (3, 38):
+        return TelemetryPacket.values[name]
+    return TelemetryPacket.values.op("->", return_type=JSON())(literal(name, String()))
 
 
 def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:

@@ -6,14 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
+import numpy as np
+
 from gss.device.dictionary import Dictionary, Group, Item, Packet, TelemetryField
 from gss.domain.errors import BadInput, NotFound
+from gss.operations.telemetry.rollups import BUCKET_S, MOMENT, PLOTTED, Buckets, Rollups, Stretch
 from gss.operations.telemetry.value_words import kind, number
 from gss.store import telemetry as store
 from gss.store.engine import Database
 from gss.store.models import TelemetryPacket
-
-PLOTTED = ("number", "enum", "bool")
+from gss.store.rollups import start_of
 
 
 @dataclass(frozen=True)
@@ -67,16 +69,39 @@ class Thinner:
         else:
             self._bin(t, y)
 
+    def merge(self, buckets: Buckets) -> None:
+        """Samples of which only the extremes of each ten seconds are known."""
+        self.samples += int(buckets.count.sum())
+        if self._whole is not None:
+            kept, self._whole = self._whole, None
+            for sample in kept:
+                self._bin(*sample)
+        bins = max(1, self.points // 2)
+        # Both extremes in time order: a bin gets what is its own, even of a bucket that lies across its edge.
+        t = np.concatenate([buckets.low_s, buckets.high_s])
+        y = np.concatenate([buckets.low, buckets.high])
+        order = np.argsort(t, kind="stable")
+        t, y = t[order], y[order]
+        part = (t - self.start_s) / max(self.end_s - self.start_s, 1e-9)
+        edges = np.searchsorted(np.clip((part * bins).astype(np.int64), 0, bins - 1), np.arange(bins + 1))
+        for b in np.flatnonzero(np.diff(edges)):
+            own_t, own_y = t[edges[b] : edges[b + 1]], y[edges[b] : edges[b + 1]]
+            if np.isnan(own_y).all():
+                self._bin(float(own_t[0]), None)
+                continue
+            for at in sorted({int(np.nanargmin(own_y)), int(np.nanargmax(own_y))}):
+                self._bin(float(own_t[at]), float(own_y[at]))
+
     def _bin(self, t: float, y: float | None) -> None:
         bins = max(1, self.points // 2)
         part = (t - self.start_s) / max(self.end_s - self.start_s, 1e-9)
         b = min(bins - 1, max(0, int(part * bins)))
         held = self._bins.get(b)
-        if held is None or held[0][1] is None:
+        if held is None or (held[0][1] is None and y is not None):
             self._bins[b] = ((t, y), (t, y))
         elif y is not None:
             low, high = held
-            if y < low[1]:  # type: ignore[operator]  # a bin's second None is never reached: see the branch above
+            if y < low[1]:  # type: ignore[operator]  # where y is a number, what is held is one: see the branch above
                 low = (t, y)
             if y > high[1]:  # type: ignore[operator]
                 high = (t, y)
@@ -93,8 +118,8 @@ class Thinner:
 class Archive:
     """Answers for spans of the past."""
 
-    def __init__(self, dictionary: Dictionary, database: Database) -> None:
-        self.dictionary, self.database = dictionary, database
+    def __init__(self, dictionary: Dictionary, database: Database, rollups: Rollups) -> None:
+        self.dictionary, self.database, self._rollups = dictionary, database, rollups
 
     def column(self, key: str) -> Column:
         """The field of a key ``name`` or ``packet.name``; of a bare name the first packet that has it, housekeeping first."""
@@ -117,16 +142,67 @@ class Archive:
         series: dict[str, Series] = {}
         for packet in dict.fromkeys(c.packet for c in columns):
             of_packet = [c for c in columns if c.packet == packet]
-            thinners = [Thinner(start.timestamp(), end.timestamp(), points) for _ in of_packet]
             fields = [c.field for c in of_packet if isinstance(c.field, TelemetryField)]
-            for row in store.rows(self.database, packet, [f.name for f in fields], start, end):
-                t = row.received.timestamp()
-                for thinner, definition, value in zip(thinners, fields, row.values, strict=True):
-                    thinner.take(t, number(definition, value))
+            thinners = self._thinned(packet, fields, start, end, points)
             for column, thinner, definition in zip(of_packet, thinners, fields, strict=True):
                 t_s, y, thinned = thinner.result()
                 series[column.key] = Series(column.key, packet, definition, t_s, y, thinner.samples, thinned)
         return [series[key] for key in keys]
+
+    def _thinned(
+        self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
+    ) -> list[Thinner]:
+        """From rollups where these are as fine as the plot; from packets where not, or where a rollup is missing. Where packets
+        were removed or thinned out since, the rollups know more than they do."""
+        stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
+        known = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
+        coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S
+        if not coarse or known <= points:
+            thinners = self._from_packets(packet, fields, start, end, points)
+            if thinners[0].samples >= known:
+                return thinners
+        return self._from_rollups(packet, fields, stretches, start, end, points)
+
+    def _from_packets(
+        self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
+    ) -> list[Thinner]:
+        thinners = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields]
+        self._take_packets(packet, fields, start, end, thinners)
+        return thinners
+
+    def _from_rollups(
+        self,
+        packet: str,
+        fields: Sequence[TelemetryField],
+        stretches: Sequence[Stretch],
+        start: datetime,
+        end: datetime,
+        points: int,
+    ) -> list[Thinner]:
+        """Rollups of the hours that have them, packets of what lies between and at the ends."""
+        thinners, at = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields], start
+        for stretch in stretches:
+            self._take_packets(packet, fields, at, start_of(stretch.first) - MOMENT, thinners)
+            for thinner, definition in zip(thinners, fields, strict=True):
+                thinner.merge(stretch.of[definition.name])
+            at = start_of(stretch.last + 1)
+        self._take_packets(packet, fields, at, end, thinners)
+        return thinners
+
+    def _take_packets(
+        self,
+        packet: str,
+        fields: Sequence[TelemetryField],
+        start: datetime,
+        end: datetime,
+        thinners: Sequence[Thinner],
+    ) -> None:
+        if end < start:
+            return
+        for row in store.rows(self.database, packet, [f.name for f in fields], start, end):
+            t = row.received.timestamp()
+            for thinner, definition, value in zip(thinners, fields, row.values, strict=True):
+                thinner.take(t, number(definition, value))
 
     def rows(
         self, keys: Sequence[str], start: datetime, end: datetime

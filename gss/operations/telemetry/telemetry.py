@@ -14,6 +14,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.telemetry.archive import Archive
 from gss.operations.telemetry.limit_book import LimitBook
+from gss.operations.telemetry.rollups import Rollups
 from gss.operations.telemetry.telemetry_board import FieldValue, Judgement, TelemetryBoard
 from gss.operations.telemetry.value_words import plain
 from gss.store import telemetry as store
@@ -34,7 +35,8 @@ class TelemetryService:
         self._database, self._bus, self._now = database, bus, now
         self.limits = LimitBook(dictionary, database, bus, now)
         self.board = TelemetryBoard(dictionary, self.limits.rule)
-        self.archive = Archive(dictionary, database)
+        self.rollups = Rollups(dictionary, database, now)
+        self.archive = Archive(dictionary, database, self.rollups)
         self.limits.changed_hooks.append(self.board.limits_changed)
         self.judged_hooks: list[Callable[[Sequence[Judgement]], None]] = []
         self.contact: Callable[[], int | None] = lambda: None
@@ -66,6 +68,7 @@ class TelemetryService:
             try:
                 with self._database.unit_of_work() as session:
                     store.add_batch(session, [self._row(packet, at) for packet in packets])
+                    self.rollups.wrote(session, [packet.packet for packet in packets], at)
             except StoreDown as error:
                 cause = str(error)
         before, self.store_fails = self.store_fails, cause

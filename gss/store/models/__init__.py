@@ -5,7 +5,16 @@ from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
 from gss.store.models.frames import Frame, Solution
-from gss.store.models.link import Command, CommandStage, Contact, Device, Event, TelemetryPacket, Transfer
+from gss.store.models.link import (
+    Command,
+    CommandStage,
+    Contact,
+    Device,
+    Event,
+    TelemetryPacket,
+    TelemetryRollup,
+    Transfer,
+)
 from gss.store.models.studies import Analysis, Calibration
 
 __all__ = [
@@ -34,6 +43,7 @@ __all__ = [
     "StackRun",
     "StarList",
     "TelemetryPacket",
+    "TelemetryRollup",
     "Transfer",
     "User",
     "UtcDateTime",

@@ -91,6 +91,16 @@ class TelemetryPacket(Base):
     __table_args__ = (Index("ix_telemetry_packets_packet_received", "packet", "received"),)
 
 
+class TelemetryRollup(Base):
+    """An hour of a field as the extremes of every ten seconds. ``hour``: since 1970; ``field`` empty: the hour is done."""
+
+    __tablename__ = "telemetry_rollups"
+    packet: Mapped[str] = mapped_column(String(40), primary_key=True)
+    field: Mapped[str] = mapped_column(String(60), primary_key=True)
+    hour: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    data: Mapped[bytes]
+
+
 class Transfer(Base):
     """A file on its way up or down."""
 

@@ -1,0 +1,223 @@
+"""Rollups: the smallest and the largest value of each field in every ten seconds, with their own times, so that a plot of a week is
+read from some hundred rows and no spike is lost. A thread makes them, an hour after the other, when the hour is over."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.device.dictionary import Dictionary, Group, Item
+from gss.domain.errors import GssError
+from gss.operations.clock import Now
+from gss.operations.telemetry.value_words import kind, number
+from gss.store import rollups as store
+from gss.store.engine import Database
+from gss.store.rollups import HOUR_S
+
+Array = NDArray[np.float64]
+log = logging.getLogger(__name__)
+PLOTTED = ("number", "enum", "bool")
+BUCKET_S = 10
+SETTLE_S = 60.0
+"""So long after its end an hour is taken as over."""
+LOOK_S = 60.0
+HOURS_AT_ONCE = 400
+"""Hours that one look makes at most; more of an old store's past is made with the next."""
+MOMENT = timedelta(microseconds=1)
+"""The smallest step of a stored time."""
+EARLIEST = datetime(1970, 1, 2, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Buckets:
+    """Spans of ten seconds that have packets, in time order. All (n,): ``count`` packets, with or without the value; Unix seconds
+    and value of the smallest (``low``) and the largest (``high``); not-a-number where no packet of a span has the value."""
+
+    count: NDArray[np.int64]
+    low_s: Array
+    low: Array
+    high_s: Array
+    high: Array
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    def packed(self, hour: int) -> bytes:
+        """As stored: column after column, times from the hour's start."""
+        start_s = hour * HOUR_S
+        columns = (self.low_s - start_s, self.low, self.high_s - start_s, self.high)
+        body = b"".join([self.count.astype("<u4").tobytes(), *(c.astype("<f8").tobytes() for c in columns)])
+        return zlib.compress(body, 1)
+
+    @classmethod
+    def unpacked(cls, hour: int, data: bytes) -> Buckets:
+        """What :meth:`packed` made."""
+        body = zlib.decompress(data)
+        n = len(body) // 36
+        count = np.frombuffer(body, "<u4", n).astype(np.int64)
+        low_s, low, high_s, high = np.frombuffer(body, "<f8", 4 * n, 4 * n).reshape(4, n)
+        return cls(count, low_s + hour * HOUR_S, low, high_s + hour * HOUR_S, high)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Buckets]) -> Buckets:
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Hours without a gap between them, ``first`` and ``last`` included: the buckets of each field."""
+
+    first: int
+    last: int
+    of: Mapping[str, Buckets]
+
+
+def buckets(t_s: Array, y: Array) -> Buckets:
+    """The buckets of samples in time order; ``y`` is not-a-number where a packet has no value."""
+    numbers = np.floor_divide(t_s, BUCKET_S).astype(np.int64)
+    starts = np.flatnonzero(np.concatenate([[True], numbers[1:] != numbers[:-1]]))
+    count = np.diff(np.append(starts, len(t_s)))
+    low_at, low = _first_extreme(np.where(np.isnan(y), np.inf, y), np.minimum, starts, count)
+    high_at, high = _first_extreme(np.where(np.isnan(y), -np.inf, y), np.maximum, starts, count)
+    none = np.isinf(low)
+    return Buckets(count, t_s[low_at], np.where(none, np.nan, low), t_s[high_at], np.where(none, np.nan, high))
+
+
+def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count: NDArray[Any]) -> tuple[Any, Array]:
+    """Where each bucket's extreme is first, and it."""
+    found = extreme.reduceat(y, starts)
+    at = np.where(y == np.repeat(found, count), np.arange(len(y)), len(y))
+    return np.minimum.reduceat(at, starts), found
+
+
+class Rollups:
+    """Makes rollups in the background and gives them to plots."""
+
+    def __init__(self, dictionary: Dictionary, database: Database, now: Now) -> None:
+        self._database, self._now = database, now
+        self._fields: dict[str, list[Item]] = {}
+        for packet in dictionary.telemetry:
+            plotted = [f for f in packet.fields if not isinstance(f, Group) and kind(f) in PLOTTED]
+            if plotted:
+                self._fields[packet.name] = plotted
+        self._newest: dict[str, int | None] = {}
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin to make them."""
+        self._thread = threading.Thread(target=self._run, name="rollups", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End after the hour that is being made."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended.wait(LOOK_S):
+            try:
+                self.make()
+            except (
+                GssError
+            ):  # a full disk or a locked database: told by those whose work it is; plots read packets meanwhile
+                log.warning("rollups wait", exc_info=True)
+
+    def make(self, most: int = HOURS_AT_ONCE) -> int:
+        """Make what is missing, oldest first; how many hours were made."""
+        made, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
+        for packet in self._fields:
+            for hour in self._missing(packet, over):
+                if made >= most or self._ended.is_set():
+                    return made
+                made += self._make_hour(packet, hour)
+        return made
+
+    def _missing(self, packet: str, over: int) -> Iterator[int]:
+        """Hours before ``over`` that have packets and are not done: a look-up in the index per stretch without packets."""
+        with self._database.unit_of_work() as session:
+            done = store.done_hours(session, packet, 0, over)
+        self._newest[packet] = done[-1] if done else None
+        ends = {run[0]: run[-1] for run in _runs(done)}
+        at = EARLIEST
+        while True:
+            with self._database.unit_of_work() as session:
+                found = store.next_received(session, packet, at)
+            if found is None or (hour := store.hour_of(found)) >= over:
+                return
+            run = max((first for first in ends if first <= hour), default=None)
+            if run is not None and hour <= ends[run]:
+                hour = ends[run]
+            else:
+                yield hour
+            at = store.start_of(hour + 1)
+
+    def _make_hour(self, packet: str, hour: int) -> bool:
+        with self._database.unit_of_work() as session:
+            rows = store.packets_of(session, packet, hour)
+        t_s = np.array([at.timestamp() for at, _ in rows])
+        data = {}
+        for item in self._fields[packet]:
+            values = [number(item, row.get(item.name)) for _, row in rows]
+            y = np.array([np.nan if v is None else v for v in values], np.float64)
+            data[item.name] = buckets(t_s, y).packed(hour)
+        with self._database.unit_of_work() as session:
+            kept = store.keep(session, packet, hour, data, len(rows))
+        if kept:
+            self._newest[packet] = max(hour, self._newest.get(packet) or hour)
+        return kept
+
+    def wrote(self, session: Any, packets: Sequence[str], at: datetime) -> None:
+        """Packets were stored as received at a moment: where its hour was done already, as after a clock was put back, it is
+        not any more, in the same transaction. Plots then read its packets."""
+        hour = store.hour_of(at)
+        late = [
+            name for name in dict.fromkeys(packets) if name in self._fields and hour <= self._newest_of(session, name)
+        ]
+        if late:
+            store.undo(session, late, hour)
+
+    def _newest_of(self, session: Any, packet: str) -> int:
+        if packet not in self._newest:
+            self._newest[packet] = store.newest_hour(session, packet)
+        newest = self._newest[packet]
+        return -1 if newest is None else newest
+
+    def read(self, packet: str, names: Sequence[str], start: datetime, end: datetime) -> list[Stretch]:
+        """What is done of the hours that lie in a span whole, in time order."""
+        first, last = store.hour_of(start - MOMENT) + 1, store.hour_of(end) - 1
+        parts: dict[int, dict[str, bytes]] = {}
+        with self._database.unit_of_work() as session:
+            done = store.done_hours(session, packet, first, last)
+            for hour, name, data in store.of_fields(session, packet, names, first, last) if done else ():
+                parts.setdefault(hour, {})[name] = data
+        # A field that the dictionary did not have when an hour was done is read from that hour's packets.
+        whole = [hour for hour in done if len(parts.get(hour, ())) == len(names)]
+        return [
+            Stretch(
+                run[0],
+                run[-1],
+                {name: Buckets.joined([Buckets.unpacked(hour, parts[hour][name]) for hour in run]) for name in names},
+            )
+            for run in _runs(whole)
+        ]
+
+
+def _runs(hours: Sequence[int]) -> list[list[int]]:
+    runs: list[list[int]] = []
+    for hour in hours:
+        if runs and runs[-1][-1] == hour - 1:
+            runs[-1].append(hour)
+        else:
+            runs.append([hour])
+    return runs

@@ -1,0 +1,187 @@
+"""Plots of long spans from rollups: what packets alone would give, on every database."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import delete, event
+
+from gss.device.dictionary_file import load_dictionary
+from gss.device.session_events import Telemetry
+from gss.operations.events import EventBus
+from gss.operations.telemetry.archive import Thinner
+from gss.operations.telemetry.rollups import Buckets, buckets
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.store import telemetry as store
+from gss.store.engine import Database
+from gss.store.models import TelemetryPacket
+
+T0 = datetime(2026, 12, 1, tzinfo=UTC)
+HOURS = 6
+MODES = ("standby", "lost_in_space", "tracking")
+
+
+def values(k: int) -> dict[str, object]:
+    """Housekeeping of second ``k``: noise, two spikes of one second, and stretches without a value."""
+    noise = random.Random(k).gauss(0, 0.01)
+    spike = {4321: 2.5, 15_001: -2.5}.get(k, 0.0)
+    fields: dict[str, object] = {"latchups": k // 5000, "mode": MODES[k // 700 % 3], "cycle_running": k % 900 < 450}
+    return fields if 8000 <= k < 9500 else fields | {"supply_3v3_v": 3.3 + noise + spike}
+
+
+class Moving:
+    """A clock that is put where the test wants it."""
+
+    def __init__(self) -> None:
+        self.at = T0
+
+    def __call__(self) -> datetime:
+        return self.at
+
+
+@pytest.fixture
+def clock() -> Moving:
+    return Moving()
+
+
+@pytest.fixture
+def telemetry(database: Database, clock: Moving) -> TelemetryService:
+    """Six hours of housekeeping, every third second, with twenty minutes of silence."""
+    service = TelemetryService(load_dictionary(), database, EventBus(database, clock), clock)
+    rows = [
+        TelemetryPacket(
+            packet="housekeeping",
+            received=T0 + timedelta(seconds=k, microseconds=7 * k),
+            device_time_s=float(k),
+            request_id=0,
+            values=values(k),
+        )
+        for k in range(0, HOURS * 3600, 3)
+        if not 12_000 <= k < 13_200
+    ]
+    rows += [
+        TelemetryPacket(
+            packet="housekeeping",
+            received=T0 + timedelta(seconds=k, milliseconds=1),
+            device_time_s=float(k),
+            request_id=0,
+            values=values(k),
+        )
+        for k in (4321, 15_001)
+    ]
+    with database.unit_of_work() as session:
+        store.add_batch(session, sorted(rows, key=lambda r: r.received))
+    return service
+
+
+NAMES = ["supply_3v3_v", "mode", "cycle_running", "latchups"]
+Plot = Callable[[], list[tuple[list[float], list[float | None], int]]]
+
+
+def plotted(telemetry: TelemetryService, start: datetime, end: datetime, points: int) -> list[object]:
+    """What a plot is given."""
+    series = telemetry.archive.history(NAMES, start, end, points)
+    return [(s.t, s.y, s.samples, s.thinned) for s in series]
+
+
+def test_a_plot_from_rollups_is_the_plot_from_packets(telemetry: TelemetryService, clock: Moving) -> None:
+    """Bins of whole tens of seconds give the same points to the last bit, spikes and stretches without values as well; rollups are
+    read for all but the ends."""
+    spans = [(T0, T0 + timedelta(hours=HOURS)), (T0 + timedelta(seconds=1230), T0 + timedelta(hours=5, seconds=1230))]
+    before = [plotted(telemetry, *span, 240) for span in spans]
+    clock.at = T0 + timedelta(hours=HOURS, seconds=61)
+    assert telemetry.rollups.make() == HOURS
+    assert telemetry.rollups.make() == 0
+    read: list[str] = []
+    engine = telemetry.archive.database.engine
+    event.listen(engine, "before_cursor_execute", lambda *a: read.append(a[2]))
+    assert [plotted(telemetry, *span, 240) for span in spans] == before
+    supply = before[0][0][1]
+    assert max(v for v in supply if v is not None) > 5.5
+    assert min(v for v in supply if v is not None) < 1.0
+    # The first span: two empty ends; the second: both ends, some minutes each. Not one block of thousands in between.
+    assert sum("FROM telemetry_packets" in statement for statement in read) <= 4
+
+
+def test_short_spans_and_few_samples_are_read_from_packets(telemetry: TelemetryService, clock: Moving) -> None:
+    """Where the plot is finer than rollups, or every sample fits, every sample is there."""
+    clock.at = T0 + timedelta(hours=HOURS, seconds=61)
+    telemetry.rollups.make()
+    (short, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(seconds=2999), 2000)
+    assert (short.samples, short.thinned, len(short.t)) == (1000, False, 1000)
+    (whole, *_) = telemetry.archive.history(NAMES, T0, T0 + timedelta(hours=HOURS), 20_000)
+    assert whole.samples == len(whole.t)
+    assert not whole.thinned
+
+
+def test_packets_that_come_late_are_in_the_plot(telemetry: TelemetryService, clock: Moving) -> None:
+    """A clock that was put back stores into an hour that is done: its rollup is not believed any more, and is made again."""
+    clock.at = T0 + timedelta(hours=HOURS, seconds=61)
+    telemetry.rollups.make()
+    clock.at = T0 + timedelta(hours=2, seconds=1000.5)
+    fields = {"supply_3v3_v": 9.9}
+    telemetry.handle([Telemetry("housekeeping", 1.0, 0, fields, fields)])
+    span = (T0, T0 + timedelta(hours=HOURS))
+    (supply, *_) = telemetry.archive.history(NAMES, *span, 240)
+    assert 9.9 in supply.y
+    clock.at = T0 + timedelta(hours=HOURS, seconds=61)
+    assert telemetry.rollups.make() == 1
+    assert telemetry.archive.history(NAMES, *span, 240)[0] == supply
+
+
+def test_the_hour_that_runs_is_not_done(telemetry: TelemetryService, clock: Moving) -> None:
+    """Only hours that are over, and have been for a minute, are made; the rest is read from packets."""
+    clock.at = T0 + timedelta(hours=3, seconds=59)
+    assert telemetry.rollups.make() == 2
+    clock.at = T0 + timedelta(hours=3, seconds=61)
+    assert telemetry.rollups.make() == 1
+
+
+def test_rollups_outlive_their_packets(telemetry: TelemetryService, clock: Moving) -> None:
+    """Retention may thin out or remove packets; the plot of that time keeps its spikes."""
+    span = (T0, T0 + timedelta(hours=HOURS))
+    before = plotted(telemetry, *span, 240)
+    clock.at = T0 + timedelta(hours=HOURS, seconds=61)
+    telemetry.rollups.make()
+    with telemetry.archive.database.unit_of_work() as session:
+        session.execute(delete(TelemetryPacket).where(TelemetryPacket.id % 20 != 0))
+    assert plotted(telemetry, *span, 240) == before
+    with telemetry.archive.database.unit_of_work() as session:
+        session.execute(delete(TelemetryPacket))
+    assert plotted(telemetry, *span, 240) == before
+    assert telemetry.rollups.make() == 0
+
+
+samples = st.lists(st.tuples(st.floats(0, 50), st.one_of(st.none(), st.floats(-1e3, 1e3))), min_size=1, max_size=200)
+
+
+@given(samples, st.integers(4, 40))
+def test_buckets_lose_no_extreme(given_samples: list[tuple[float, float | None]], points: int) -> None:
+    """Packed and read again: per ten seconds the count, the first smallest and the first largest value with their times; a plot
+    of them has the smallest and the largest of all."""
+    t_s, y = np.cumsum([gap for gap, _ in given_samples]), [v for _, v in given_samples]
+    numbers = np.array([np.nan if v is None else v for v in y])
+    held = Buckets.unpacked(0, buckets(t_s, numbers).packed(0))
+    assert held.count.sum() == len(y)
+    for k, number in enumerate(dict.fromkeys((t_s // 10).tolist())):
+        own = [(t, v) for t, v in zip(t_s.tolist(), y, strict=True) if t // 10 == number and v is not None]
+        if not own:
+            assert np.isnan(held.low[k])
+            continue
+        low, high = min(own, key=lambda s: s[1]), max(own, key=lambda s: s[1])
+        assert (held.low_s[k], held.low[k], held.high_s[k], held.high[k]) == (*low, *high)
+    thinner = Thinner(0.0, float(t_s[-1]) + 1, points)
+    thinner.merge(held)
+    t, kept, _ = thinner.result()
+    assert len(t) <= points
+    assert t == sorted(t)
+    known = [v for v in y if v is not None]
+    if known:
+        plotted_values = [v for v in kept if v is not None]
+        assert (min(plotted_values), max(plotted_values)) == (min(known), max(known))
