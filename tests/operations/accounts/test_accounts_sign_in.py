@@ -7,7 +7,7 @@ from datetime import timedelta
 
 import pytest
 
-from gss.domain.errors import BadInput, Conflict, NotPermitted, NotSignedIn, TooOften
+from gss.domain.errors import BadInput, Conflict, NotPermitted, NotSignedIn, StoreDown, TooOften
 from gss.operations.accounts.accounts import REMEMBERED_S, AccountService
 from gss.operations.accounts.attempts import BY_NAME
 from gss.operations.accounts.passwords import Passwords
@@ -86,6 +86,45 @@ def test_an_open_page_does_not_keep_a_session_alive_but_learns_of_its_end(accoun
     assert accounts.why_over(who) == ""
     clock.forward(3601)
     assert "too long" in accounts.why_over(who)
+
+
+def test_asking_how_long_a_session_lasts_does_not_make_it_longer(accounts, clock, seconds):
+    """Only real requests count against idling; the end that is told is the nearer one."""
+    opened = sign_in(accounts)
+    assert opened.who.expires == clock.at + LIVES.idle
+    clock.forward(3500)
+    seconds.at_s += 3500
+    assert accounts.who_has_cookie(opened.key, touch=False).expires == opened.who.expires
+    clock.forward(100)
+    seconds.at_s += 100
+    assert accounts.who_has_cookie(opened.key, touch=False) is None
+
+
+def test_a_full_disk_keeps_nobody_out_and_an_unreadable_database_not_for_long(accounts, database, clock, seconds):
+    """ABORT must get through: who was known ten minutes ago still is while the database cannot be read; a stranger is not."""
+    opened = sign_in(accounts)
+    clock.forward(120)
+    seconds.at_s += 120
+    with database.engine.connect() as pooled:
+        pooled.exec_driver_sql("PRAGMA query_only=ON")  # as on a full disk: reading goes on, writing does not
+    with pytest.raises(StoreDown):
+        accounts.users.change(opened.who.user_id, role="viewer")
+    assert accounts.who_has_cookie(opened.key).role == "admin"
+    accounts.sessions._database = Unreadable()
+    seconds.at_s += 300
+    assert accounts.who_has_cookie(opened.key).name == "ann"
+    with pytest.raises(StoreDown):
+        accounts.who_has_cookie("somebody else")
+    seconds.at_s += 301
+    with pytest.raises(StoreDown):
+        accounts.who_has_cookie(opened.key)
+
+
+class Unreadable:
+    """A database whose disk is gone."""
+
+    def unit_of_work(self):
+        raise StoreDown("the database cannot be used now")
 
 
 def test_a_new_password_ends_all_sessions_of_that_user(accounts):
