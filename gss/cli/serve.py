@@ -75,6 +75,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
 
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
     if sensor is not None:
+        sensor.told = lambda text: services.bus.record("link", "warning", text)
         services.frames.warm(settings.simulator)
     app = create_app(services)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +14,26 @@ import httpx2
 import pytest
 
 START_S = 60.0
+_specification = importlib.util.spec_from_file_location("gss_nursery", Path(__file__).with_name("nursery.py"))
+assert _specification is not None
+assert _specification.loader is not None
+nursery = importlib.util.module_from_spec(_specification)
+_specification.loader.exec_module(nursery)
+_nurseries: list[Any] = []
+
+
+def hatch(what: str, arguments: list[str], environment: dict[str, str], stderr: int) -> Any:
+    """A real process, forked from one that has its imports behind it."""
+    if not _nurseries:
+        _nurseries.append(nursery.Nursery())
+    return _nurseries[0].hatch(what, arguments, {**os.environ, **environment}, stderr)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _end_nursery() -> Iterator[None]:
+    yield
+    while _nurseries:
+        _nurseries.pop().close()
 
 
 class Console:
@@ -61,15 +80,9 @@ class Server:
 
     def __init__(self, folder: Path, headers: dict[str, str], *arguments: str, **environment: str) -> None:
         self.folder = folder
-        command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+        command = ["serve", "--port", "0", "--data", str(folder), *arguments]
         self.log = (folder.parent / f"{folder.name}.log").open("ab")
-        self.process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=self.log,
-            text=True,
-            env={**os.environ, "GSS_SIMULATOR_BAUD": "0", **environment},
-        )
+        self.process = hatch("gss", command, {"GSS_SIMULATOR_BAUD": "0", **environment}, self.log.fileno())
         self.console = Console(self._address(), headers)
 
     def _address(self) -> str:
@@ -117,28 +130,46 @@ def serve(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[
             server.stop()
 
 
+class Sensor:
+    """A simulator on a TCP port that can be killed and started again on its flash."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder, self._arguments = folder, arguments
+        folder.mkdir(exist_ok=True)
+        self.port = 0
+        self.start()
+
+    def start(self) -> None:
+        command = ["--profile", "cubestar", "--tcp", "0", "--seed", "7", "--state-dir", str(self.folder)]
+        self.process = hatch("simulator", [*command, "--baud", "0", *self._arguments], {}, 2)
+        ready = next(line for line in self.process.stdout if line.startswith("READY"))
+        self.url = ready.split()[1]
+        self.port = int(self.url.rsplit(":", 1)[1])
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+    def stop(self) -> None:
+        """As its supervisor would."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.process.wait(timeout=10)
+            self.process.stdout.close()
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> Iterator[Sensor]:
+    """A sensor of the test's own."""
+    made = Sensor(tmp_path / "sensor")
+    yield made
+    made.stop()
+
+
 @pytest.fixture
 def simulator(tmp_path: Path) -> Iterator[str]:
     """A simulated sensor on a TCP port, independent of any server; its address."""
-    folder = tmp_path / "sensor"
-    folder.mkdir()
-    command = [
-        sys.executable,
-        "-m",
-        "gss.device.simulator",
-        "--profile",
-        "cubestar",
-        "--tcp",
-        "0",
-        "--state-dir",
-        str(folder),
-    ]
-    process = subprocess.Popen([*command, "--baud", "0", "--seed", "7"], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("READY"):
-            break
-    yield line.split()[1]
-    process.terminate()
-    process.wait(timeout=10)
-    process.stdout.close()
+    made = Sensor(tmp_path / "sensor")
+    yield made.url
+    made.stop()
