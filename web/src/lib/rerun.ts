@@ -1,16 +1,18 @@
-/** Loads the Rerun viewer that the installed SDK ships, from this origin, once per page. */
+/** Loads the Rerun viewer that the installed SDK ships, from this origin, once per page; opens stored and live recordings in it. */
+import { Pieces, readEvent, setTimeCursor, type ViewerEvent } from './rerun_control';
 
-export interface ViewerHandle {
+interface Handle {
   start(canvas: HTMLCanvasElement): Promise<void>;
-  add_receiver(url: string): void;
+  open_channel(id: string, name: string): void;
+  send_rrd_to_channel(id: string, data: Uint8Array): void;
+  close_channel(id: string): void;
+  viewer_control(request: Uint8Array): Promise<Uint8Array>;
   destroy(): void;
   free(): void;
-  has_panicked(): boolean;
-  panic_message(): string | undefined;
 }
 interface Bindgen {
   (options: { module_or_path: Promise<Response> }): Promise<unknown>;
-  WebHandle: new (options: Record<string, unknown>) => ViewerHandle;
+  WebHandle: new (options: Record<string, unknown>) => Handle;
 }
 /** The viewer's script declares this at its top level: a global binding, but not a property of window. */
 declare const wasm_bindgen: Bindgen;
@@ -28,19 +30,25 @@ function script(): Promise<void> {
   });
 }
 
-async function wasm(progress: (text: string) => void): Promise<Response> {
-  const response = await fetch(`${BASE}/re_viewer_bg.wasm`);
-  if (!response.ok || !response.body) throw new Error(`The viewer's program could not be read (${response.status}).`);
+/** Hands a response on and tells how much of it has come. */
+function counted(response: Response, progress: (bytes: number) => void, done?: () => void): ReadableStream<Uint8Array> {
+  if (!response.body) throw new Error('the answer is empty');
   let bytes = 0;
-  const counted = response.body.pipeThrough(new TransformStream<Uint8Array, Uint8Array>({
+  return response.body.pipeThrough(new TransformStream<Uint8Array, Uint8Array>({
     transform(chunk, out) {
       bytes += chunk.byteLength;
-      progress(`Loading the viewer, ${(bytes / 1e6).toFixed(0)} MB`);
+      progress(bytes);
       out.enqueue(chunk);
     },
-    flush: () => progress('Starting the viewer …'),
+    flush: () => done?.(),
   }));
-  return new Response(counted, { headers: { 'Content-Type': 'application/wasm' } });
+}
+
+async function wasm(progress: (text: string) => void): Promise<Response> {
+  const response = await fetch(`${BASE}/re_viewer_bg.wasm`);
+  if (!response.ok) throw new Error(`The viewer's program could not be read (${response.status}).`);
+  const body = counted(response, (n) => progress(`Loading the viewer, ${(n / 1e6).toFixed(0)} MB`), () => progress('Starting the viewer …'));
+  return new Response(body, { headers: { 'Content-Type': 'application/wasm' } });
 }
 
 async function load(progress: (text: string) => void): Promise<Bindgen> {
@@ -49,13 +57,75 @@ async function load(progress: (text: string) => void): Promise<Bindgen> {
   return wasm_bindgen;
 }
 
-export async function openViewer(canvas: HTMLCanvasElement, url: string, progress: (text: string) => void, event: (data: string) => void): Promise<ViewerHandle> {
-  ready ??= load(progress).catch((e: unknown) => { ready = null; throw e; });
-  const bindgen = await ready;
-  const handle = new bindgen.WebHandle({
-    url: [url], render_backend: 'webgl', hide_welcome_screen: true, persist: false, theme: 'dark', notebook: false, video_decoder: null,
-    panel_state_overrides: { top: 'Hidden', blueprint: 'Hidden', selection: 'Hidden', time: 'Collapsed' }, on_viewer_event: event,
-  });
-  await handle.start(canvas);
-  return handle;
+async function fetched(url: string, signal: AbortSignal): Promise<Response> {
+  const response = await fetch(url, { signal });
+  if (response.ok) return response;
+  const problem = (await response.json().catch(() => ({}))) as { message?: string; hint?: string };
+  throw new Error(`No recording: ${problem.message ?? `the server answered ${response.status}`}${problem.hint ? `. ${problem.hint}` : ''}`);
+}
+
+/** One viewer on one canvas. Bytes come through this page, with its session; the viewer itself asks the server for nothing. */
+export class Viewer {
+  private channels = 0;
+  private reading: AbortController | null = null;
+  private constructor(private readonly handle: Handle) {}
+
+  static async on(canvas: HTMLCanvasElement, progress: (text: string) => void, told: (event: ViewerEvent) => void): Promise<Viewer> {
+    ready ??= load(progress).catch((e: unknown) => { ready = null; throw e; });
+    const bindgen = await ready;
+    const handle = new bindgen.WebHandle({
+      url: [], render_backend: 'webgl', hide_welcome_screen: true, persist: false, theme: 'dark', notebook: false, video_decoder: null,
+      panel_state_overrides: { top: 'Hidden', blueprint: 'Hidden', selection: 'Hidden', time: 'Collapsed' },
+      on_viewer_event: (data: string) => { const event = readEvent(data); if (event) told(event); },
+    });
+    await handle.start(canvas);
+    return new Viewer(handle);
+  }
+
+  /** A whole recording. Answers its size in bytes. */
+  async open(url: string, progress: (text: string) => void): Promise<number> {
+    this.reading?.abort();
+    this.reading = new AbortController();
+    progress('Writing the recording …');
+    const response = await fetched(url, this.reading.signal);
+    const data = new Uint8Array(await new Response(counted(response, (n) => progress(`Loading the recording, ${(n / 1e6).toFixed(1)} MB`))).arrayBuffer());
+    this.channel(url, data);
+    return data.length;
+  }
+
+  /** A recording that goes on, until the viewer is closed. `grew` hears of each piece. */
+  async follow(url: string, grew: (pieces: number, bytes: number) => void): Promise<void> {
+    this.reading?.abort();
+    const reading = (this.reading = new AbortController());
+    const response = await fetched(url, reading.signal);
+    const id = this.channel('live');
+    const pieces = new Pieces();
+    let [count, bytes] = [0, 0];
+    const reader = response.body?.getReader();
+    for (let part = await reader?.read(); part && !part.done; part = await reader?.read()) {
+      for (const piece of pieces.push(part.value)) {
+        this.handle.send_rrd_to_channel(id, piece);
+        grew(++count, (bytes += piece.length));
+      }
+    }
+    throw new Error('The live recording ended: the server stopped, or nobody is signed in any more.');
+  }
+
+  private channel(name: string, data?: Uint8Array): string {
+    const id = `gss-${++this.channels}`;
+    this.handle.open_channel(id, name);
+    if (data) { this.handle.send_rrd_to_channel(id, data); this.handle.close_channel(id); }
+    return id;
+  }
+
+  /** Shows a frame of the recording that is open. False while there is none. */
+  async showFrame(id: number): Promise<boolean> {
+    return this.handle.viewer_control(setTimeCursor('frame', BigInt(id))).then(() => true, () => false);
+  }
+
+  close(): void {
+    this.reading?.abort();
+    this.handle.destroy();
+    this.handle.free();
+  }
 }
