@@ -5,11 +5,14 @@ A tap between server and sensor reads every packet and can hold one back, so tha
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
+import os
+import shutil
 import signal
 import socket
-import subprocess
-import sys
+import sqlite3
 import threading
 import time
 from collections import Counter
@@ -108,49 +111,21 @@ class Tap:
         self.hold = None
         self.held.clear()
 
+    def pull(self) -> None:
+        """The plug out and in again: both ends see it, what was on its way is lost."""
+        for end in self._open:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+        self.release()
+
     def close(self) -> None:
         self._listener.close()
         for end in self._open:
             end.close()
 
 
-class Sensor:
-    """A simulator that can be killed and started again on its flash."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(exist_ok=True)
-        self.port = 0
-        self.start()
-
-    def start(self) -> None:
-        command = [sys.executable, "-m", "gss.device.simulator", "--profile", "cubestar", "--tcp", "0", "--seed", "7"]
-        self.process = subprocess.Popen(
-            [*command, "--state-dir", str(self._folder), "--baud", "0"], stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        ready = next(line for line in self.process.stdout if line.startswith("READY"))
-        self.port = int(ready.split()[1].rsplit(":", 1)[1])
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-
 @pytest.fixture
-def sensor(tmp_path: Path) -> Iterator[Sensor]:
-    made = Sensor(tmp_path / "sensor")
-    yield made
-    if made.process.poll() is None:
-        made.process.send_signal(signal.SIGTERM)
-        made.process.wait(timeout=10)
-        made.process.stdout.close()
-
-
-@pytest.fixture
-def tap(sensor: Sensor) -> Iterator[Tap]:
+def tap(sensor) -> Iterator[Tap]:
     made = Tap(lambda: sensor.port)
     yield made
     made.close()
@@ -329,3 +304,137 @@ def test_sensor_killed_while_a_frame_comes_down(serve, sensor, tap):
             assert not frame["complete"]
             assert 0 < sum(last - first + 1 for first, last in frame["rows_held"]) < frame["rows"]
     assert max(commands_sent(tap).values()) == 1
+
+
+def test_line_pulled_at_any_stage_of_an_upload_and_of_a_download(serve, sensor, tap, tmp_path):
+    """The plug out and in again: each transfer goes on by itself and ends whole; nothing is commanded twice."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
+        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
+        row = server.console.get(f"/catalogues/{catalogue}")
+        hold_at(tap, point)
+        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
+        tap.wait()
+        mark = len(tap.packets)
+        tap.pull()
+        end = ended(server.console, transfer["id"], "committed")
+        assert end["sha256"] == row["sha256"], stage
+        if stage in ("verifying", "before commit", "after commit"):
+            assert chunk_bytes(tap, UP, mark) == 0, stage
+    for stage, point in DOWNLOAD_POINTS.items():
+        online(server.console)
+        hold_at(tap, point)
+        number = server.console.command("TAKE_IMAGE")["values"]["frame_number"]
+        tap.wait()
+        transfer = server.console.get("/transfers")[0]
+        tap.pull()
+        end = ended(server.console, transfer["id"], "verified")
+        frame = server.console.get(f"/frames/{end['frame_id']}")
+        assert (frame["complete"], frame["number"], frame["sha256"]) == (True, number, end["sha256"]), stage
+    assert max(commands_sent(tap).values()) == 1
+
+
+COMMAND_POINTS = {
+    "on its way": (UP, "TAKE_IMAGE", 0),
+    "accepted": (DOWN, "REPORT", 0),
+    "started": (DOWN, "REPORT", 1),
+    "ended on board": (DOWN, "REPORT", 2),
+}
+SIMULATOR = "gss.device.simulator"
+EXPERIMENTS = {"names": ["moniteq-2-1", "liebe-2", "huffman-5-1"], "trials": 20, "seed": 3}
+
+
+def end_of(console, job_id: int):
+    """The job in its good end."""
+
+    def look():
+        job = console.get(f"/jobs/{job_id}")
+        assert job["state"] not in ("failed", "cancelled"), job["text"]
+        return job if job["state"] == "done" else None
+
+    return console.wait("the job to end", look, 60)
+
+
+def test_server_killed_at_each_state_of_a_command_and_of_a_job(serve, sensor, tap, tmp_path):
+    """A command's fate becomes unknown or is learned from a late report, and it never goes out again; jobs that were queued or
+    running go on by themselves, and their results are those of an uninterrupted run."""
+    server = serve("--device", tap.url)
+    online(server.console)
+    whole = end_of(server.console, server.console.post("/campaigns/experiments", EXPERIMENTS)["id"])["result"]
+    left: list[int] = []
+    for stage, point in COMMAND_POINTS.items():
+        running = server.console.post("/campaigns/experiments", EXPERIMENTS)["id"]
+        waiting = server.console.post("/admin/backups", status=202)["id"]
+        left += [running, waiting]
+        console = server.console
+        console.wait("a chunk", lambda c=console, job=running: c.get(f"/jobs/{job}")["done"] >= 100)
+        hold_at(tap, point)
+        sent = server.console.post("/commands", {"name": "TAKE_IMAGE", "arguments": {"exposure_ms": 20}})
+        tap.wait()
+        server.kill()
+        kept = job_row(tmp_path / "data" / "gss.db", running)
+        assert (kept["state"], kept["chunks"] >= 1) == ("running", True), stage
+        tap.release()
+        server = serve("--device", tap.url)
+        online(server.console)
+        row = server.console.get(f"/commands/{sent['id']}")
+        assert row["result"] in ("unknown", "completed"), stage
+        if row["result"] == "unknown":
+            server.console.post(f"/commands/{row['id']}/resolve", {"note": "looked at the frames"}, status=200)
+        assert end_of(server.console, running)["result"] == whole, stage
+    names = [end_of(server.console, job)["result"].get("name") for job in left[1::2]]
+    assert sorted(names) == sorted(made["name"] for made in server.console.get("/admin/backups"))
+    assert max(commands_sent(tap).values()) == 1
+
+
+def job_row(path: Path, job_id: int) -> dict:
+    """What a dead server left of a job."""
+    with sqlite3.connect(path) as connection:
+        state, checkpoint = connection.execute("SELECT state, checkpoint FROM jobs WHERE id = ?", (job_id,)).fetchone()
+    connection.close()
+    return {"state": state, "chunks": len(json.loads(checkpoint or "{}").get("experiments", []))}
+
+
+def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, tmp_path, signed_in):
+    """kill -9 of the child, twice: it is started again on its flash and answers; what was put back from a backup is served too."""
+    server = serve("--simulator", "cubestar")
+    online(server.console)
+    frame = server.console.command("TAKE_IMAGE")["values"]["frame_number"]
+    for _ in range(2):
+        (child,) = children(server.process.pid, SIMULATOR)
+        os.kill(child, signal.SIGKILL)
+        others = ([], [child])
+        server.console.wait("another", lambda not_=others: children(server.process.pid, SIMULATOR) not in not_)
+        server.console.wait("the line", lambda: server.console.get("/link")["connected"])
+        online(server.console)
+        assert server.console.command("GET_STATUS")["result"] == "completed"
+    texts = [event["text"] for event in server.console.get("/events", limit=200)]
+    assert len([t for t in texts if "simulated sensor ended with code -9" in t]) == 2
+    made = end_of(server.console, server.console.post("/admin/backups", status=202)["id"])["result"]["name"]
+    frames = server.console.get("/frames")["frames"]
+    assert [f["number"] for f in frames] == [frame]
+    server.stop()
+
+    from gss.cli import main
+
+    shutil.move(tmp_path / "data", tmp_path / "lost")
+    assert main(["restore", str(tmp_path / "lost" / "backups" / made), "--into", str(tmp_path / "data")]) == 0
+    back = serve()
+    assert [(f["id"], f["sha256"]) for f in back.console.get("/frames")["frames"]] == [
+        (f["id"], f["sha256"]) for f in frames
+    ]
+    assert back.console.http.get(f"/frames/{frames[0]['id']}/image.png").status_code == 200
+    report = end_of(back.console, back.console.post("/admin/check-store", status=202)["id"])["result"]
+    assert report["whole"], report["findings"]
+
+
+def children(pid: int, words: str) -> list[int]:
+    """Living processes of that parent whose command line has these words."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and words in (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode():
+                found.append(int(folder.name))
+    return found
