@@ -134,7 +134,7 @@ def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
     return HTMLResponse(as_html(_sheet(app.catalogues.get(catalogue_id))))
 
 
-@router.get("/{catalogue_id}/report.pdf", response_class=Response)
+@router.get("/{catalogue_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, catalogue_id: RowId) -> Response:
     """The same as a PDF file."""
     row = app.catalogues.get(catalogue_id)

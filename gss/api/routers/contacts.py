@@ -75,7 +75,7 @@ def report_page(app: App, contact_id: RowId) -> HTMLResponse:
     return HTMLResponse(as_html(contact_sheet(report(app, contact_id))))
 
 
-@router.get("/contacts/{contact_id}/report.pdf", response_class=Response)
+@router.get("/contacts/{contact_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, contact_id: RowId) -> Response:
     """The same as a PDF file."""
     found = report(app, contact_id)

@@ -1,0 +1,296 @@
+"""Where requests come from: foreign pages, rebound names, proxies that are none, and the event stream."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+
+from gss.api import stream
+from gss.api.app import create_app
+from gss.api.serving import address_of, greeting, uvicorn_options
+from gss.operations.accounts.users import Link
+from gss.operations.clock import utc_now
+from gss.settings import Settings
+from gss.store.audit import AuditFilter
+from gss.wiring import build
+
+CHEAP = {"password_memory_kib": 8, "password_passes": 1}
+PROXY = {"behind_proxy": True, "public_names": "gss.example.org", "trusted_proxies": "192.0.2.7,10.0.0.0/8"}
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
+    """A server on loopback."""
+    folder: Path = tmp_path_factory.mktemp("data")
+    app = create_app(build(Settings(data=folder, **CHEAP)))
+    with TestClient(app):
+        yield app
+
+
+@pytest.fixture(scope="module")
+def proxied(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
+    """A server behind a proxy; it is not started, because nothing here needs its threads."""
+    folder: Path = tmp_path_factory.mktemp("proxied")
+    return create_app(build(Settings(data=folder, **PROXY, **CHEAP)))
+
+
+@pytest.fixture(scope="module")
+def headers(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, str]:
+    """Of an admin's browser."""
+    return signed_in(app.state.services)
+
+
+def browser(app: FastAPI, host: str = "http://localhost", peer: str = "127.0.0.1") -> TestClient:
+    """A client at an address."""
+    return TestClient(app, base_url=host, raise_server_exceptions=False, client=(peer, 4000))
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        {"Origin": "https://evil.example"},
+        {"Origin": "http://localhost.evil.example"},
+        {"Origin": "http://localhost:9999"},
+        {"Origin": "https://localhost"},
+        {"Origin": "null"},
+        {"Origin": ""},
+        {"Origin": "http://[::1"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Sec-Fetch-Site": "anything"},
+        {"Host": "evil.example"},
+        {"Host": "localhost.evil.example"},
+        {"Host": "127.0.0.1.nip.io"},
+        {"Host": "169.254.169.254"},
+        {"Host": ""},
+    ],
+)
+@pytest.mark.parametrize("path", ["/api/link", "/api/stream", "/api/session", "/api/rerun/re_viewer.js", "/metrics"])
+def test_a_foreign_page_gets_nothing_even_with_a_cookie(
+    app: FastAPI, headers: dict[str, str], foreign: dict[str, str], path: str
+) -> None:
+    """Other sites, other ports of this machine, sandboxed frames, names that were rebound: refused before anything is looked up,
+    the stream before it begins."""
+    reply = browser(app).get(path, headers=headers | foreign)
+    assert reply.status_code == 403, reply.text
+    assert "access-control-allow-origin" not in reply.headers
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [{"Origin": "https://evil.example"}, {"Origin": "http://localhost:9999"}, {"Sec-Fetch-Site": "same-site"}],
+)
+def test_a_foreign_page_changes_nothing_even_with_cookie_and_mark(
+    app: FastAPI, headers: dict[str, str], foreign: dict[str, str]
+) -> None:
+    """And signs nobody in (login CSRF)."""
+    assert browser(app).post("/api/authority/take", headers=headers | foreign).status_code == 403
+    reply = browser(app).post("/api/session", json={"name": "x", "password": "y"}, headers={"X-GSS": "1"} | foreign)
+    assert reply.status_code == 403
+    assert app.state.services.authority.holder() is None
+
+
+def test_a_plain_form_of_another_site_is_not_heard(app: FastAPI, headers: dict[str, str]) -> None:
+    """What a form can send without asking first: no header of ours, so no change, and no preflight is answered either."""
+    cookie = {"Cookie": headers["Cookie"]}
+    form = {"Content-Type": "text/plain"}
+    assert browser(app).post("/api/authority/take", headers=cookie | form, content=b"{}").status_code == 403
+    assert browser(app).post("/api/session", headers=form, content=b'{"name":"a","password":"b"}').status_code == 403
+    asked = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
+    reply = browser(app).options("/api/authority/take", headers=cookie | asked)
+    assert reply.status_code == 403
+    assert not [name for name in reply.headers if name.startswith("access-control")]
+
+
+def test_our_own_page_is_heard_and_a_link_from_elsewhere_opens_the_page_only(
+    app: FastAPI, headers: dict[str, str]
+) -> None:
+    """Same origin for data; the page itself may be opened from anywhere: it holds nothing."""
+    own = {"Origin": "http://localhost", "Sec-Fetch-Site": "same-origin"}
+    assert browser(app).post("/api/authority/take", headers=headers | own).status_code == 200
+    assert browser(app).post("/api/authority/release", headers=headers | own).status_code == 200
+    assert browser(app).get("/", headers={"Sec-Fetch-Site": "cross-site"}).status_code == 200
+    assert browser(app).post("/", headers=headers).status_code == 405
+
+
+@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Client-IP"])
+def test_nobody_writes_their_own_address_into_the_record(app: FastAPI, header: str) -> None:
+    """Without a proxy these headers are nothing: neither for the record nor for the brakes."""
+    client = browser(app, peer="203.0.113.9")
+    codes = []
+    for k in range(20):
+        spoofed = {"X-GSS": "1", header: f"198.51.100.{k}"}
+        codes.append(
+            client.post("/api/session", json={"name": "nobody", "password": "guess"}, headers=spoofed).status_code
+        )
+    assert codes[-1] == 429
+    rows = app.state.services.audit.page(AuditFilter(action="session.sign_in"), 20)
+    assert {row.address for row in rows} == {"203.0.113.9"}
+    app.state.services.accounts.attempts._failures.clear()
+
+
+def test_behind_a_proxy_only_the_proxy_is_heard(proxied: FastAPI) -> None:
+    """Past it, over plain HTTP, or under another name: refused. Health is for whoever watches."""
+    good = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "203.0.113.5", "Host": "gss.example.org"}
+    through = browser(proxied, peer="192.0.2.7")
+    assert through.get("/api/session", headers=good).status_code == 200
+    assert browser(proxied, peer="203.0.113.5").get("/api/session", headers=good).status_code == 403
+    assert through.get("/api/session", headers=good | {"X-Forwarded-Proto": "http"}).status_code == 403
+    assert through.get("/api/session", headers={"Host": "gss.example.org"}).status_code == 403
+    assert through.get("/api/session", headers=good | {"Host": "evil.example"}).status_code == 403
+    assert through.get("/api/session", headers=good | {"X-Forwarded-Host": "evil.example"}).status_code == 403
+    assert through.get("/api/session", headers=good | {"Origin": "https://gss.example.org"}).status_code == 200
+    assert through.get("/api/session", headers=good | {"Origin": "http://gss.example.org"}).status_code == 403
+    assert browser(proxied, peer="127.0.0.1").get("/api/health").json() == {"status": "ok"}
+
+
+def test_behind_a_proxy_the_last_stranger_of_the_list_is_the_caller(proxied: FastAPI) -> None:
+    """What stands before the proxy's own entry anybody may have written."""
+    head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
+    for forwarded, address in (
+        ("203.0.113.5", "203.0.113.5"),
+        ("127.0.0.1, 203.0.113.6", "203.0.113.6"),
+        ("1.2.3.4, 203.0.113.7, 10.1.2.3", "203.0.113.7"),
+        ("198.51.100.1, <script>", "-"),
+        ("", "192.0.2.7"),
+    ):
+        told = head | {"X-Forwarded-For": forwarded}
+        body = {"name": "nobody", "password": "guess"}
+        reply = browser(proxied, peer="192.0.2.7").post("/api/session", json=body, headers=told)
+        assert reply.status_code == 401
+        assert proxied.state.services.audit.page(AuditFilter(), 1)[0].address == address
+
+
+def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:
+    """Secure cookie and HSTS behind a proxy (and with TLS files: the same switch), not on plain loopback."""
+    users = proxied.state.services.accounts.users
+    link = users.password_link(users.add("ann", "admin", by="test").id)
+    head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
+    body = {"token": link.key, "password": "orion over the sea"}
+    reply = browser(proxied, peer="10.0.0.1").post("/api/password-links", json=body, headers=head)
+    assert reply.status_code == 200
+    assert "Secure" in reply.headers["set-cookie"]
+    assert reply.headers["strict-transport-security"] == "max-age=31536000"
+
+
+def test_the_plain_server_promises_no_tls(app: FastAPI) -> None:
+    """A promise that would lock browsers out of localhost."""
+    assert "strict-transport-security" not in browser(app).get("/api/session").headers
+
+
+def test_the_start_tells_one_address() -> None:
+    """With a set-up link while there is nobody; with the name that browsers use."""
+    link = Link("KEY", utc_now())
+    assert greeting(Settings(), 8181, None) == "GSS is at http://127.0.0.1:8181"
+    assert greeting(Settings(), 8181, link).endswith("http://127.0.0.1:8181/setup#KEY")
+    assert address_of(Settings(**PROXY), 8181) == "https://gss.example.org"
+    tls = Settings(host="::", tls_certificate="c", tls_key="k", public_names="gss.example.org")
+    assert address_of(tls, 8443) == "https://gss.example.org:8443"
+    assert address_of(Settings(host="::1"), 8181) == "http://[::1]:8181"
+    assert uvicorn_options(tls) == {
+        "proxy_headers": False,
+        "server_header": False,
+        "ssl_certfile": "c",
+        "ssl_keyfile": "k",
+    }
+
+
+@pytest.mark.parametrize("path", ["//evil.example", "/\\evil.example", "/%2F%2Fevil.example", "/https://evil.example/"])
+def test_no_address_of_ours_leads_elsewhere(app: FastAPI, path: str) -> None:
+    """Open redirect: no answer has a Location on another host."""
+    reply = browser(app).get(f"http://localhost{path}", follow_redirects=False)
+    target = reply.headers.get("location", "")
+    assert not target.startswith(("//", "/\\", "http")) or target.startswith("http://localhost/")
+
+
+def test_there_is_no_websocket(app: FastAPI, headers: dict[str, str]) -> None:
+    """Cross-site or not."""
+    from starlette.websockets import WebSocketDisconnect
+
+    with pytest.raises(WebSocketDisconnect), browser(app).websocket_connect("/api/stream", headers=headers):
+        pass
+
+
+class Listener:
+    """An EventSource as ASGI sees it."""
+
+    def __init__(self, app: FastAPI, headers: dict[str, str]) -> None:
+        self.app, self.body, self.status, self.gone = app, b"", 0, asyncio.Event()
+        self.headers = [(b"host", b"localhost"), *((k.lower().encode(), v.encode()) for k, v in headers.items())]
+
+    async def listen(self) -> None:
+        """Until the server ends it."""
+        scope = {
+            "type": "http",
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "method": "GET",
+            "scheme": "http",
+            "path": "/api/stream",
+            "raw_path": b"/api/stream",
+            "query_string": b"",
+            "root_path": "",
+            "headers": self.headers,
+            "client": ("127.0.0.1", 1),
+            "server": ("localhost", 80),
+        }
+        await self.app(scope, self._receive, self._send)
+
+    async def _receive(self) -> dict[str, Any]:
+        await self.gone.wait()
+        return {"type": "http.disconnect"}
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        self.status = message.get("status", self.status)
+        self.body += message.get("body", b"")
+
+
+@pytest.mark.parametrize("how", ["ended", "switched off", "password", "token"])
+def test_a_stream_ends_with_the_session_that_opened_it(
+    app: FastAPI, signed_in: Any, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """An open page is cut off when its session is ended, its user switched off, the password changed, or its token revoked."""
+    monkeypatch.setattr(stream, "RECHECK_S", 0.02)
+    accounts = app.state.services.accounts
+    name = f"listener {how}"
+    headers = signed_in(app.state.services, "operator", name)
+    token = accounts.tokens.add(name, "viewer", 1, by="test")
+    if how == "token":
+        headers = {"Authorization": f"Bearer {token.key}"}
+    user = accounts.users.named(name)
+
+    def end() -> None:
+        if how == "ended":
+            mine = next(row for row, owner in accounts.sessions.living() if owner.name == name)
+            accounts.sessions.end(mine.id, by="test")
+        elif how == "switched off":
+            accounts.users.change(user.id, enabled=False)
+        elif how == "password":
+            accounts.users.set_password(user.id, "orion over the sea")
+        else:
+            accounts.tokens.revoke(token.row.id)
+
+    async def run() -> Listener:
+        listener = Listener(app, headers)
+        task = asyncio.create_task(listener.listen())
+        for _ in range(1000):
+            await asyncio.sleep(0.01)
+            if b"event: link" in listener.body:
+                break
+        assert not task.done(), listener.body[-300:]
+        await asyncio.to_thread(end)
+        await asyncio.wait_for(task, 20)
+        return listener
+
+    listener = asyncio.run(run())
+    assert listener.status == 200
+    last = listener.body.decode().strip().split("\n\n")[-1]
+    assert "event: session" in last
+    assert json.loads(last.split("data: ")[1].splitlines()[0])["ended"]
