@@ -1497,7 +1497,7 @@ export interface paths {
         };
         /**
          * List Frames
-         * @description Newest first.
+         * @description Newest first, taken from ``start`` to before ``end``; outcome and stars are those of the newest ground result.
          */
         get: operations["list_frames_api_frames_get"];
         put?: never;
@@ -5805,11 +5805,13 @@ export interface components {
         };
         /**
          * FramePage
-         * @description A page of the frame list, newest first.
+         * @description A page of the frame list, newest first. ``modes``: of all stored frames, for a filter.
          */
         FramePage: {
             /** Total */
             total: number;
+            /** Modes */
+            modes: string[];
             /** Frames */
             frames: components["schemas"]["FrameOut"][];
         };
@@ -17816,9 +17818,13 @@ export interface operations {
                 limit?: number;
                 offset?: number;
                 source?: "" | "device" | "import";
-                outcome?: "" | "solved" | "none";
+                outcome?: "" | "solved" | "none" | "unsolved" | "correct" | "imprecise" | "wrong";
                 mode?: string;
                 contact?: number | null;
+                start?: string | null;
+                end?: string | null;
+                least_stars?: number | null;
+                most_stars?: number | null;
             };
             header?: never;
             path?: never;
@@ -20550,7 +20556,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unauthorized */
@@ -20559,7 +20565,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Forbidden */
@@ -20568,7 +20574,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Not Found */
@@ -20577,7 +20583,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Conflict */
@@ -20586,7 +20592,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Length Required */
@@ -20595,7 +20601,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Request Entity Too Large */
@@ -20604,7 +20610,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unprocessable Entity */
@@ -20613,7 +20619,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Too Many Requests */
@@ -20622,7 +20628,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Service Unavailable */
@@ -20631,7 +20637,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
         };
@@ -25382,7 +25388,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unauthorized */
@@ -25391,7 +25397,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Forbidden */
@@ -25400,7 +25406,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Not Found */
@@ -25409,7 +25415,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Conflict */
@@ -25418,7 +25424,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Length Required */
@@ -25427,7 +25433,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Request Entity Too Large */
@@ -25436,7 +25442,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unprocessable Entity */
@@ -25445,7 +25451,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Too Many Requests */
@@ -25454,7 +25460,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Service Unavailable */
@@ -25463,7 +25469,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/html": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
         };
@@ -27724,7 +27730,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unauthorized */
@@ -27733,7 +27739,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Forbidden */
@@ -27742,7 +27748,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Not Found */
@@ -27751,7 +27757,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Conflict */
@@ -27760,7 +27766,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Length Required */
@@ -27769,7 +27775,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Request Entity Too Large */
@@ -27778,7 +27784,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unprocessable Entity */
@@ -27787,7 +27793,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Too Many Requests */
@@ -27796,7 +27802,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Service Unavailable */
@@ -27805,7 +27811,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
         };
@@ -27834,7 +27840,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unauthorized */
@@ -27843,7 +27849,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Forbidden */
@@ -27852,7 +27858,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Not Found */
@@ -27861,7 +27867,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Conflict */
@@ -27870,7 +27876,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Length Required */
@@ -27879,7 +27885,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Request Entity Too Large */
@@ -27888,7 +27894,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Unprocessable Entity */
@@ -27897,7 +27903,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Too Many Requests */
@@ -27906,7 +27912,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
             /** @description Service Unavailable */
@@ -27915,7 +27921,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/plain": components["schemas"]["ProblemOut"];
+                    "application/json": components["schemas"]["ProblemOut"];
                 };
             };
         };
