@@ -131,3 +131,9 @@ def picture(page: Page, root: Path, tmp_path: Path) -> Callable[[str], None]:
         page.screenshot(path=folder / f"{name}.png")
 
     return take
+
+
+@pytest.fixture(scope="session")
+def docs_pictures(root: Path) -> Path | None:
+    """Where the documents' pictures go; None unless they are to be taken."""
+    return root / "docs" / "pictures" if os.environ.get("GSS_DOCS_PICTURES") else None
