@@ -47,6 +47,7 @@ $(VENV)/.installed: constraints.txt pyproject.toml
 lock:
 	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-header --quiet --output-file constraints.txt
+	$(BIN)/python -m tools.licences
 
 clean:
 	rm -rf $(VENV) gss/web web/node_modules var

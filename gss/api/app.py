@@ -98,6 +98,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
     services.upkeep.health.clients = fanout.__len__
     stored_words.install(services)
     errors.install(app)
+    errors.describe(app)
     app.add_middleware(Compress)
     if behind is not None:
         app.add_middleware(Gateway, forward=Forward(behind))

@@ -47,6 +47,21 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 }
 
 
+def describe(app: FastAPI) -> None:
+    """Errors are JSON, whatever a route answers otherwise: the framework would describe those of a page as HTML."""
+    made = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            body = {"application/json": {"schema": {"$ref": "#/components/schemas/ProblemOut"}}}
+            operations = (o for path in made()["paths"].values() for o in path.values())
+            for answers in (operation["responses"] for operation in operations):
+                answers.update({code: {**told, "content": body} for code, told in answers.items() if int(code) >= 400})
+        return made()
+
+    app.openapi = openapi  # type: ignore[method-assign]  # the framework's own way
+
+
 def install(app: FastAPI) -> None:
     """Answer every error with a ProblemOut."""
 

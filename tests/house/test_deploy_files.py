@@ -1,0 +1,77 @@
+"""The files of deploy/ and its page speak of settings, commands and paths that exist."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from gss.api.security import MAX_BODY_BYTES
+from gss.cli import whole_parser
+from gss.settings import Settings
+
+KNOWN = {f"GSS_{name.upper()}" for name in Settings.model_fields}
+OF_TESTS = {"GSS_TEST_FORBID_SKIPS", "GSS_SKY_PHOTOGRAPHS", "GSS_WRITE_GOLDEN", "GSS_FUZZ_EXAMPLES", "GSS_FUZZ_SEED"}
+NEVER_ENDING = ("/api/stream", "/api/rerun/live")
+
+
+def pages(root: Path) -> list[Path]:
+    """What people read and copy from."""
+    return [*(root / "deploy").iterdir(), *(root / "docs").rglob("*.md"), *root.glob("*.md"), root / "Makefile"]
+
+
+def test_every_setting_that_is_named_exists(root: Path) -> None:
+    """No page and no file names a GSS_* variable that nobody reads. The changelog may name what is gone."""
+    for page in pages(root):
+        named = set(re.findall(r"\bGSS_[A-Z0-9_]*[A-Z0-9]\b", page.read_text())) - OF_TESTS
+        assert page.name == "CHANGELOG.md" or named <= KNOWN, (page.name, named - KNOWN)
+
+
+def test_the_environment_file_can_be_used_as_it_is(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each line, those that are commented out too, is a value that its setting takes."""
+    lines = re.findall(r"^#?(GSS_\w+)=(.*)$", (root / "deploy" / "gss.env").read_text(), re.MULTILINE)
+    assert len(lines) > 10
+    for name, value in lines:
+        monkeypatch.setenv(name, value)
+        assert str(getattr(Settings(), name.removeprefix("GSS_").lower())).lower() == value.lower()
+
+
+def test_each_command_of_the_units_is_one(root: Path) -> None:
+    """The parser takes the lines that systemd runs."""
+    units = "".join(p.read_text() for p in (root / "deploy").glob("*.service"))
+    lines = re.findall(r"^ExecStart=/opt/gss/bin/gss (.+)$", units, re.MULTILINE)
+    assert len(lines) == 3
+    for line in lines:
+        assert whole_parser().parse_args(line.split()).run
+
+
+def test_the_service_is_confined(root: Path) -> None:
+    """Own user, nothing writable but its state, no capability; and no watchdog is claimed that nobody feeds."""
+    unit = (root / "deploy" / "gss.service").read_text()
+    for line in ("User=gss", "NoNewPrivileges=yes", "ProtectSystem=strict", "CapabilityBoundingSet=", "UMask=0077"):
+        assert f"\n{line}\n" in unit
+    assert "WatchdogSec" not in unit
+    data = re.search(r"^GSS_DATA=(.*)$", (root / "deploy" / "gss.env").read_text(), re.MULTILINE)[1]
+    assert data in re.search(r"^ReadWritePaths=(.*)$", unit, re.MULTILINE)[1].split()
+
+
+def test_the_proxies_hold_nothing_back_and_let_every_request_through(root: Path) -> None:
+    """Endless answers are not buffered, and the body limit is above the server's own, which refuses in words."""
+    nginx, caddy = ((root / "deploy" / name).read_text() for name in ("nginx.conf", "Caddyfile"))
+    for path in NEVER_ENDING:
+        assert "proxy_buffering off;" in re.search(rf"location = {path} {{(.*?)}}", nginx, re.DOTALL)[1]
+    assert "flush_interval -1" in caddy
+    assert int(re.search(r"client_max_body_size (\d+)m;", nginx)[1]) << 20 > MAX_BODY_BYTES
+    assert int(re.search(r"max_size (\d+)MB", caddy)[1]) * 1_000_000 > MAX_BODY_BYTES
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
+def test_systemd_reads_the_units(root: Path) -> None:
+    """Its own checker finds nothing but that the program is not installed here."""
+    units = [*(root / "deploy").glob("*.service"), *(root / "deploy").glob("*.timer")]
+    said = subprocess.run(["systemd-analyze", "verify", *units], capture_output=True, text=True, timeout=60).stderr
+    ours = [line for line in said.splitlines() if "gss" in line and "is not executable" not in line]
+    assert not ours

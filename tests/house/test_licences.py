@@ -1,0 +1,34 @@
+"""docs/licences.md names every dependency that is locked, with terms under which GSS may use it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tools.licences import PAGE, licence_of, locked, of_the_pages, rows_of, sbom
+
+REFUSED = re.compile(r"(?<!L)(?:A?GPL)|SSPL|BUSL|Commons Clause|not stated|^UNKNOWN$")
+
+
+def test_every_locked_package_is_on_the_page_with_its_own_licence(root: Path) -> None:
+    """Mend with: python -m tools.licences."""
+    rows, text = rows_of(PAGE.read_text()), PAGE.read_text()
+    for name, version, _ in locked():
+        assert f"| {name} | {version} | " in text, name
+        assert licence_of(name) in (None, rows[name]), name
+    for name, version, licence in of_the_pages():
+        assert f"| {name} | {version} | {licence} |" in text, name
+
+
+def test_no_dependency_has_terms_that_would_bind_gss() -> None:
+    """Permissive, or of the kind that a library beside us may have (LGPL, MPL)."""
+    refused = {name: licence for name, licence in rows_of(PAGE.read_text()).items() if REFUSED.search(licence)}
+    assert not refused
+
+
+def test_the_bill_of_materials_has_each_package_with_its_hashes() -> None:
+    """CycloneDX, from the lock files."""
+    made = sbom()
+    python = [c for c in made["components"] if c["purl"].startswith("pkg:pypi/")]
+    assert len(python) == len(locked()) > 50
+    assert all(c["hashes"] for c in python)

@@ -1,0 +1,86 @@
+"""Nothing secret is in the tree: no private key, no token of a known service, no password, no unexplained random string."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+KNOWN_SHAPES = {
+    "a private key": r"-----BEGIN [A-Z ]*PRIVATE KEY-----\s+[A-Za-z0-9+/]{40}",
+    "a cloud access key": r"\b(?:AKIA|ASIA)[0-9A-Z]{16}\b",
+    "a GitHub token": r"\bgh[pousr]_[A-Za-z0-9]{36}\b",
+    "a Slack token": r"\bxox[abpr]-[A-Za-z0-9-]{10,}",
+    "a web token": r"\beyJ[A-Za-z0-9_-]{10,}\.eyJ[A-Za-z0-9_-]{10,}\.",
+    "a key of our own": r"\bgss_[A-Za-z0-9_-]{40,}\b",
+    "a password in an address": r"\b(?:https?|postgresql(?:\+\w+)?|tcp|s3)://[^\s/:@<{]+:(?!password@|hunter2@)[^\s/@<{]{3,}@",
+    "a password hash": r"\$argon2id\$v=\d+\$m=\d+,t=\d+,p=\d+\$[A-Za-z0-9+/]{16,}",
+}
+# Files that are random by nature: hashes of packages, and what machines wrote.
+GENERATED = ("constraints.txt", "web/package-lock.json", "web/openapi.json", "docs/icd.md")
+FOLDERS_OF_DATA = ("tests/golden/", "tests/fuzz/corpus/")
+ASSIGNED = re.compile(
+    r"""(?i)(?:secret|token|passw(?:or)?d|api_?key|credential)s?["']?\s*[:=]\s*["']([^"'\s]{16,})["']"""
+)
+LONG = re.compile(r"\b[A-Za-z0-9+/_=-]{40,}\b")
+RANDOM_BITS = 4.5
+ALLOWED = {"correct horse battery staple"}
+
+
+@pytest.fixture(scope="module")
+def texts(root: Path) -> dict[str, str]:
+    """Every text file that git keeps or would keep."""
+    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(listed, cwd=root, capture_output=True, text=True).stdout.splitlines()
+    found = {}
+    for name in names or [str(p.relative_to(root)) for p in root.rglob("*.py") if ".venv" not in p.parts]:
+        data = (root / name).read_bytes() if (root / name).is_file() else b"\0"
+        if b"\0" not in data[:8192] and not name.startswith(FOLDERS_OF_DATA):
+            found[name] = data.decode("utf-8", "replace")
+    return found
+
+
+def bits_per_character(word: str) -> float:
+    """Shannon's entropy of the word's own letters: random base64 has above 4.5 from 40 letters on, names and paths have less."""
+    counts = Counter(word).values()
+    return -sum(n / len(word) * math.log2(n / len(word)) for n in counts)
+
+
+def test_no_file_holds_a_key_of_a_known_shape(texts: dict[str, str]) -> None:
+    """Private keys, tokens, passwords in addresses."""
+    assert len(texts) > 500
+    for name, text in texts.items():
+        for what, shape in KNOWN_SHAPES.items():
+            found = re.search(shape, text)
+            assert not found, f"{name} holds {what}: {found[0][:20]}…"
+
+
+def test_no_secret_is_assigned_a_literal(texts: dict[str, str]) -> None:
+    """``password = "…"`` with something long and random behind it."""
+    for name, text in texts.items():
+        for value in ASSIGNED.findall(text):
+            assert value in ALLOWED or bits_per_character(value) < 3.8, f"{name}: {value[:8]}…"
+
+
+def test_no_long_random_word_is_unaccounted_for(texts: dict[str, str]) -> None:
+    """Whatever looks like a key is one of the generated files' hashes, or hexadecimal (a hash of content), or does not exist."""
+    for name, text in texts.items():
+        if name in GENERATED:
+            continue
+        for word in LONG.findall(text):
+            assert re.fullmatch(r"[0-9a-fA-F]+", word) or bits_per_character(word) < RANDOM_BITS, (
+                f"{name}: {word[:12]}…"
+            )
+
+
+def test_the_scan_finds_what_it_looks_for() -> None:
+    """A scan that finds nothing must be able to find something."""
+    made = "-----BEGIN RSA " + "PRIVATE KEY-----\n" + "MIIEpAIBAAKCAQEA7bq0z1Jb2m" + "QfYd9sVhTgXk3WlNnRr5uP"
+    assert re.search(KNOWN_SHAPES["a private key"], made)
+    assert re.search(KNOWN_SHAPES["a password in an address"], "postgresql+psycopg://gss:" + "q8Zr2mXv@db/gss")
+    assert ASSIGNED.search("pass" + 'word = "q8Zr2mXv7LkP0sWn4TbY"')
+    assert bits_per_character("q8Zr2mXv7LkP0sWn4TbY" + "c5JdG9hFe3AuRi6oV1tK") > RANDOM_BITS

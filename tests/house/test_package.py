@@ -1,0 +1,184 @@
+"""What is released: a wheel with all it needs, a source archive that makes the same wheel, and a start from it alone."""
+
+from __future__ import annotations
+
+import os
+import re
+import sqlite3
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import urllib.error
+import urllib.request
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import gss
+
+EPOCH = "1700000000"
+pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("package")]
+
+
+def build(root: Path, kind: str, target: Path) -> Path:
+    """One archive by the build backend itself: what pip does without isolation, and so without a download."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(target)]
+    done = subprocess.run(
+        command, cwd=root, env={**os.environ, "SOURCE_DATE_EPOCH": EPOCH}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (made,) = target.iterdir()
+    return made
+
+
+@pytest.fixture(scope="module")
+def sdist(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source archive of this tree; the pages were built by make."""
+    if not (root / "gss" / "web" / "index.html").exists():
+        pytest.fail("the pages have not been built: make web")
+    return build(root, "sdist", tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="module")
+def unpacked(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source archive as somebody gets it."""
+    folder = tmp_path_factory.mktemp("unpacked")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+    return next(folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def wheel(unpacked: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, made from the source archive."""
+    return build(unpacked, "wheel", tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``bin`` of an environment with the wheel and nothing of this tree. The dependencies are those of this environment: what is
+    tested is our wheel, and a download is no test of it."""
+    venv = tmp_path_factory.mktemp("installed") / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(venv)], check=True)
+    site = next(venv.glob("lib/python*/site-packages"))
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")  # its own .pth files are not read
+    pip = [sys.executable, "-m", "pip", "--python", str(venv / "bin" / "python"), "--disable-pip-version-check"]
+    subprocess.run(
+        [*pip, "install", "--quiet", "--no-deps", "--no-index", "--ignore-installed", str(wheel)], check=True
+    )
+    return venv / "bin"
+
+
+def names_in(wheel: Path) -> set[str]:
+    """Files of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def test_the_wheel_has_what_runs_and_nothing_else(root: Path, wheel: Path) -> None:
+    """Pages, migrations, documents and data are inside; tests, tools and sources of the pages are not."""
+    names = names_in(wheel)
+    for folder, inside in (("gss", "gss"), ("migrations", "gss/migrations"), ("docs", "gss/docs")):
+        tracked = subprocess.run(["git", "ls-files", folder], cwd=root, capture_output=True, text=True).stdout.split()
+        files = tracked or [str(p.relative_to(root)) for p in (root / folder).rglob("*.py")]
+        there = [f for f in files if (root / f).exists()]
+        assert {inside + f.removeprefix(folder) for f in there} <= names
+    assert {"gss/web/index.html", "gss/device/dictionary.yaml"} <= names
+    assert any(re.fullmatch(r"gss/web/assets/index-.*\.js", name) for name in names)
+    foreign = {n for n in names if not n.startswith(("gss/", f"gss_startracker-{gss.__version__}.dist-info/"))}
+    assert not foreign
+    assert not [n for n in names if "node_modules" in n or n.endswith((".pyc", ".svelte", ".ts"))]
+
+
+def test_version_of_wheel_and_source_is_the_package_s(sdist: Path, wheel: Path) -> None:
+    """One place says it: gss/__init__.py."""
+    assert sdist.name == f"gss_startracker-{gss.__version__}.tar.gz"
+    assert wheel.name == f"gss_startracker-{gss.__version__}-py3-none-any.whl"
+
+
+def test_the_source_archive_has_all_that_the_repository_has(root: Path, unpacked: Path) -> None:
+    """Whoever has only the archive can build, test and deploy: every tracked file of those folders is in it."""
+    tracked = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True).stdout.splitlines()
+    if not tracked:
+        pytest.skip("this is no checkout: nothing says what the repository has")
+    folders = ("gss", "migrations", "web", "tools", "tests", "docs", "deploy")
+    wanted = [f for f in tracked if f.split("/")[0] in folders and (root / f).exists()]
+    assert not [f for f in wanted if not (unpacked / f).exists()]
+    for name in (
+        "LICENSE",
+        "README.md",
+        "CHANGELOG.md",
+        "SECURITY.md",
+        "Makefile",
+        "constraints.txt",
+        "pyproject.toml",
+    ):
+        assert (unpacked / name).exists(), name
+
+
+def test_two_builds_give_the_same_bytes(root: Path, sdist: Path, unpacked: Path, wheel: Path, tmp_path: Path) -> None:
+    """Anybody can check that an archive is made of its source."""
+    assert build(unpacked, "wheel", tmp_path / "again").read_bytes() == wheel.read_bytes()
+    assert (
+        build(unpacked, "sdist", tmp_path / "source").read_bytes()
+        == build(unpacked, "sdist", tmp_path / "b").read_bytes()
+    )
+
+
+@pytest.fixture(scope="module")
+def served(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The start's one line and the data folder of a server from the wheel, started in an empty folder."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
+    command = [str(installed / "gss"), "serve", "--port", "0", "--data", "data"]
+    process = subprocess.Popen(command, cwd=folder, env=clean, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    line = next((text for text in process.stdout if "http://" in text), "")
+    yield line, folder / "data"
+    process.terminate()
+    process.wait(timeout=30)
+    process.stdout.close()
+
+
+def test_the_installed_program_is_the_wheel_s(installed: Path, tmp_path: Path) -> None:
+    """It runs from any folder and says its version; nothing of this tree is imported."""
+    said = subprocess.run([installed / "gss", "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert gss.__version__ in said.stdout
+    where = [installed / "python", "-c", "import gss; print(gss.__file__)"]
+    assert subprocess.run(where, cwd=tmp_path, capture_output=True, text=True).stdout.startswith(str(installed.parent))
+
+
+def get(address: str) -> tuple[int, str, bytes]:
+    """Status, type and body."""
+    try:
+        with urllib.request.urlopen(address, timeout=30) as answer:  # noqa: S310  # our own server
+            return answer.status, answer.headers["Content-Type"], answer.read()
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers["Content-Type"], error.read()
+
+
+def test_the_first_start_from_the_wheel_shows_set_up_pages_and_documents(served: tuple[str, Path]) -> None:
+    """Address printed, set-up open, pages and their files there, documents served, and nothing else without signing in."""
+    line, _ = served
+    base = re.search(r"http://[\w.\[\]:]+", line)[0]
+    assert "/setup#" in line
+    status, kind, page = get(f"{base}/setup")
+    assert (status, kind.split(";")[0]) == (200, "text/html")
+    files = re.findall(r'(?:src|href)="(/assets/[^"]+)"', page.decode())
+    assert files
+    assert all(get(base + file)[0] == 200 for file in files)
+    assert b'"set_up_needed":true' in get(f"{base}/api/session")[2].replace(b" ", b"")
+    assert get(f"{base}/api/frames")[0] == 401
+    assert [get(base + path)[0] for path in ("/help", "/help/operator", "/help/pictures/live.png")] == [200, 200, 200]
+
+
+def test_the_wheel_brings_the_database_to_the_newest_schema(root: Path, served: tuple[str, Path]) -> None:
+    """Its migrations ran: the newest of the tree is the one that the new database is at."""
+    scripts = [p.read_text() for p in (root / "migrations" / "versions").glob("*.py")]
+    known = {re.search(r'^revision(?:: str)? = "(\w+)"', text, re.MULTILINE)[1] for text in scripts}
+    before = {re.search(r'^down_revision.*?= (?:"(\w+)"|None)', text, re.MULTILINE)[1] for text in scripts}
+    with sqlite3.connect(served[1] / "gss.db") as database:
+        assert {row[0] for row in database.execute("select version_num from alembic_version")} == known - before
