@@ -7,6 +7,7 @@ import { lampOf, type LampState } from '../lib/lamp';
 import { PAGES } from './keys';
 import { bare, keyOf, live } from './live.svelte';
 import { go } from './router.svelte';
+import { session } from './session.svelte';
 import { view } from './view.svelte';
 
 export interface Place { kind: string; text: string; note: string; state?: LampState; run: () => void }
@@ -29,7 +30,7 @@ class Places {
   }
 
   readonly all = $derived<Place[]>([
-    ...PAGES.map((p) => ({ kind: 'page', text: p.name, note: `g ${p.letter}`, run: to(p.path) })),
+    ...PAGES.filter((p) => !p.permission || session.can(p.permission)).map((p) => ({ kind: 'page', text: p.name, note: `g ${p.letter}`, run: to(p.path) })),
     { kind: 'page', text: 'Build a catalogue', note: 'Catalogues', run: to('/catalogues/new') },
     { kind: 'page', text: 'Design a camera', note: 'Catalogues', run: to('/catalogues/design') },
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
@@ -40,6 +41,8 @@ class Places {
     ...this.catalogues.map((c) => ({ kind: 'catalogue', text: c.name || `catalogue ${c.id}`, note: `${c.stars} stars, ${day(c.created)}`, run: to(`/catalogues/${c.id}`) })),
     ...this.contacts.map((c) => ({ kind: 'contact', text: `Contact ${c.id}`, note: `${c.device} ${day(c.started)} ${clock(c.started)}`, run: to(`/contacts?contact=${c.id}`) })),
     { kind: 'help', text: 'All keys', note: '?', run: () => view.open('keys') },
+    { kind: 'help', text: 'First attitude, a tour', note: 'five steps on Live', run: to('/live?tour=1') },
+    { kind: 'help', text: 'Documents', note: 'guide by role, reference', run: () => void window.open('/help', 'gss-help') },
     { kind: 'help', text: 'Command line', note: ':', run: () => view.open('line') },
     { kind: 'help', text: view.theme === 'dark' ? 'Light theme' : 'Dark theme', note: 'appearance', run: () => view.setTheme(view.theme === 'dark' ? 'light' : 'dark') },
     ...this.extra.flatMap((f) => f()),
