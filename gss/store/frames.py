@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any, NamedTuple
 
 from sqlalchemy import func, insert, select
@@ -48,22 +49,43 @@ def page(
     outcome: str = "",
     mode: str = "",
     contact_id: int | None = None,
+    start: datetime | None = None,
+    end: datetime | None = None,
+    least_stars: int | None = None,
+    most_stars: int | None = None,
 ) -> tuple[int, list[Frame]]:
-    """Total and one page of frames, newest first. ``outcome`` is that of the newest ground solution."""
-    query = select(Frame)
-    if source:
-        query = query.where(Frame.source == source)
-    if mode:
-        query = query.where(Frame.mode == mode)
-    if contact_id is not None:
-        query = query.where(Frame.contact_id == contact_id)
-    if outcome:
-        ground = select(func.max(Solution.id)).where(Solution.origin == "ground").group_by(Solution.frame_id)
-        chosen = select(Solution.frame_id).where(Solution.id.in_(ground), Solution.outcome == outcome)
-        query = query.where(Frame.id.in_(chosen))
-    total = session.scalar(select(func.count()).select_from(query.subquery())) or 0
+    """Total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars are those of the newest ground
+    solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved where no chain has run yet."""
+    simple = (
+        (Frame.source == source, bool(source)),
+        (Frame.mode == mode, bool(mode)),
+        (Frame.contact_id == contact_id, contact_id is not None),
+        (Frame.taken >= start, start is not None),
+        (Frame.taken < end, end is not None),
+    )
+    query = select(Frame).where(*(condition for condition, asked in simple if asked))
+    ground = select(func.max(Solution.id)).where(Solution.frame_id == Frame.id, Solution.origin == "ground")
+    newest = ground.correlate(Frame).scalar_subquery()
+    if outcome == "unsolved":
+        query = query.where(newest.is_(None))
+    elif outcome or least_stars is not None or most_stars is not None:
+        query = query.join(Solution, Solution.id == newest)
+        if outcome in ("solved", "none"):
+            query = query.where(Solution.outcome == outcome)
+        elif outcome:
+            query = query.where(Solution.verdict == outcome, Solution.outcome == "solved")
+        if least_stars is not None:
+            query = query.where(Solution.matched >= least_stars)
+        if most_stars is not None:
+            query = query.where(Solution.matched <= most_stars)
+    total = session.scalar(query.with_only_columns(func.count(Frame.id))) or 0
     rows = session.scalars(query.order_by(Frame.id.desc()).limit(limit).offset(offset))
     return total, list(rows)
+
+
+def modes(session: Session) -> list[str]:
+    """The modes in which stored frames were taken."""
+    return sorted(m for m in session.scalars(select(Frame.mode).distinct()) if m)
 
 
 def add_solution(session: Session, solution: Solution) -> Solution:

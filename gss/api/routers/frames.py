@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present, security
-from gss.api.deps import EXPORT, App, ContactId, RowId, User, Who, need
+from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, Who, need
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
     DownloadIn,
@@ -39,13 +39,20 @@ def list_frames(
     limit: Annotated[int, Query(ge=1, le=500)] = 50,
     offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
     source: Literal["", "device", "import"] = "",
-    outcome: Literal["", "solved", "none"] = "",
+    outcome: Literal["", "solved", "none", "unsolved", "correct", "imprecise", "wrong"] = "",
     mode: str = "",
     contact: ContactId = None,
+    start: Moment | None = None,
+    end: Moment | None = None,
+    least_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
+    most_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
 ) -> FramePage:
-    """Newest first."""
-    total, rows = app.frames.page(limit, offset, source=source, outcome=outcome, mode=mode, contact_id=contact)
-    return FramePage(total=total, frames=[present.frames.frame(frame, best) for frame, best in rows])
+    """Newest first, taken from ``start`` to before ``end``; outcome and stars are those of the newest ground result."""
+    wanted = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
+    total, rows = app.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
+    return FramePage(
+        total=total, modes=app.frames.modes(), frames=[present.frames.frame(frame, best) for frame, best in rows]
+    )
 
 
 @router.get("/latest")

@@ -54,9 +54,10 @@ class FrameOut(Out):
 
 
 class FramePage(Out):
-    """A page of the frame list, newest first."""
+    """A page of the frame list, newest first. ``modes``: of all stored frames, for a filter."""
 
     total: int
+    modes: list[str]
     frames: list[FrameOut]
 
 

@@ -129,7 +129,8 @@ class FrameService:
 
     def _add(self, pixels: Pixels, **values: Any) -> Frame:
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
-        key = self._blobs.put(little.tobytes())
+        bare = memoryview(little).cast("B")  # a large frame's bytes are not copied once more
+        key = self._blobs.put(bare)
         rows, columns = little.shape
         row: dict[str, Any] = {
             "received": self._now(),
@@ -142,7 +143,7 @@ class FrameService:
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
         if not self._blobs.exists(key):  # retention took the same bytes of an older frame in between
-            self._blobs.put(little.tobytes())
+            self._blobs.put(bare)
         self._bus.publish("frame", frame)
         return frame
 
@@ -178,6 +179,11 @@ class FrameService:
             total, frames = store.page(session, limit, offset, **filters)
             solutions = store.newest_solutions(session, [f.id for f in frames], "ground")
         return total, [(frame, solutions.get(frame.id)) for frame in frames]
+
+    def modes(self) -> list[str]:
+        """The modes in which the stored frames were taken."""
+        with self._database.unit_of_work() as session:
+            return store.modes(session)
 
     def with_solution(self, frame: Frame) -> tuple[Frame, Solution | None]:
         """A frame with its newest ground solution."""

@@ -1,23 +1,13 @@
+import { writeIds } from './idlist';
+
 /** Which recording: as other pages name it, as the address carries it, as the server takes it. */
 export type RerunOf = { frames: readonly number[] } | { contact: number } | { calibration: number } | { analysis: number } | { campaign: number } | { live: true };
 const KINDS = ['frames', 'contact', 'calibration', 'analysis', 'campaign'] as const;
 
-/** 3, 4, 5, 9 → "3-5,9": a selection of hundreds still fits an address. */
-export function ranges(ids: readonly number[]): string {
-  const sorted = [...new Set(ids)].sort((a, b) => a - b);
-  const runs: [number, number][] = [];
-  for (const id of sorted) {
-    const last = runs[runs.length - 1];
-    if (last && id === last[1] + 1) last[1] = id;
-    else runs.push([id, id]);
-  }
-  return runs.map(([a, b]) => (a === b ? String(a) : `${a}-${b}`)).join(',');
-}
-
 export function rerunQuery(of: RerunOf): string {
   if ('live' in of) return 'live=1';
   const [kind, value] = Object.entries(of)[0] as [string, number | readonly number[]];
-  return `${kind}=${typeof value === 'number' ? value : ranges(value)}`;
+  return `${kind}=${typeof value === 'number' ? value : writeIds(value).replaceAll(' ', '')}`;
 }
 
 /** What an address asks for: the server's address of the recording and words; null where it asks for none. */
@@ -26,6 +16,6 @@ export function recordingOf(query: (name: string) => string): { url: string; liv
   const kind = KINDS.find((k) => query(k));
   if (!kind) return null;
   const value = query(kind);
-  const back = { frames: '/frames', contact: `/contacts/${value}`, calibration: `/calibration?id=${value}`, analysis: `/campaigns?analysis=${value}`, campaign: '/campaigns' }[kind];
+  const back = { frames: '/frames', contact: `/contacts/${value}`, calibration: `/calibration?id=${value}`, analysis: `/calibration?tab=analyses&id=${value}`, campaign: '/campaigns' }[kind];
   return { url: `/api/rerun/recording.rrd?${new URLSearchParams({ [kind]: value }).toString()}`, live: false, words: `${kind === 'frames' ? 'frames' : kind} ${value}`, back };
 }
