@@ -60,7 +60,7 @@ class BlobStore:
                 hint="make the bucket; look at AWS_ENDPOINT_URL_S3 and the credentials in the environment",
             )
 
-    def put(self, data: bytes) -> str:
+    def put(self, data: bytes | memoryview) -> str:
         """Keep ``data``; its SHA-256 in hex is the key."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
@@ -72,14 +72,14 @@ class BlobStore:
                 self._write(path, data)
         return key
 
-    def _holds(self, path: str, data: bytes) -> bool:
+    def _holds(self, path: str, data: bytes | memoryview) -> bool:
         """Is it there, and undamaged? A file that rotted is healed by the next copy of its content."""
         if not self._fs.exists(path) or self._fs.size(path) != len(data):
             return False
         with self._fs.open(path, "rb") as file:
             return bool(file.read() == data)
 
-    def _write(self, path: str, data: bytes) -> None:
+    def _write(self, path: str, data: bytes | memoryview) -> None:
         """Under a name of its own first: two requests may bring the same bytes at once, and a crash leaves no half file."""
         self._fs.makedirs(path.rsplit("/", 1)[0], exist_ok=True)
         temporary = f"{path}.{uuid.uuid4().hex[:8]}.part"

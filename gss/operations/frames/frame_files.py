@@ -19,9 +19,13 @@ MAX_SIDE_PX = 20_000
 LONGEST_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
+ABSURD = 1e30
 WITHOUT_ABERRATION = "without_aberration"
 """In ``source`` of frames whose file says that its sky was drawn without aberration, as our own exports of simulated frames do."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
+LUMINANCE_32 = LUMINANCE.astype(np.float32)
+BAND_ROWS = 64
+"""Rows of a large picture that are converted at once."""
 HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
 
 
@@ -146,19 +150,21 @@ def _picture_meta(image: Any) -> Meta:
 def _luminance(image: Any, name: str) -> NDArray[np.generic]:
     if image.mode in ("1", "P", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
         image = image.convert("RGB" if image.mode != "1" else "L")
-    array = np.asarray(image)
-    if array.ndim == 3:
-        channels = array.shape[2]
-        if channels in (3, 4):
-            grey = array[..., :3].astype(np.float32) @ LUMINANCE.astype(np.float32)
-        else:
-            grey = array[..., 0].astype(np.float32)
-        array = np.rint(grey).astype(array.dtype) if array.dtype.kind == "u" else grey
-    if array.ndim != 2:
+    first = np.asarray(image.crop((0, 0, image.width, 1)))
+    if first.ndim == 2:
+        return np.asarray(image)
+    if first.ndim != 3:
         raise BadInput(
-            f"{name} is not a picture", expected="rows and columns, grey or colour", got=f"shape {array.shape}"
+            f"{name} is not a picture", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
         )
-    return array
+    # A band at a time: all channels of a large picture as real numbers would take sixteen times its size in memory.
+    grey = np.empty((image.height, image.width), first.dtype if first.dtype.kind == "u" else np.float32)
+    for row in range(0, image.height, BAND_ROWS):
+        until = min(row + BAND_ROWS, image.height)
+        band = np.asarray(image.crop((0, row, image.width, until)))
+        own = band[..., :3].astype(np.float32) @ LUMINANCE_32 if band.shape[2] in (3, 4) else band[..., 0]
+        grey[row:until] = np.rint(own) if grey.dtype.kind == "u" else own
+    return grey
 
 
 def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
@@ -177,6 +183,8 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
                         raise BadInput(
                             f"{name} is a data cube that is too large", expected="one image", got=str(hdu.shape)
                         )
+                    if header["NAXIS"] == 2 and header["BITPIX"] == -64:
+                        return _read_bands(hdu, name), _fits_meta(header)
                     array = np.asarray(hdu.data)
                     while array.ndim > 2:
                         array = array[0]
@@ -193,6 +201,20 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
     raise BadInput(
         f"{name} holds no image", expected="a FITS extension with rows and columns", got="tables or empty headers only"
     )
+
+
+def _read_bands(hdu: Any, name: str) -> NDArray[np.float32]:
+    """Double precision is checked and shortened band by band: whole it would be there twice, with all that the checks make."""
+    rows, columns = hdu.shape
+    pixels, not_finite = np.empty((rows, columns), np.float32), 0
+    for row in range(0, rows, BAND_ROWS):
+        band = np.asarray(hdu.section[row : min(row + BAND_ROWS, rows)], np.float64)
+        finite = np.isfinite(band)
+        not_finite += int((~finite).sum())
+        # What a float32 cannot hold must stay a number until it is told to be absurd.
+        pixels[row : row + len(band)] = np.where(finite, np.clip(band, -2 * ABSURD, 2 * ABSURD), np.nan)
+    _check_real(not_finite, pixels, name)
+    return pixels
 
 
 def _fits_meta(header: Any) -> Meta:
@@ -243,25 +265,28 @@ def _plain(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], 
         return _real(array, name)
     low, high = (int(array.min()), int(array.max())) if kind != "b" else (0, 1)
     if low >= 0 and array.dtype.itemsize == 1:
-        return array.astype(np.uint8), 8
+        return array.astype(np.uint8, copy=False), 8
     if low >= 0 and high <= 0xFFFF:
-        return array.astype(np.uint16), 16
+        return array.astype(np.uint16, copy=False), 16
     return array.astype(np.float32), 32
 
 
 def _real(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], int]:
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = int((~finite).sum())
-        everything = bad == array.size
+    bands = range(0, len(array), BAND_ROWS)
+    not_finite = sum(int((~np.isfinite(array[row : row + BAND_ROWS])).sum()) for row in bands)
+    _check_real(not_finite, array, name)
+    return array.astype(np.float32, copy=False), 32
+
+
+def _check_real(not_finite: int, array: NDArray[np.generic], name: str) -> None:
+    if not_finite:
+        everything = not_finite == array.size
         raise BadInput(
             f"{name} has {'only' if everything else 'some'} pixels that are not numbers",
             expected="finite values in all pixels",
-            got="NaN or infinity everywhere" if everything else f"{bad} of {array.size} pixels NaN or infinite",
+            got="NaN or infinity everywhere" if everything else f"{not_finite} of {array.size} pixels NaN or infinite",
             hint="replace blanked pixels by the local sky level",
         )
-    if float(np.abs(array).max()) > 1e30:
-        raise BadInput(
-            f"{name} has absurd pixel values", expected="below 1e30", got=f"{float(np.abs(array).max()):.3g}"
-        )
-    return array.astype(np.float32), 32
+    largest = max(float(array.max()), -float(array.min()))
+    if largest > ABSURD:
+        raise BadInput(f"{name} has absurd pixel values", expected="below 1e30", got=f"{largest:.3g}")

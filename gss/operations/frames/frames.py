@@ -129,7 +129,7 @@ class FrameService:
 
     def _add(self, pixels: Pixels, **values: Any) -> Frame:
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
-        bare = memoryview(little).cast("B")  # a large frame's bytes are not copied once more
+        bare = little.data.cast("B")  # a large frame's bytes are not copied once more
         key = self._blobs.put(bare)
         rows, columns = little.shape
         row: dict[str, Any] = {
