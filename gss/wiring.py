@@ -272,9 +272,11 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
     jobs.room = transfers.room = frames.room = upkeep.disk.check
     telemetry.has_room = upkeep.disk.has_room_for_rows
+    upkeep.clocks.jumped += [alarms.clock_jumped, schedule.clock_jumped]
+    contacts.removed_before = upkeep.retention.removed_before
+    status.tickers.insert(0, upkeep.clocks.tick)
     status.tickers += [
         link.watch,
-        upkeep.clocks.tick,
         DiskWatch(upkeep.disk, alarms, link, telemetry).tick,
         DailyRetention(upkeep.retention, upkeep.clocks, utc_now).tick,
     ]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 Now = Callable[[], datetime]
 Monotonic = Callable[[], float]
+ONE_SECOND = timedelta(seconds=1)
 
 
 def utc_now() -> datetime:
@@ -25,3 +26,10 @@ monotonic_s: Monotonic = time.monotonic
 
 stopwatch_s: Monotonic = time.perf_counter
 """Seconds for timing a stage."""
+
+
+def after_jump(moment: datetime, now: datetime, jump_s: float) -> datetime:
+    """A moment that was read before the clock jumped, as the new clock would have told it; one that was read after it stays."""
+    shifted = moment + timedelta(seconds=jump_s)
+    before = shifted <= now + ONE_SECOND if jump_s > 0 else moment > now + ONE_SECOND
+    return shifted if before else moment

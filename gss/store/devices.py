@@ -56,9 +56,11 @@ def update_contact(
     """Set what is given."""
     contact = session.get_one(Contact, contact_id)
     given = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
-    for name, value in {**given, "ended": ended}.items():
+    for name, value in given.items():
         if value is not None:
             setattr(contact, name, value)
+    if ended is not None:  # a clock that was set back meanwhile must not end it before its beginning
+        contact.ended = max(ended, contact.started)
 
 
 def close_left_open(session: Session, now: datetime) -> None:
@@ -110,6 +112,12 @@ def events_between(session: Session, start: datetime, end: datetime, kinds: Sequ
     """Recorded events of a span, oldest first, of some kinds or of all."""
     query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq)
     return list(session.scalars(query.where(Event.kind.in_(kinds)) if kinds else query))
+
+
+def clock_jumps(session: Session, start: datetime, end: datetime) -> list[Event]:
+    """Jumps of the server's clock in a span, oldest first."""
+    query = select(Event).where(Event.kind == "clock", Event.at >= start, Event.at <= end)
+    return list(session.scalars(query.order_by(Event.seq)))
 
 
 def closing(session: Session, contact_id: int) -> Event | None:

@@ -133,6 +133,11 @@ class ScheduleService:
         except GssError as error:
             self._bus.record("link", "watch", f"LIST_SCHEDULE was not asked: {error}")
 
+    def clock_jumped(self, _jump_s: float) -> None:
+        """The server's clock was set: what was known of the two is void at once, not after the packets that would show it."""
+        with self._lock:
+            self._clock.restart()
+
     # --- what is known ------------------------------------------------------------------------------------------
 
     def clock(self) -> Correlation | None:

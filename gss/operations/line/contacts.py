@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,17 @@ from gss.device.session_events import DirectionCounters, LinkCounters, SessionEv
 from gss.domain.errors import NotFound
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
-from gss.operations.line.gaps import LINE_LOST, Count, Gap, Happening, RecordCheck, Sample, check_record, why_silent
+from gss.operations.line.gaps import (
+    GROUND_CLOCK,
+    LINE_LOST,
+    Count,
+    Gap,
+    Happening,
+    RecordCheck,
+    Sample,
+    check_record,
+    why_silent,
+)
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import capture_files
 from gss.operations.telemetry.alarm_words import AlarmView
@@ -26,6 +36,7 @@ GROUND = "ground_line"
 """Packet name of our own counters in the archive: they are told like telemetry, but of the ground's end of the line."""
 SILENT_AFTER_S = 3.0
 TELL_EVERY_S = 10.0
+JUMPS_WITHIN = timedelta(days=2)
 BY_US = ("closed by the operator", "the port was changed")
 DEVICE_WORDS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
 
@@ -78,6 +89,8 @@ class ContactService:
         self._link, self._alarms, self._database, self._bus = link, alarms, database, bus
         self.captures, self._now = captures, now
         self._told: tuple[int | None, float, dict[str, Any]] = (None, 0.0, {})
+        self.removed_before: Callable[[], datetime | None] = lambda: None
+        """Before which moment retention thins or removes packets."""
 
     def handle(self, events: Sequence[SessionEvent]) -> None:
         """Keep the counters: at once when something was damaged, missing or silent, otherwise now and then."""
@@ -218,17 +231,42 @@ class ContactService:
         with self._database.unit_of_work() as session:
             row, _ = store.get_contact(session, contact_id)
         end = row.ended or self._now()
+        jumps = self._clock_jumps(row.started, end)
+        # A clock that was set wrote some of the moments of this contact elsewhere; the order of arrival stays.
+        wider = timedelta(seconds=sum(abs(jump.data["jump_s"]) for jump in jumps))
+        first, last = min(row.started, end) - wider, max(row.started, end) + wider
         rows = telemetry_store.rows(
-            self._database, "housekeeping", ["uptime_s"], row.started, end, contact_id=contact_id, unsolicited=True
+            self._database, "housekeeping", ["uptime_s"], first, last, contact_id=contact_id, unsolicited=True
         )
-        samples = [Sample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id) for r in rows]
-        return check_record(
+        rows_in_order = sorted(rows, key=lambda r: r.id)
+        samples = [
+            Sample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id) for r in rows_in_order
+        ]
+        seams = [Happening(jump.at.timestamp(), GROUND_CLOCK, jump.text) for jump in jumps]
+        check = check_record(
             samples,
             self.counts(contact_id),
-            self._happenings(row, end),
-            start_s=row.started.timestamp(),
-            end_s=end.timestamp(),
+            [*self._happenings(row, end), *seams],
+            start_s=None if jumps else row.started.timestamp(),
+            end_s=None if jumps else end.timestamp(),
         )
+        return self._without_removed(check)
+
+    def _clock_jumps(self, start: datetime, end: datetime) -> list[Event]:
+        """Jumps near a contact: one that was set back by days told of itself days before."""
+        with self._database.unit_of_work() as session:
+            return store.clock_jumps(session, min(start, end) - JUMPS_WITHIN, max(start, end) + JUMPS_WITHIN)
+
+    def _without_removed(self, check: RecordCheck) -> RecordCheck:
+        """Gaps that retention made have a cause."""
+        removed = self.removed_before()
+        if removed is None:
+            return check
+        words = f"removed by retention, which keeps less of what is older than {removed:%Y-%m-%d %H:%M} UTC"
+        gaps = [
+            replace(g, cause=words) if g.from_s < removed.timestamp() and not g.explained else g for g in check.gaps
+        ]
+        return replace(check, gaps=tuple(gaps))
 
 
 def _if_late(silence: Gap, late: Sequence[Gap]) -> Gap:

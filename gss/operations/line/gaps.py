@@ -20,6 +20,8 @@ UNEXPLAINED = "unexplained"
 RESETS = ("BOOT",)
 CLOCKS = ("TIME_SET", "CLOCK_JUMP")
 LINE_LOST = "LINE_LOST"
+GROUND_CLOCK = "GROUND_CLOCK_JUMP"
+"""The clock that tells when something came was set; the device's goes on."""
 DAMAGE = ("bad_crc", "too_long", "too_short")
 
 
@@ -160,6 +162,10 @@ def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
         return Gap(a.at_s, b.at_s, missing, "the line was closed in between") if missing else None
     on_board_s, here_s = b.device_time_s - a.device_time_s, b.at_s - a.at_s
     restarted = b.uptime_s is not None and a.uptime_s is not None and b.uptime_s < a.uptime_s
+    if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), b.at_s - SLACK_S, b.at_s) is not None:
+        missing = max(0, round(on_board_s / PERIOD_S) - 1)  # only the device's clock is one clock
+        lost = missing and not restarted and on_board_s > GAP_PERIODS * PERIOD_S
+        return Gap(a.at_s, b.at_s, missing, evidence.cause(b.at_s, b.at_s, a.contact_id)) if lost else None
     boot = evidence.happened(RESETS, a.at_s, b.at_s)
     clock = evidence.happened(CLOCKS, a.at_s, b.at_s)
     if restarted or clock is not None or on_board_s <= 0:

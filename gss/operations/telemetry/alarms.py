@@ -16,7 +16,7 @@ from gss.device.dictionary import Dictionary
 from gss.device.session_events import DeviceEvent, SessionEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
-from gss.operations.clock import Now
+from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_words import (
@@ -105,6 +105,13 @@ class AlarmService:
                         row, "ok", f"{title_of(self._dictionary, row)}: back from the shelf", shelved_until=None
                     )
             self._listen(now)
+
+    def clock_jumped(self, jump_s: float) -> None:
+        """The server's clock was set: silence is counted on as it was."""
+        now = self._now()
+        with self._lock:
+            self._contact = (self._contact[0], after_jump(self._contact[1], now, jump_s))
+            self._telemetry.board.clock_jumped(now, jump_s)
 
     def watch(self, key: Key, state: State, value: float, text: str, limit: str) -> None:
         """Follow something that is judged elsewhere, for example how long a catalogue is valid."""

@@ -11,10 +11,12 @@ from typing import Any
 from gss.device.dictionary import Dictionary, TelemetryField
 from gss.device.session_events import Telemetry
 from gss.domain.limits import Persistence, State
+from gss.operations.clock import after_jump
 from gss.operations.telemetry.limit_book import Rule
 from gss.operations.telemetry.value_words import plain
 
 ITERATION_PAGES = ("attitude", "timing")
+AT_REST = Persistence()
 Key = tuple[str, str]
 """(packet, field)."""
 RuleOf = Callable[[str, TelemetryField], Rule]
@@ -66,23 +68,24 @@ class TelemetryBoard:
             self._latest[packet.packet] = (at, packet)
             if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
                 self._idle_iteration = packet.values.get("iteration")
-            found = [self._judge(packet, field) for field in definition.values]
+            iterating = self._iterating()
+            found = [self._judge(packet, field, iterating) for field in definition.values]
         return [judgement for judgement in found if judgement is not None]
 
-    def _judge(self, packet: Telemetry, field: TelemetryField) -> Judgement | None:
-        key, value = (packet.packet, field.name), plain(packet.values.get(field.name))
-        rule = self._rule(packet.packet, field)
-        run = self._runs.get(key, Persistence())
+    def _judge(self, packet: Telemetry, field: TelemetryField, iterating: bool) -> Judgement | None:
+        key, rule = (packet.packet, field.name), self._rule(packet.packet, field)
+        run = self._runs.get(key, AT_REST)
         if not rule.limits.any and run.counted is State.OK:
             self._samples.pop(key, None)
             return None
+        value = plain(packet.values.get(field.name))
         if not isinstance(value, int | float):
             self._runs[key] = run.broken()  # sent as not-a-number: the device has not measured it
             self._samples.pop(key, None)
             return None
         sample = rule.limits.state(float(value))
         self._samples[key] = sample
-        if not self._limits_hold(field):
+        if not iterating and field.page in ITERATION_PAGES:
             self._unjudged.add(key)
             self._runs[key] = Persistence()
             return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
@@ -90,11 +93,9 @@ class TelemetryBoard:
         self._runs[key] = run = run.after(sample, rule.persistence)
         return Judgement(packet.packet, field, float(value), run.counted, rule)
 
-    def _limits_hold(self, field: TelemetryField) -> bool:
+    def _iterating(self) -> bool:
         """Results and timing of iterations are judged only while the cycle runs and has come to a result: a sensor at rest
         finds no stars."""
-        if field.page not in ITERATION_PAGES:
-            return True
         housekeeping = self.latest("housekeeping")
         if housekeeping is None or not housekeeping[1].values.get("cycle_running"):
             return False
@@ -105,6 +106,11 @@ class TelemetryBoard:
         """Go on from what counted before a restart."""
         with self._lock:
             self._runs[key] = Persistence(counted)
+
+    def clock_jumped(self, now: datetime, jump_s: float) -> None:
+        """Ages are those of before: a clock that jumps makes nothing stale, and nothing fresh."""
+        with self._lock:
+            self._latest = {name: (after_jump(at, now, jump_s), packet) for name, (at, packet) in self._latest.items()}
 
     def limits_changed(self, key: str | None) -> None:
         """The rule of a field ``packet.name`` (None: of all) is another: what was counted under the old one ends."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 
 from gss.operations.clock import Monotonic, Now
@@ -20,6 +21,8 @@ class ClockWatch:
         self._steady_from_s = self._last[1]
         self.last_jump_s: float | None = None
         """Seconds of the last jump, forward positive; None before the first."""
+        self.jumped: list[Callable[[float], None]] = []
+        """Told of each jump: who keeps moments of the old clock puts them right."""
 
     def tick(self) -> None:
         """Compare; a jump is an event, and counts as the beginning of a new clock."""
@@ -31,6 +34,8 @@ class ClockWatch:
         self.last_jump_s, self._steady_from_s = jump_s, mono_s
         way = "forward" if jump_s > 0 else "back"
         text = f"the server's clock jumped {way} by {abs(jump_s):.1f} s: moments before and after are of two clocks"
+        for put_right in self.jumped:
+            put_right(jump_s)
         self._bus.record("clock", "warning", text, jump_s=round(jump_s, 3))
 
     def steady(self) -> bool:
