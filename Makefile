@@ -1,6 +1,7 @@
 # make run    everything on this machine: simulator, server, pages; prints one address
 # make test   all checks and tests, from nothing
 # make bench  figures (never part of the tests)
+# make soak   hours of load with limits (HOURS=24 WORKERS=0)
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,7 +9,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run test lint types unit web web-test bench lock clean docs
+.PHONY: run test lint types unit web web-test bench soak lock clean docs
 
 run: $(VENV)/.installed web
 	@$(BIN)/gss serve --port $(PORT) --simulator $(SIMULATOR)
@@ -32,6 +33,12 @@ web-test: web
 # Two processes; a file's tests stay together, because they share servers and browsers.
 unit: $(VENV)/.installed web
 	$(BIN)/pytest -n 2 --dist loadfile
+
+# Hours of load: fifty packets a second, ten listeners, a browser; a line per minute, JSON at the end.
+HOURS ?= 24
+WORKERS ?= 0
+soak: $(VENV)/.installed web
+	$(BIN)/python -m tools.soak $(HOURS) --workers $(WORKERS) --browser
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m tools.bench

@@ -30,6 +30,7 @@ from typing import Any  # noqa: E402
 from tools.bench_catalogue import catalogues  # noqa: E402
 from tools.bench_frames import chains, drawing, finding  # noqa: E402
 from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
+from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_page import updated  # noqa: E402
 from tools.bench_tables import Table, machine  # noqa: E402
@@ -43,6 +44,7 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
     "catalogue": catalogues,
     "packets": packets,
     "transfer": transfers,
+    "ingest": ingest,
 }
 
 

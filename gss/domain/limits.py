@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 from gss.domain.errors import BadInput
 
@@ -39,7 +40,7 @@ class Limits:
     warning: Range = OPEN
     critical: Range = OPEN
 
-    @property
+    @cached_property
     def levels(self) -> tuple[tuple[State, Range], ...]:
         """Each level with its range, the most urgent first."""
         return (State.CRITICAL, self.critical), (State.WARNING, self.warning), (State.WATCH, self.watch)
@@ -53,9 +54,9 @@ class Limits:
                 return level
         return State.OK
 
-    @property
+    @cached_property
     def any(self) -> bool:
-        """Is there a limit at all?"""
+        """Is there a limit at all? Asked for every field of every packet."""
         return any(bound is not None for _, bounds in self.levels for bound in bounds)
 
     def checked(self) -> Limits:
@@ -103,7 +104,7 @@ class Persistence:
             return Persistence(calmest, kept)
         if ORDER[most_urgent] < ORDER[self.counted]:
             return Persistence(most_urgent, kept)
-        return Persistence(self.counted, kept)
+        return self if kept == self.recent else Persistence(self.counted, kept)
 
     def broken(self) -> Persistence:
         """The run ends without changing what counts: a sample is missing, or the limits were changed."""

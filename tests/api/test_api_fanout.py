@@ -42,7 +42,8 @@ class Connection:
         return {"type": "http.disconnect"}
 
     async def send(self, message: Any) -> None:
-        await self.hears.wait()
+        if "body" in message:
+            await self.hears.wait()
         self.sent.append(message.get("body", b""))
 
     def messages(self) -> list[tuple[str, Any, str]]:

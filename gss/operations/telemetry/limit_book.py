@@ -40,6 +40,7 @@ class LimitBook:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
         self._lock = threading.Lock()
         self._own: dict[str, Rule] = {}
+        self._rules: dict[tuple[str, str], Rule] = {}
         self._set = self.sets[0][0] if self.sets else ""
         self.changed_hooks: list[Callable[[str | None], None]] = []
         self._load()
@@ -65,8 +66,13 @@ class LimitBook:
 
     def rule(self, packet: str, field: TelemetryField) -> Rule:
         """The rule in force."""
-        own = self._own.get(f"{packet}.{field.name}")
-        return own or self.given(field)
+        rules, key = self._rules, (packet, field.name)
+        rule = rules.get(key)
+        if (
+            rule is None
+        ):  # a change puts another dictionary in the place of this one, so that nothing old is kept in the new
+            rule = rules[key] = self._own.get(f"{packet}.{field.name}") or self.given(field)
+        return rule
 
     def given(self, field: TelemetryField) -> Rule:
         """The rule without the operator's own."""
@@ -81,7 +87,7 @@ class LimitBook:
             raise NotFound("no such limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
         with self._lock:
             self._write(SET_NAME, {"name": name, "note": note}, user)
-            before, self._set = self._set, name
+            before, self._set, self._rules = self._set, name, {}
         self._tell(None, f"{user} put the limit set {name} in force, before it was {before}", note)
 
     def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
@@ -95,7 +101,7 @@ class LimitBook:
             before = self.rule(packet, field)
             changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
             rule = Rule(limits, count, "operator", user, changed, note)
-            self._own[key] = rule
+            self._own[key], self._rules = rule, {}
         self._tell(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
         return rule
 
@@ -106,6 +112,7 @@ class LimitBook:
             with self._database.unit_of_work() as session:
                 known = store.forget(session, PREFIX + key)
             self._own.pop(key, None)
+            self._rules = {}
         rule = self.rule(packet, field)
         if known:
             self._tell(key, f"{user} gave {key} its limits of the dictionary back: {words(rule)}", "")

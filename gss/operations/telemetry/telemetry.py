@@ -19,7 +19,6 @@ from gss.operations.telemetry.telemetry_board import FieldValue, Judgement, Tele
 from gss.operations.telemetry.value_words import plain
 from gss.store import telemetry as store
 from gss.store.engine import Database
-from gss.store.models import TelemetryPacket
 
 log = logging.getLogger("gss.telemetry")
 __all__ = ["FieldValue", "TelemetryService", "plain"]
@@ -67,7 +66,7 @@ class TelemetryService:
         if not cause:
             try:
                 with self._database.unit_of_work() as session:
-                    store.add_batch(session, [self._row(packet, at) for packet in packets])
+                    store.add_many(session, [self._row(packet, at) for packet in packets])
                     self.rollups.wrote(session, [packet.packet for packet in packets], at)
             except StoreDown as error:
                 cause = str(error)
@@ -87,15 +86,15 @@ class TelemetryService:
         except StoreDown:
             log.exception("not recorded: %s", text)
 
-    def _row(self, packet: Telemetry, at: datetime) -> TelemetryPacket:
-        return TelemetryPacket(
-            contact_id=self.contact(),
-            packet=packet.packet,
-            received=at,
-            device_time_s=packet.device_time_s,
-            request_id=packet.request_id,
-            values=stored_values(packet),
-        )
+    def _row(self, packet: Telemetry, at: datetime) -> dict[str, Any]:
+        return {
+            "contact_id": self.contact(),
+            "packet": packet.packet,
+            "received": at,
+            "device_time_s": packet.device_time_s,
+            "request_id": packet.request_id,
+            "values": stored_values(packet),
+        }
 
     def latest_packet(self, name: str) -> Telemetry | None:
         """The newest packet of that kind, None before the first."""
