@@ -1,3 +1,3 @@
 """GSS: the ground-support system for star trackers."""
 
-__version__ = "0.1.0"
+__version__ = "0.4.0"
