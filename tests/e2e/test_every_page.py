@@ -5,13 +5,12 @@ One server, one browser and one seeding serve all of it.
 
 from __future__ import annotations
 
-import json
 import time
-import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
@@ -21,7 +20,8 @@ SIZES = {"1280x800": (1280, 800), "1920x1080": (1920, 1080)}
 # What axe calls serious or critical; rules about whole documents are judged with the page around them.
 RUN_AXE = """axe.run(document, {resultTypes: ['violations']}).then((r) => r.violations
   .filter((v) => v.impact === 'serious' || v.impact === 'critical')
-  .map((v) => `${v.impact} ${v.id}: ${v.help} (${v.nodes.length}) ${v.nodes.slice(0, 3).map((n) => n.html.slice(0, 120)).join(' | ')}`))"""
+  .map((v) => `${v.impact} ${v.id}: ${v.help} (${v.nodes.length}) `
+    + v.nodes.slice(0, 3).map((n) => n.html.slice(0, 120)).join(' | ')))"""
 # Address, name of the picture, what must stand there.
 PAGES = [
     ("/live", "page-live", "command-panel"),
@@ -43,14 +43,11 @@ class Client:
     """Asks the server past the page."""
 
     def __init__(self, address: str, headers: dict[str, str]) -> None:
-        self._address, self._headers = address, headers
+        self._client = httpx.Client(base_url=f"{address}/api", headers=headers, timeout=30)
 
     def __call__(self, path: str, body: Any = None) -> Any:
-        data = None if body is None else json.dumps(body).encode()
-        headers = self._headers | {"Content-Type": "application/json"}
-        request = urllib.request.Request(f"{self._address}/api{path}", data, headers)
-        with urllib.request.urlopen(request, timeout=30) as answer:
-            return json.load(answer)
+        answer = self._client.get(path) if body is None else self._client.post(path, json=body)
+        return answer.raise_for_status().json()
 
     def until(self, path: str, done: Callable[[Any], Any], seconds: float = 90) -> Any:
         """Ask until something is found."""

@@ -105,6 +105,7 @@ function hatch(u: uPlot, p: PlotParts): void {
   ctx.strokeStyle = ctx.fillStyle = p.css('unk');
   ctx.lineWidth = ratio;
   ctx.font = `${11 * ratio}px 'IBM Plex Sans'`;
+  let written = -Infinity;
   for (const g of p.gaps()) {
     const [a, b] = [u.valToPos(g.from, 'x', true), u.valToPos(g.to, 'x', true)];
     if (b < bbox.left || a > bbox.left + bbox.width) continue;
@@ -120,7 +121,11 @@ function hatch(u: uPlot, p: PlotParts): void {
     if (p.last) {
       const text = `no data ${g.to - g.from < 100 ? fixed(g.to - g.from) : fixed((g.to - g.from) / 60)} ${g.to - g.from < 100 ? 's' : 'min'}`;
       const wide = ctx.measureText(text).width;
-      ctx.fillText(text, a - wide - 4 * ratio > bbox.left ? a - wide - 4 * ratio : b + 4 * ratio, bbox.top + bbox.height - 6 * ratio);
+      const before = a - wide - 4 * ratio;
+      const at = before > Math.max(bbox.left, written) ? before : b + 4 * ratio;
+      if (at <= written || at + wide > bbox.left + bbox.width) continue;
+      ctx.fillText(text, at, bbox.top + bbox.height - 6 * ratio);
+      written = at + wide + 6 * ratio;
     }
   }
   ctx.restore();
