@@ -11,7 +11,7 @@ from fastapi import APIRouter, Header, Request, Response
 from starlette.types import Receive, Scope, Send
 
 from gss.api import present
-from gss.api.deps import App
+from gss.api.deps import App, identity_still_valid, who_of
 from gss.api.fanout import Fanout, Listener, unnumbered, wire
 from gss.wiring import Services
 
@@ -108,7 +108,7 @@ class EventStream(Response):
             await _wait(listener.ready, min(ping_at_s, check_at_s if self._valid else ping_at_s) - loop.time())
 
 
-@router.get("/stream", response_class=EventStream)
+@router.get("/stream", response_class=EventStream, status_code=200)
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
     """Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first."""
     return EventStream(app, request.app.state.fanout, resumed_after(last_event_id or ""), _valid(request, app))
@@ -121,8 +121,8 @@ def resumed_after(number: str) -> int | None:
 
 
 def _valid(request: Request, app: Services) -> Valid | None:
-    """Until there is signing in everybody may listen for ever."""
-    return None
+    who = who_of(request.scope)
+    return None if who is None else lambda: identity_still_valid(app, who)
 
 
 async def _send(send: Send, data: bytes) -> None:
