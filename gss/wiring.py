@@ -5,17 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import timedelta
 from typing import Any
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.stars import StarTable
-from gss.operations.accounts.accounts import AccountService
+from gss.operations.accounts.accounts import AccountService, open_accounts
 from gss.operations.accounts.audit import AuditService
-from gss.operations.accounts.passwords import Passwords
-from gss.operations.accounts.sign_in import Lifetimes
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.catalogues.design import DesignService
 from gss.operations.catalogues.star_lists import StarListService
@@ -158,13 +155,6 @@ class Services:
         self.database.close()
 
 
-def make_accounts(settings: Settings, database: Database) -> AccountService:
-    """Users, sign-in and tokens; the shell needs nothing else of the server."""
-    passwords = Passwords(settings.password_passes, settings.password_memory_kib)
-    lifetimes = Lifetimes(timedelta(minutes=settings.session_idle_minutes), timedelta(hours=settings.session_hours))
-    return AccountService(database, utc_now, monotonic_s, passwords, lifetimes)
-
-
 def make_upkeep(
     settings: Settings,
     database: Database,
@@ -267,7 +257,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     viewer = RerunViewer(settings.data / "rerun-viewer")
     place = PlaceService(dictionary, database, bank_history, schedule.clock)
     recordings = Recordings(database, frames, stars, place.at)
-    accounts = make_accounts(settings, database)
+    accounts = open_accounts(database, settings, utc_now, monotonic_s)
     commands.permits = accounts.require
     upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
     jobs.room = transfers.room = frames.room = upkeep.disk.check

@@ -40,12 +40,12 @@ def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 @contextlib.contextmanager
 def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
     """Open the store, and make it where there is none: the first user may be made before the first start."""
+    from gss.operations.accounts.accounts import open_accounts
     from gss.operations.accounts.audit import AuditService
-    from gss.operations.clock import utc_now
+    from gss.operations.clock import monotonic_s, utc_now
     from gss.operations.folder_lock import own_folder
     from gss.settings import Settings
     from gss.store.engine import Database, migrate, open_engine
-    from gss.wiring import make_accounts
 
     os.umask(0o077)
     settings = Settings() if arguments.data is None else Settings(data=arguments.data)
@@ -53,7 +53,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
     migrate(settings.database_url)
     database = Database(open_engine(settings.database_url))
     try:
-        accounts = make_accounts(settings, database)
+        accounts = open_accounts(database, settings, utc_now, monotonic_s)
         yield Desk(accounts, AuditService(database, utc_now), settings, f"shell:{_user()}"[:60])
     finally:
         database.close()

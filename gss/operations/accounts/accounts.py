@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from datetime import timedelta
+from typing import Protocol
 
 from gss.domain.errors import NotFound, StoreDown
 from gss.operations.accounts.attempts import BY_TOKEN_ADDRESS, Attempts
@@ -23,6 +25,22 @@ REMEMBERED_S = 1.0
 IN_NEED_S = 600.0
 """While the database cannot be read, who was known so lately still is: ABORT must get through."""
 MOST_REMEMBERED = 1000
+
+
+class Rules(Protocol):
+    """The settings that matter here."""
+
+    password_passes: int
+    password_memory_kib: int
+    session_idle_minutes: float
+    session_hours: float
+
+
+def open_accounts(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
+    """The service as the settings want it."""
+    passwords = Passwords(rules.password_passes, rules.password_memory_kib)
+    lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))
+    return AccountService(database, now, monotonic_s, passwords, lifetimes)
 
 
 class AccountService:
