@@ -56,14 +56,14 @@ def page(
 ) -> tuple[int, list[Frame]]:
     """Total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars are those of the newest ground
     solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved where no chain has run yet."""
-    simple = (
-        (Frame.source == source, bool(source)),
-        (Frame.mode == mode, bool(mode)),
-        (Frame.contact_id == contact_id, contact_id is not None),
-        (Frame.taken >= start, start is not None),
-        (Frame.taken < end, end is not None),
-    )
-    query = select(Frame).where(*(condition for condition, asked in simple if asked))
+    query = select(Frame)
+    for column, wanted in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
+        if wanted is not None:
+            query = query.where(column == wanted)
+    if start is not None:
+        query = query.where(Frame.taken >= start)
+    if end is not None:
+        query = query.where(Frame.taken < end)
     ground = select(func.max(Solution.id)).where(Solution.frame_id == Frame.id, Solution.origin == "ground")
     newest = ground.correlate(Frame).scalar_subquery()
     if outcome == "unsolved":

@@ -22,7 +22,9 @@ def blueprint(use: Use) -> Any:
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
     picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
-    attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds")
+    # Beside a page's own panels a legend would cover the lines; a name stands at each line under the cursor.
+    legend = rrb.PlotLegend(visible=use is not Use.FRAME)
+    attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds", plot_legend=legend)
     stars = rrb.TimeSeriesView(origin="/stars", name="Stars")
     telemetry = rrb.TimeSeriesView(origin="/telemetry", name="Telemetry")
     log = rrb.TextLogView(origin="/log", name="Log")

@@ -1,0 +1,89 @@
+"""The list of frames: filters that may stand alone or together, and paging through thousands."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from sqlalchemy.orm import Session
+
+from gss.store import frames
+from gss.store.engine import Database, migrate, open_engine
+from gss.store.models import Frame, Solution
+
+START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory):
+    """3000 frames, one a second: every third unsolved, every fifth without a solution, stars 0…19, two modes."""
+    url = f"sqlite:///{tmp_path_factory.mktemp('frames') / 'gss.db'}"
+    migrate(url)
+    database = Database(open_engine(url))
+    with database.unit_of_work() as session:
+        session.add_all(frame(k) for k in range(1, 3001))
+        session.flush()
+        session.add_all(result(k) for k in range(1, 3001) if k % 3)
+        session.add(result(2, matched=99))  # a newer result of the same frame counts
+    with database.unit_of_work() as session:
+        yield session
+    database.close()
+
+
+def frame(k: int) -> Frame:
+    """The k-th frame."""
+    taken = START + timedelta(seconds=k)
+    mode, source = ("tracking" if k % 2 else "assisted"), ("import" if k == 7 else "device")
+    shape = {"columns": 8, "rows": 4, "bits": 8, "dtype": "|u1", "sha256": "0" * 64, "complete": True}
+    return Frame(id=k, source=source, name="", taken=taken, received=taken, mode=mode, **shape)
+
+
+def result(k: int, matched: int | None = None) -> Solution:
+    """Its ground result."""
+    outcome, verdict = ("none", "none") if k % 5 == 0 else ("solved", "wrong" if k % 100 == 1 else "correct")
+    known = {"chain": "reference", "version": "1", "created": START, "origin": "ground", "detail": {}, "timing_s": {}}
+    return Solution(
+        frame_id=k, outcome=outcome, verdict=verdict, matched=k % 20 if matched is None else matched, **known
+    )
+
+
+def ids(session: Session, **wanted: object) -> set[int]:
+    """Everything that passes."""
+    total, rows = frames.page(session, 5000, 0, **wanted)
+    assert total == len(rows)
+    return {row.id for row in rows}
+
+
+def test_without_filters_all_frames_come_newest_first(session):
+    """A page in the middle of thousands is that page, and the total is that of all."""
+    total, rows = frames.page(session, 50, 2000)
+    assert total == 3000
+    assert [row.id for row in rows] == list(range(1000, 950, -1))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "passes"),
+    [
+        ({"outcome": "unsolved"}, lambda k: k % 3 == 0),
+        ({"outcome": "none"}, lambda k: k % 3 and k % 5 == 0),
+        ({"outcome": "solved"}, lambda k: k % 3 and k % 5),
+        ({"outcome": "wrong"}, lambda k: k % 3 and k % 5 and k % 100 == 1),
+        ({"mode": "assisted"}, lambda k: k % 2 == 0),
+        ({"source": "import"}, lambda k: k == 7),
+        ({"least_stars": 15}, lambda k: k % 3 and (k == 2 or k % 20 >= 15)),
+        ({"most_stars": 3}, lambda k: k % 3 and k != 2 and k % 20 <= 3),
+        ({"start": START + timedelta(seconds=10), "end": START + timedelta(seconds=20)}, lambda k: 10 <= k < 20),
+        (
+            {"mode": "tracking", "outcome": "solved", "least_stars": 10},
+            lambda k: k % 2 and k % 3 and k % 5 and k % 20 >= 10,
+        ),
+    ],
+)
+def test_filters_choose_what_they_say(session, wanted, passes):
+    """Each alone and several together; outcome and stars are those of the newest ground result."""
+    assert ids(session, **wanted) == {k for k in range(1, 3001) if passes(k)}
+
+
+def test_modes_are_those_of_all_frames(session):
+    """Not only of the page that is shown."""
+    assert frames.modes(session) == ["assisted", "tracking"]
