@@ -120,7 +120,9 @@ class ReprocessService:
             else:
                 frames = store.page(session, MOST_FRAMES, 0, **filters)[1]
             done = set() if wanted.again else store.solved_by(session, wanted.chain, __version__)
-        rows = sorted((f for f in frames if f.complete and f.id not in done), key=lambda f: f.id)
+        rows = sorted(
+            (f for f in frames if f.complete and f.pixels_removed is None and f.id not in done), key=lambda f: f.id
+        )
         return [_task(f, wanted) for f in rows]
 
     def _resume(self, run: Run) -> dict[str, Any]:

@@ -1,0 +1,59 @@
+"""Backup, restore, check and retention from the terminal."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from gss.cli import main
+from gss.store import frames
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, migrate, open_engine
+from gss.store.models import Frame
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A data folder with one frame."""
+    from datetime import UTC, datetime
+
+    folder, at = tmp_path / "data", datetime(2026, 1, 2, tzinfo=UTC)
+    key = BlobStore(str(folder / "blobs")).put(b"12345678")
+    url = f"sqlite:///{folder / 'gss.db'}"
+    migrate(url)
+    database = Database(open_engine(url))
+    row = {"source": "device", "name": "f", "taken": at, "received": at, "columns": 4, "rows": 2, "bits": 8}
+    with database.unit_of_work() as session:
+        frames.add(session, Frame(dtype="|u1", sha256=key, complete=True, rows_held=[[0, 1]], parameters={}, **row))
+    database.close()
+    return folder
+
+
+def test_what_the_shell_backs_up_it_puts_back_and_finds_whole(folder, tmp_path, capsys):
+    """The way of docs/upkeep.md; a second backup with --keep 1 takes the first one away; a full folder is refused."""
+    for _ in range(2):
+        assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--keep", "1", "--json"]) == 0
+    made = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (made["files"], len(made["removed"])) == (1, 1)
+    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 0
+    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
+    assert "writes over nothing" in capsys.readouterr().err
+    assert main(["check", "store", "--data", str(tmp_path / "new"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["whole"], report["rows"]["frames"]) == (True, 1)
+    next(p for p in (tmp_path / "new" / "blobs").rglob("*") if p.is_file()).unlink()
+    assert main(["check", "store", "--data", str(tmp_path / "new")]) == 1
+    out = capsys.readouterr().out
+    assert all(words in out for words in ("ERROR bytes missing", "frame 1", "NOT whole"))
+
+
+def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp_path, capsys):
+    """Without --run nothing goes; with it what the policy lets go."""
+    assert main(["retention", "--data", str(folder), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["policy"]["frames_days"], facts["forecast"]["frames_bytes"]) == (0, 8)
+    assert main(["retention", "--data", str(folder), "--run"]) == 0
+    assert "removed frames" in capsys.readouterr().out
+    assert main(["check", "store", "--data", str(tmp_path / "nowhere")]) == 2
+    assert main(["restore", str(tmp_path / "nowhere"), "--into", str(tmp_path / "x")]) == 2
