@@ -27,6 +27,8 @@ from collections.abc import Callable, Sequence  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
+from tools.bench_api import api  # noqa: E402
+from tools.bench_browser import page_load  # noqa: E402
 from tools.bench_catalogue import catalogues  # noqa: E402
 from tools.bench_frames import chains, drawing, finding  # noqa: E402
 from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
@@ -45,6 +47,8 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
     "packets": packets,
     "transfer": transfers,
     "ingest": ingest,
+    "api": api,
+    "page_load": page_load,
 }
 
 
