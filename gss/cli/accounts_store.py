@@ -47,7 +47,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
     from gss.settings import Settings
     from gss.store.engine import Database, migrate, open_engine
 
-    os.umask(0o077)
+    before = os.umask(0o077)
     settings = Settings() if arguments.data is None else Settings(data=arguments.data)
     own_folder(settings.data)
     migrate(settings.database_url)
@@ -57,6 +57,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
         yield Desk(accounts, AuditService(database, utc_now), settings, f"shell:{_user()}"[:60])
     finally:
         database.close()
+        os.umask(before)
 
 
 def _user() -> str:

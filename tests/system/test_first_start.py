@@ -1,0 +1,156 @@
+"""From nothing to the first user, with real processes: the printed link, the shell, TLS, and what is on the disk afterwards."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import signal
+import ssl
+import stat
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import httpx2
+import pytest
+
+from gss.cli import main
+
+pytestmark = pytest.mark.timeout(180)
+PASSWORD = "orion over the sea"
+CHEAP = {"GSS_PASSWORD_MEMORY_KIB": "8", "GSS_PASSWORD_PASSES": "1"}
+
+
+class Ran(NamedTuple):
+    """How a shell command ended."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def shell(capsys, monkeypatch) -> Callable[..., Ran]:
+    """Runs ``gss`` as the shell would; in this process, which is not the server's."""
+    for name, value in CHEAP.items():
+        monkeypatch.setenv(name, value)
+
+    def run(*arguments: str, stdin: str = "") -> Ran:
+        monkeypatch.setattr("sys.stdin", io.StringIO(stdin))
+        capsys.readouterr()
+        code = main(arguments)
+        return Ran(code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """Starts servers without anybody signed in; each with the address it printed."""
+    running: list[subprocess.Popen[str]] = []
+
+    def run(folder: Path, *arguments: str, **environment: str) -> tuple[subprocess.Popen[str], str]:
+        command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
+        env = {**os.environ, **CHEAP, **environment}
+        running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env))
+        assert running[-1].stdout is not None
+        line = next(line for line in running[-1].stdout if "://" in line)
+        return running[-1], re.search(r"https?://\S+", line)[0]  # type: ignore[index]
+
+    yield run
+    for process in running:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def test_the_first_start_prints_the_way_in_and_each_start_another_one(start, shell, tmp_path):
+    """A link while there is nobody, a new one at a new start and the old one void, none any more with a user; the files are the
+    owner's alone, and the record tells of it."""
+    folder = tmp_path / "data"
+    first, old = start(folder)
+    first.send_signal(signal.SIGINT)
+    first.wait(20)
+    _, printed = start(folder)
+    assert old.split("#")[1] != printed.split("#")[1]
+    address, key = printed.split("/setup#")
+    client = httpx2.Client(base_url=f"{address}/api", headers={"X-GSS": "1"}, timeout=30)
+    assert client.get("/session").json()["set_up_needed"] is True
+    body = {"token": old.split("#")[1], "name": "ann", "password": PASSWORD}
+    assert client.post("/setup", json=body).status_code == 403
+    made = client.post("/setup", json=body | {"token": key})
+    assert (made.status_code, made.json()["role"]) == (200, "admin")
+    assert client.get("/link").status_code == 200
+    client.close()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    for path in folder.rglob("*"):
+        assert not path.stat().st_mode & 0o077, path
+    assert key not in "".join(path.read_text(errors="replace") for path in folder.glob("*") if path.is_file())
+    told = shell("audit", "export", "--data", str(folder)).stdout
+    assert "session.set_up" in told
+    assert PASSWORD not in told
+
+
+def test_the_shell_makes_users_and_tokens_for_a_running_server(start, shell, tmp_path):
+    """Before the first start, beside a running server, and against it: switched off in the shell is out within a moment."""
+    folder = tmp_path / "data"
+    data = ["--data", str(folder)]
+    added = shell("user", "add", "ann", "--role", "admin", "--password-stdin", *data, stdin=PASSWORD + "\n")
+    assert (added.returncode, added.stdout) == (0, "ann is admin\n"), added.stderr
+    short = shell("user", "add", "bob", "--role", "viewer", "--password-stdin", *data, stdin="short\n")
+    assert (short.returncode, "right length" in short.stderr, "short" in short.stderr) == (2, True, False)
+    _, address = start(folder)
+    assert "setup" not in address
+    key = shell("token", "add", "night", "--role", "viewer", "--days", "1", *data).stdout.strip()
+    with httpx2.Client(base_url=f"{address}/api", timeout=30) as client:
+        bearer = {"Authorization": f"Bearer {key}"}
+        assert client.get("/link", headers=bearer).status_code == 200
+        assert client.post("/link/close", headers=bearer).status_code == 403
+        shell("token", "revoke", "night", *data)
+        assert client.get("/link", headers=bearer).status_code == 401
+        signed = client.post("/session", json={"name": "ann", "password": PASSWORD}, headers={"X-GSS": "1"})
+        assert signed.status_code == 200
+        assert shell("user", "disable", "ann", *data).returncode == 2, "the last admin"
+        assert (
+            shell("user", "password", "ann", "--password-stdin", *data, stdin="vega over the hills\n").returncode == 0
+        )
+        assert client.get("/link").status_code == 401
+    whole = shell("audit", "verify", *data)
+    assert (whole.returncode, "whole" in whole.stdout) == (0, True)
+    assert shell("audit", "verify", "--last-hash", "0" * 64, *data).returncode == 1
+
+
+def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, tmp_path):
+    """A certificate of our own making, checked by the client; plain HTTP gets no answer."""
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    made = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "ec",
+        "-pkeyopt",
+        "ec_paramgen_curve:prime256v1",
+        "-nodes",
+        "-days",
+        "2",
+    ]
+    names = ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
+    subprocess.run([*made, "-keyout", key, "-out", certificate, *names], check=True, capture_output=True)
+    _, printed = start(tmp_path / "data", GSS_TLS_CERTIFICATE=str(certificate), GSS_TLS_KEY=str(key))
+    address, token = printed.split("/setup#")
+    assert address.startswith("https://127.0.0.1:")
+    trust = ssl.create_default_context(cafile=str(certificate))
+    with httpx2.Client(base_url=address, verify=trust, timeout=30) as client:
+        body = {"token": token, "name": "ann", "password": PASSWORD}
+        reply = client.post("/api/setup", json=body, headers={"X-GSS": "1", "Origin": address})
+        assert reply.status_code == 200, reply.text
+        assert "Secure" in reply.headers["set-cookie"]
+        assert "max-age" in reply.headers["strict-transport-security"]
+        assert client.get("/api/link").status_code == 200
+    with pytest.raises(httpx2.HTTPError):
+        httpx2.get(address.replace("https", "http") + "/api/health", timeout=10)
