@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli import export_commands, export_rerun, records
+from gss.cli import export_commands, export_rerun, export_tables, records
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -46,6 +46,7 @@ def register(subparsers: Subparsers) -> None:
     shell.set_defaults(run=export_shell)
     export_commands.register(kinds)
     records.register_exports(kinds)
+    export_tables.register(kinds)
 
 
 def export_shell(arguments: argparse.Namespace) -> int:

@@ -62,7 +62,7 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
     if file_format not in FORMATS:
         raise BadInput("unknown format", expected=" | ".join(FORMATS), got=file_format)
     with database.unit_of_work() as session:
-        rows = [_row(frame, solution) for frame, solution in store.results(session, chain)]
+        rows = [as_row(frame, solution) for frame, solution in store.results(session, chain)]
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
     sink = io.BytesIO()
     if file_format == "csv":
@@ -72,7 +72,8 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
     return sink.getvalue()
 
 
-def _row(frame: Frame, s: Solution) -> dict[str, Any]:
+def as_row(frame: Frame, s: Solution) -> dict[str, Any]:
+    """A result's columns, as SCHEMA has them."""
     values: dict[str, Any] = {
         "solution_id": s.id,
         "frame_id": frame.id,

@@ -1,0 +1,41 @@
+"""``gss export parquet``: the whole store as partitioned tables."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli.records import Kinds
+
+
+def register(kinds: Kinds) -> None:
+    """Add to ``gss export``."""
+    p = kinds.add_parser(
+        "parquet", help="telemetry, solutions, stars, commands and events as partitioned Parquet tables"
+    )
+    p.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="a new folder, or an older export")
+    p.add_argument("--from", dest="first", type=date.fromisoformat, metavar="DAY", help="first UTC day, 2026-12-01")
+    p.add_argument("--to", dest="last", type=date.fromisoformat, metavar="DAY", help="last UTC day, included")
+    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.set_defaults(run=export)
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Write the tables."""
+    from gss.cli.records import services_of
+    from gss.operations.report.parquet_export import export_parquet
+
+    services = services_of(arguments)
+
+    def told(folder: str) -> None:
+        if sys.stderr.isatty():
+            print(f"… {folder}", file=sys.stderr, flush=True)
+
+    dictionary = services.telemetry.archive.dictionary
+    made = export_parquet(services.database, dictionary, arguments.out, arguments.first, arguments.last, told)
+    print(f"{arguments.out}: {made.files} files, {made.rows} rows, {made.bytes} bytes")
+    return 0
