@@ -113,6 +113,7 @@ def test_keys_lead_to_pages_and_do_nothing_while_typing(page):
     expect(page.get_by_test_id("nav-commands")).to_be_visible()
     page.keyboard.press("3")
     expect(page).to_have_url(re.compile(r"/telemetry"))
+    expect(page.get_by_test_id("telemetry-filter")).to_be_visible()
     page.keyboard.press("/")
     page.keyboard.type("g2")
     expect(page.get_by_test_id("telemetry-filter")).to_have_value("g2")
