@@ -111,6 +111,5 @@ export type ReportPlot = S['PlotOut'];
 export type ReportArrows = S['ArrowsOut'];
 export type ReportCells = S['CellsOut'];
 export type ReportPicture = S['PictureOut'];
-
 /** Who is signed in, as GET /api/session tells. */
-export interface SessionInfo { signed_in: boolean; name: string; role: string; permissions: string[]; csrf: string; expires: string | null; set_up_needed: boolean; must_change: boolean }
+export type SessionInfo = S['SessionOut'];
