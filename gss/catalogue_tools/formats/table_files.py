@@ -171,7 +171,7 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
             }
     except Exception as error:  # whatever a reader of foreign bytes stumbles over
         raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
-    if LAYOUT not in held:
+    if LAYOUT not in held or held[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
         raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(held), hint=HINT)
     text = held[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
     return _parsed_layout(text), lambda name: _held(held, name)
