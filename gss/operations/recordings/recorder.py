@@ -43,6 +43,7 @@ class Recorder:
 
         self._rr, self._place_at = rr, place_at
         self._stream = rr.RecordingStream("gss", recording_id=recording_id[:120], send_properties=True)
+        self._stream.set_log_time_enabled(False)  # when it was written says nothing
         self._memory = self._stream.binary_stream()
         self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
         self._path: list[Array] = []
