@@ -401,6 +401,7 @@ def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, t
     server = serve("--simulator", "cubestar")
     online(server.console)
     frame = server.console.command("TAKE_IMAGE")["values"]["frame_number"]
+    server.console.wait("the frame", lambda: server.console.get("/frames")["frames"])
     for _ in range(2):
         (child,) = children(server.process.pid, SIMULATOR)
         os.kill(child, signal.SIGKILL)
