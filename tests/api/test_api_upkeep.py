@@ -39,7 +39,9 @@ def test_figures_are_read_by_prometheus_own_reader(client):
     assert reply.headers["content-type"].startswith("text/plain; version=0.0.4")
     families = {f.name: f for f in text_string_to_metric_families(reply.text)}
     names = "gss_link_bytes gss_link_errors gss_queue_depth gss_queue_dropped gss_stream_clients gss_disk_free_bytes gss_jobs"
-    names += " gss_database_bytes process_resident_memory_bytes gss_uptime_seconds gss_http_seconds gss_capture_lost_bytes"
+    names += (
+        " gss_database_bytes process_resident_memory_bytes gss_uptime_seconds gss_http_seconds gss_capture_lost_bytes"
+    )
     assert [name for name in names.split() if name not in families and name != "gss_jobs"] == []
     assert {f.type for f in families.values()} <= {"gauge", "counter", "histogram"}
     assert all(f.documentation for f in families.values())
