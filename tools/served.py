@@ -40,10 +40,10 @@ class Served:
     def processes(self) -> dict[str, int]:
         """Name and id of the link process and of each API worker."""
         found = {"link": self.process.pid}
-        for number, pid in enumerate(_children(self.process.pid), 1):
+        for pid in _children(self.process.pid):
             with contextlib.suppress(OSError):
                 if b"gss.api.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    found[f"worker {number}"] = pid
+                    found[f"worker {len(found)}"] = pid
         return found
 
     def sign_in(self, name: str = "soak-admin") -> str:
