@@ -88,12 +88,13 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
 
 
 def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
-    """Cancelling at the first report of progress leaves the results of the first batch, and the rest for the next start."""
+    """Cancelling at the first report of a result leaves the results of the first batch, and the rest for the next start."""
     wanted = Reprocessing("reference")
     tasks = services.reprocessing.tasks(wanted)
 
-    def cancel(_done: int, _total: int, _text: str) -> None:
-        raise Cancelled
+    def cancel(done: int, _total: int, _text: str) -> None:
+        if done:
+            raise Cancelled
 
     with pytest.raises(Cancelled):
         services.reprocessing.work(wanted, tasks, cancel)
