@@ -95,6 +95,8 @@ class Persistence:
         """The run with one sample more; ``persistence`` ≥ 1 samples must agree."""
         if persistence < 1:
             raise BadInput("persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(persistence))
+        if sample is self.counted and self.recent == (sample,) * (persistence - 1):
+            return self  # nearly every sample of nearly every field
         run = (*self.recent, sample)[-persistence:]
         kept = run[1:] if len(run) == persistence else run
         if len(run) < persistence:
