@@ -89,7 +89,9 @@ class Report:
             found.append(f"{bad} damaged packets and {gaps} gaps on a line without faults")
         received, stored = last.good - first.good, last.stored - first.stored
         own = (last.at_s - first.at_s) / OWN_ROW_EVERY_S
-        if abs(received + own - stored) > self.rate + 20:  # not asked at the same moment, and not every packet is telemetry
+        if (
+            abs(received + own - stored) > self.rate + 20
+        ):  # not asked at the same moment, and not every packet is telemetry
             found.append(f"{received} packets received, {stored} stored")
         if max(last.store_late_s, last.line_late_s) >= LATEST_S:
             found.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")

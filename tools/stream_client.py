@@ -40,7 +40,9 @@ class Heard:
         elif count:
             self.jumps += self.count > 0 and int(count) != self.count + 1
             self.count = int(count)
-            self.seq = self.seq or int(seq)  # a state tells the newest event too: what comes after it must not be missed
+            self.seq = self.seq or int(
+                seq
+            )  # a state tells the newest event too: what comes after it must not be missed
 
     def new_connection(self) -> None:
         """States are counted anew; events go on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, NamedTuple
 
@@ -81,6 +82,32 @@ def page(
     total = session.scalar(query.with_only_columns(func.count(Frame.id))) or 0
     rows = session.scalars(query.order_by(Frame.id.desc()).limit(limit).offset(offset))
     return total, list(rows)
+
+
+def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
+    """A frame's number with those of as many before and after it."""
+    before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)
+    after = select(Frame.id).where(Frame.id > frame_id).order_by(Frame.id).limit(each_side)
+    return sorted([*session.scalars(before), *session.scalars(after)])
+
+
+def ids_of_contact(session: Session, contact_id: int, most: int) -> list[int]:
+    """Numbers of the newest frames of a contact, in order."""
+    newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(most)
+    return sorted(session.scalars(newest))
+
+
+def ids_solved(session: Session, chain: str, start: datetime, end: datetime, most: int) -> list[int]:
+    """Numbers of frames on which a chain ran on the ground in a span of time, in order."""
+    solved = select(Solution.frame_id).where(Solution.created >= start, Solution.created <= end)
+    return sorted(
+        session.scalars(solved.where(Solution.origin == "ground", Solution.chain == chain).distinct().limit(most))
+    )
+
+
+def ids_there(session: Session, ids: Sequence[int]) -> list[int]:
+    """Those of the numbers that frames have, in order."""
+    return sorted(session.scalars(select(Frame.id).where(Frame.id.in_(ids))))
 
 
 def modes(session: Session) -> list[str]:

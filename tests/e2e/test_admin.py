@@ -17,7 +17,13 @@ ASK = """async ([method, path, body]) => {
 }"""
 # For each role: a page, the control that is held there, and the request behind it.
 HELD = [
-    ("viewer", "/live", "cmd-TAKE_IMAGE", "operator's or engineer's", ("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}})),
+    (
+        "viewer",
+        "/live",
+        "cmd-TAKE_IMAGE",
+        "operator's or engineer's",
+        ("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}}),
+    ),
     ("viewer", "/frames", "import", "engineer's", ("PUT", "/frames/1/favourite", {"favourite": True})),
     ("viewer", "/contacts", "link-close", "operator's", ("POST", "/link/close", None)),
     ("engineer", "/catalogues/new", "build", "catalogue manager's", ("POST", "/catalogues", {"name": "x"})),

@@ -27,7 +27,7 @@ class BodyOut(Out):
 
 
 class SkyOut(Out):
-    """Stars and bodies of a chart. ``place``: how the camera's place is known; empty where it is not, and then there is no Earth."""
+    """Stars and bodies of a chart. ``place``: how the camera's place is known; without one it is empty and there is no Earth."""
 
     utc: Utc
     place: str

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any
-
-from sqlalchemy import select
 
 from gss.domain.errors import BadInput, NotFound
 from gss.operations.clock import Now
 from gss.operations.recordings.blueprints import Use
-from gss.store import devices, frames
+from gss.store import devices, frames, jobs, studies
 from gss.store.engine import Database
-from gss.store.models import Analysis, Calibration, Frame, Job, Solution
+from gss.store.models import Analysis, Calibration
 
 MOST_FRAMES = 2000
 MARGIN_S = 30.0
@@ -48,48 +45,42 @@ class Scopes:
         """A frame with those before and after it."""
         with self._database.unit_of_work() as session:
             frames.get(session, frame_id)
-            before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)
-            after = select(Frame.id).where(Frame.id > frame_id).order_by(Frame.id).limit(each_side)
-            ids = [*session.scalars(before), *session.scalars(after)]
+            ids = frames.ids_around(session, frame_id, each_side)
         return self._around(f"gss-frame-{frame_id}", Use.FRAME, ids)
 
     def of_contact(self, contact_id: int) -> Scope:
         """Everything between opening the line and closing it."""
         with self._database.unit_of_work() as session:
             contact, _ = devices.get_contact(session, contact_id)
-            newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(MOST_FRAMES)
-            ids = sorted(session.scalars(newest))
+            ids = frames.ids_of_contact(session, contact_id, MOST_FRAMES)
         end = contact.ended or self._now()
         return Scope(f"gss-contact-{contact_id}", Use.CONTACT, tuple(ids), contact.started, end)
 
     def of_calibration(self, calibration_id: int) -> Scope:
         """The frames that a camera was calibrated from."""
-        return self._study(Calibration, "calibration", calibration_id)
+        with self._database.unit_of_work() as session:
+            row = studies.calibration(session, calibration_id)
+        return self._study(row, "calibration")
 
     def of_analysis(self, analysis_id: int) -> Scope:
         """The frames of an analysis."""
-        return self._study(Analysis, "analysis", analysis_id)
+        with self._database.unit_of_work() as session:
+            row = studies.analysis(session, analysis_id)
+        return self._study(row, "analysis")
 
     def of_campaign(self, job_id: int) -> Scope:
         """The stored frames that a campaign ran a chain on."""
         with self._database.unit_of_work() as session:
-            job = session.get(Job, job_id)
-            if job is None:
-                raise NotFound("no such campaign", got=str(job_id), hint="the number of its job")
+            job = jobs.get(session, job_id)
             chain, end = job.request.get("chain"), job.finished or self._now()
-            solved = select(Solution.frame_id).where(Solution.created >= job.created, Solution.created <= end)
-            solved = solved.where(Solution.origin == "ground", Solution.chain == chain).distinct()
-            ids = [] if chain is None else sorted(session.scalars(solved.limit(MOST_FRAMES)))
+            ids = [] if chain is None else frames.ids_solved(session, chain, job.created, end, MOST_FRAMES)
         return self._around(f"gss-campaign-{job_id}", Use.CAMPAIGN, ids, "this campaign ran on no stored frames")
 
-    def _study(self, kind: type[Calibration] | type[Analysis], word: str, row_id: int) -> Scope:
+    def _study(self, row: Calibration | Analysis, word: str) -> Scope:
+        ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
         with self._database.unit_of_work() as session:
-            row: Any = session.get(kind, row_id)
-            if row is None:
-                raise NotFound(f"no such {word}", got=str(row_id))
-            ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
-            there = sorted(session.scalars(select(Frame.id).where(Frame.id.in_(ids[:MOST_FRAMES]))))
-        return self._around(f"gss-{word}-{row_id}", Use.CAMPAIGN, there, f"this {word} was made from no stored frames")
+            there = frames.ids_there(session, ids[:MOST_FRAMES])
+        return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, there, f"this {word} was made from no stored frames")
 
     def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames were found") -> Scope:
         if not ids:

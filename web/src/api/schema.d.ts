@@ -5429,19 +5429,13 @@ export interface components {
              * @default
              */
             sweep_over: string;
-            /**
-             * Sweep
-             * @default []
-             */
-            sweep: [
+            /** Sweep */
+            sweep?: [
                 number,
                 number
             ][][];
-            /**
-             * Boresights
-             * @default []
-             */
-            boresights: [
+            /** Boresights */
+            boresights?: [
                 number,
                 number
             ][];
@@ -6584,11 +6578,8 @@ export interface components {
             worst_dec_deg: number;
             /** Worst Roll Deg */
             worst_roll_deg?: number | null;
-            /**
-             * Worst Outline
-             * @default []
-             */
-            worst_outline: [
+            /** Worst Outline */
+            worst_outline?: [
                 number,
                 number
             ][];
@@ -7283,7 +7274,7 @@ export interface components {
         };
         /**
          * SkyOut
-         * @description Stars and bodies of a chart. ``place``: how the camera's place is known; empty where it is not, and then there is no Earth.
+         * @description Stars and bodies of a chart. ``place``: how the camera's place is known; without one it is empty and there is no Earth.
          */
         SkyOut: {
             /** Utc */

@@ -16,7 +16,7 @@ describe('a plot', () => {
     expect(reach(null, null, undefined)).toEqual([0, 1]);
   });
   it('reads the sample at or before the cursor, the newest without one', () => {
-    const s = { name: 'a', packet: 'p', title: 'A', unit: 'degC', kind: 'number', choices: [], samples: 3, thinned: false, t: [10, 20, 30], y: [1, 2, null] };
+    const s = { name: 'a', packet: 'p', title: 'A', unit: 'degC', kind: 'number' as const, choices: [], samples: 3, thinned: false, t: [10, 20, 30], y: [1, 2, null] };
     expect(reading(s, field([null, null]), 25).value).toBe('2.0');
     expect(reading(s, field([null, null]), null).value).toBe('2.0');
   });
