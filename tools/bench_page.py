@@ -10,7 +10,7 @@ from tools.bench_tables import Table
 def updated(page: str, tables: Sequence[Table]) -> str:
     """The page with each table's part, from its title to the next heading, replaced; a new table goes to the end."""
     for table in tables:
-        head, new = f"### {table.title}\n", table.markdown().rstrip("\n") + "\n"
+        head, new = f"## {table.title}\n", table.markdown().rstrip("\n") + "\n"
         start = 0 if page.startswith(head) else page.find("\n" + head) + 1
         if start == 0 and not page.startswith(head):
             page = page.rstrip("\n") + "\n\n" + new

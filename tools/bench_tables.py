@@ -64,7 +64,7 @@ class Table:
         cells = self.cells()
         lines = ["| " + " | ".join(row) + " |" for row in cells]
         lines.insert(1, "|---|" + "---:|" * len(self.columns))
-        head = [f"### {self.title}", "", f"{self.conditions} Seed {self.seed}.", ""]
+        head = [f"## {self.title}", "", f"{self.conditions} Seed {self.seed}.", ""]
         return "\n".join([*head, *lines, *(f"\n{line}" for line in self._skipped_lines())]) + "\n"
 
     def _skipped_lines(self) -> list[str]:
