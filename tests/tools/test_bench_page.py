@@ -18,4 +18,4 @@ def test_only_the_measured_table_changes() -> None:
     assert updated(again, [table("One", 1)]) == page
     added = updated(page, [table("Three", 3)])
     assert added.startswith(page)
-    assert "### Three" in added
+    assert "## Three" in added
