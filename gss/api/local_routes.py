@@ -13,6 +13,7 @@ LOCAL: dict[str, tuple[str, ...]] = {
         "/api/openapi.json",
         "/api/stream",
         "/api/frames",
+        "/api/frames/latest",
         "/api/frames/{frame_id}",
         "/api/frames/{frame_id}/image.png",
         "/api/frames/{frame_id}/thumbnail.png",

@@ -1,0 +1,28 @@
+"""What an API worker answers itself: exactly what the table names."""
+
+from __future__ import annotations
+
+import re
+
+from gss.api.local_routes import LOCAL, is_local
+
+
+def test_the_table_names_routes_and_decides_about_them_alone(client):
+    """Each entry is a route of the application; every other route of data is forwarded, whatever stands in its parameters."""
+    paths = client.get("/api/openapi.json").json()["paths"]
+    routes = {(method.upper(), path) for path, methods in paths.items() for method in methods}
+    named = {(method, path) for method, templates in LOCAL.items() for path in templates}
+    assert named - routes <= {
+        ("GET", "/api/openapi.json"),
+        ("GET", "/api/rerun/re_viewer.js"),
+        ("GET", "/api/rerun/re_viewer_bg.wasm"),
+        ("GET", "/api/rerun/favicon.ico"),
+    }
+    for method, template in sorted(routes - named):
+        for word in ("7", "abc"):
+            path = re.sub(r"\{\w+\}", word, template)
+            assert not is_local(method, path), (method, path)
+    assert not any(is_local(method, "/api/commands") for method in ("GET", "POST"))
+    assert not is_local("GET", "/api/rerun/live")
+    assert not is_local("GET", "/metrics")
+    assert is_local("GET", "/live")
