@@ -158,8 +158,8 @@ class EnvelopeOut(Out):
     outline_start: list[list[tuple[float, float]]]
     outline_end: list[list[tuple[float, float]]]
     sweep_over: str = ""
-    sweep: list[list[tuple[float, float]]] = Field(default_factory=list)
-    boresights: list[tuple[float, float]] = Field(default_factory=list)
+    sweep: list[list[tuple[float, float]]] = Field([])
+    boresights: list[tuple[float, float]] = Field([])
 
 
 class QualityOut(Out):
@@ -174,7 +174,7 @@ class QualityOut(Out):
     worst_ra_deg: float
     worst_dec_deg: float
     worst_roll_deg: float | None = None
-    worst_outline: list[tuple[float, float]] = Field(default_factory=list)
+    worst_outline: list[tuple[float, float]] = Field([])
     candidates_per_query: float | None
     candidates_per_star: float | None = None
     blinded_share: float = 0.0

@@ -5429,13 +5429,19 @@ export interface components {
              * @default
              */
             sweep_over: string;
-            /** Sweep */
-            sweep?: [
+            /**
+             * Sweep
+             * @default []
+             */
+            sweep: [
                 number,
                 number
             ][][];
-            /** Boresights */
-            boresights?: [
+            /**
+             * Boresights
+             * @default []
+             */
+            boresights: [
                 number,
                 number
             ][];
@@ -6578,8 +6584,11 @@ export interface components {
             worst_dec_deg: number;
             /** Worst Roll Deg */
             worst_roll_deg?: number | null;
-            /** Worst Outline */
-            worst_outline?: [
+            /**
+             * Worst Outline
+             * @default []
+             */
+            worst_outline: [
                 number,
                 number
             ][];
