@@ -23,6 +23,8 @@ export class FrameView {
   selected = $state<number | null>(null);
   /** A place without a centroid that the inspector should show. */
   look = $state<{ col: number; row: number } | null>(null);
+  /** The last frame that had a ground result: what stands beside the picture while the newest one is being solved. */
+  told = $state.raw<{ detail: FrameDetail; solution: SolutionDetail | null } | null>(null);
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
@@ -68,6 +70,8 @@ export class FrameView {
       this.problem = '';
       const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
       if (!chosen || chosen.origin === 'on board' ) this.solution = detail.ground ?? detail.on_board;
+      if (detail.ground) this.told = { detail, solution: this.solution };
+      else if (id !== 'latest') this.told = null;
       if (!same) this.selected = null;
     } catch (error) {
       if (turn !== this.generation) return;
