@@ -42,7 +42,7 @@ class Served:
         found = {"link": self.process.pid}
         for pid in _children(self.process.pid):
             with contextlib.suppress(OSError):
-                if b"gss.api.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                if b"gss.api.workers.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
                     found[f"worker {len(found)}"] = pid
         return found
 

@@ -13,14 +13,12 @@ from fastapi import APIRouter, Depends, FastAPI
 from fastapi.responses import HTMLResponse
 
 from gss import __version__
-from gss.api import errors, security, stored_words, stream
-from gss.api.compress import Compress
+from gss.api import errors, stored_words
 from gss.api.counting import Counting
 from gss.api.deps import view_by_default
-from gss.api.fanout import Fanout
-from gss.api.forward import Forward, Gateway
-from gss.api.pages import Pages
-from gss.api.presenter import Presenter, first_state
+from gss.api.files.compress import Compress
+from gss.api.files.pages import Pages
+from gss.api.guard import security
 from gss.api.routers import (
     alarms,
     analyses,
@@ -51,7 +49,11 @@ from gss.api.routers import (
     upkeep,
     users,
 )
-from gss.api.upstream import Upstream
+from gss.api.stream import route as stream
+from gss.api.stream.fanout import Fanout
+from gss.api.stream.presenter import Presenter, first_state
+from gss.api.workers.forward import Forward, Gateway
+from gss.api.workers.upstream import Upstream
 from gss.wiring import Services
 
 PAGES = Path(__file__).parent.parent / "web"

@@ -13,7 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from gss.api.headers import HEADERS
+from gss.api.guard.headers import HEADERS
 from gss.api.schemas.base import ProblemOut
 from gss.domain.errors import (
     BadInput,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gss.api.perimeter import public_names
+from gss.api.guard.perimeter import public_names
 from gss.operations.accounts.users import SETUP_LASTS, Link
 from gss.settings import Settings
 

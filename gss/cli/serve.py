@@ -32,7 +32,7 @@ def register(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
-    from gss.api.perimeter import check_exposure
+    from gss.api.guard.perimeter import check_exposure
     from gss.domain.errors import BadInput
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
@@ -89,7 +89,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     port = listener.getsockname()[1]
     print(greeting(settings, port, services.accounts.users.set_up_link()), flush=True)
     if settings.workers:
-        from gss.api.link_process import serve_behind_workers
+        from gss.api.workers.link_process import serve_behind_workers
 
         serve_behind_workers(app, services, settings, listener, uvicorn_options(settings))
         return

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from gss.api import stream
-from gss.api.fanout import MAILBOX, Fanout, Listener, Wire, unnumbered, wire
-from gss.api.presenter import Presenter
-from gss.api.stream import EventStream, resumed_after
+from gss.api.stream import route as stream
+from gss.api.stream.fanout import MAILBOX, Fanout, Listener, Wire, unnumbered, wire
+from gss.api.stream.presenter import Presenter
+from gss.api.stream.route import EventStream, resumed_after
 from gss.operations.clock import utc_now
 from gss.operations.events import EventBus
 from gss.store.engine import Database, migrate, open_engine

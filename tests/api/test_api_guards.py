@@ -7,7 +7,7 @@ import json
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.api.perimeter import check_exposure
+from gss.api.guard.perimeter import check_exposure
 from gss.domain.errors import BadInput
 from gss.settings import Settings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from gss.api.local_routes import LOCAL, is_local
+from gss.api.workers.local_routes import LOCAL, is_local
 
 
 def test_the_table_names_routes_and_decides_about_them_alone(client):

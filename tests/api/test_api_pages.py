@@ -8,8 +8,8 @@ import pytest
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
-from gss.api.compress import Compress
-from gss.api.pages import Pages
+from gss.api.files.compress import Compress
+from gss.api.files.pages import Pages
 
 
 @pytest.fixture

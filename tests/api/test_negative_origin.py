@@ -12,9 +12,9 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from gss.api import stream
 from gss.api.app import create_app
 from gss.api.serving import address_of, greeting, uvicorn_options
+from gss.api.stream import route as stream
 from gss.operations.accounts.users import Link
 from gss.operations.clock import utc_now
 from gss.settings import Settings

@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
 from gss.api.deps import NOBODY, is_export, needs_of
-from gss.api.security import OPEN, SAFE_METHODS
+from gss.api.guard.security import OPEN, SAFE_METHODS
 from gss.device.dictionary_file import load_dictionary
 from gss.operations.accounts.permissions import ALL, COMMANDS, ROLES, permitted
 from gss.settings import Settings

@@ -10,9 +10,10 @@ from fastapi import APIRouter, Form, Query, Response, UploadFile
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
-from gss.api import present, security
+from gss.api import present
 from gss.api.catalogue_words import request_of
 from gss.api.deps import EXPORT, App, Moment, RowId, User, need
+from gss.api.guard import security
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
-from gss.api import present, security
+from gss.api import present
 from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, Who, need
+from gss.api.guard import security
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
     DownloadIn,

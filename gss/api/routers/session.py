@@ -5,8 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 
 from gss.api.deps import NOBODY, App, Who, need, who_of
+from gss.api.guard.security import COOKIE, session_key
 from gss.api.schemas.accounts import PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
-from gss.api.security import COOKIE, session_key
 from gss.domain.errors import Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake

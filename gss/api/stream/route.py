@@ -12,7 +12,7 @@ from starlette.types import Receive, Scope, Send
 
 from gss.api import present
 from gss.api.deps import App, identity_still_valid, who_of
-from gss.api.fanout import Fanout, Listener, unnumbered, wire
+from gss.api.stream.fanout import Fanout, Listener, unnumbered, wire
 from gss.wiring import Services
 
 router = APIRouter(tags=["stream"])

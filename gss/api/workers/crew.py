@@ -107,7 +107,7 @@ class Crew:
             ]
 
     def _process(self) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "gss.api.worker"]
+        command = [sys.executable, "-m", "gss.api.workers.worker"]
         return subprocess.Popen(command, stdin=subprocess.PIPE, text=True, pass_fds=[self._order.listener])  # noqa: S603
 
     def _say(self, process: subprocess.Popen[str]) -> None:

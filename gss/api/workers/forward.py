@@ -10,7 +10,7 @@ import h11
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gss.api.errors import problem
-from gss.api.local_routes import is_local
+from gss.api.workers.local_routes import is_local
 
 PEER = b"x-gss-peer"
 """Who really asks: address, port and scheme. Taken from the private socket only; a browser's own is dropped."""

@@ -19,8 +19,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gss.api.deps import is_export, needs_of
 from gss.api.errors import problem
-from gss.api.headers import HEADERS, STRICT_TRANSPORT
-from gss.api.perimeter import Caller, Perimeter, Refusal
+from gss.api.guard.headers import HEADERS, STRICT_TRANSPORT
+from gss.api.guard.perimeter import Caller, Perimeter, Refusal
 from gss.domain.errors import GssError, TooOften
 from gss.operations.accounts.audit import Result
 from gss.operations.accounts.identity import Who

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gss.api import present
-from gss.api.fanout import FIRST, Fanout, Wire, wire
+from gss.api.stream.fanout import FIRST, Fanout, Wire, wire
 from gss.operations.events import EventBus, Message
 from gss.operations.line.status import StatusService
 

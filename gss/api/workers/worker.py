@@ -1,7 +1,7 @@
 """An API worker process: accepts on the shared socket, answers from the database, forwards the rest to the link process.
 
-Started by :mod:`gss.api.workers` as ``python -m gss.api.worker``. Standard input brings one line of JSON when the link process is
-ready, and its end is the end of the link process: then the worker ends too.
+Started by :mod:`gss.api.workers.crew` as ``python -m gss.api.workers.worker``. Standard input brings one line of JSON when the link
+process is ready, and its end is the end of the link process: then the worker ends too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def main() -> None:
     import uvicorn
 
     from gss.api.app import create_app
-    from gss.api.workers import Order
+    from gss.api.workers.crew import Order
     from gss.wiring import build
 
     told = sys.stdin.readline()

@@ -12,8 +12,8 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
-from gss.api.upstream import PrivateDoor
-from gss.api.workers import Crew, Order, private_socket
+from gss.api.workers.crew import Crew, Order, private_socket
+from gss.api.workers.upstream import PrivateDoor
 from gss.settings import Settings
 from gss.wiring import Services
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gss.api.fanout import Fanout, Wire
-from gss.api.forward import peer_of
-from gss.api.stream import EventStream
+from gss.api.stream.fanout import Fanout, Wire
+from gss.api.stream.route import EventStream
+from gss.api.workers.forward import peer_of
 from gss.wiring import Services
 
 STREAM = "/worker-stream"

@@ -1,0 +1,1 @@
+"""API worker processes beside the one link process."""
