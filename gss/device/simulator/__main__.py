@@ -7,6 +7,7 @@ the answers to the orders of time. Ends on SIGTERM, SIGINT, or (asked for) when 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import signal
 import sys
@@ -20,6 +21,7 @@ from gss.device.simulator.machine import Device, Identity
 from gss.device.simulator.memory import GOLDEN, Memory
 from gss.device.simulator.options import add_arguments, make_environment
 from gss.device.simulator.own_lens import own_lens
+from gss.device.simulator.refusal import Refusal
 from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
 from gss.device.simulator.sky import Sky
 from gss.device.simulator.terminal import Line, PtyLine, TcpLine, Terminal
@@ -44,6 +46,8 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=arguments.baud)
     tracker = StarTracker(camera, sky, memory)
+    with contextlib.suppress(Refusal):  # a bank that cannot be used is told when it is asked for
+        tracker.warm()
     period_s = 1.0 / min(1000.0, max(0.001, arguments.housekeeping_hz))
     device = Device(
         load_dictionary(), identity, memory, tracker, clock(), framing=arguments.framing, housekeeping_s=period_s

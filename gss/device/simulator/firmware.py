@@ -168,6 +168,14 @@ class StarTracker:
 
     # --- the chain ----------------------------------------------------------------------------------------------
 
+    def warm(self) -> None:
+        """Search an empty frame, and keep nothing of it: what the chain loads at its first use takes a second or more, and no
+        command may wait for that."""
+        camera = self.profile.camera
+        parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
+        work = Work(self.tables.profile.camera, self._catalogue_at_work(), parameters, Mode.LOST_IN_SPACE, None)
+        self.chain.find_centroids(np.zeros((camera.rows, camera.columns), np.uint16), work)
+
     def _work(self, frame: StoredFrame, catalogue: Any) -> Work:
         """The task of a frame by what is known now."""
         wanted = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
