@@ -45,7 +45,8 @@ from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.campaigns import CampaignService
 from gss.operations.studies.dark_frames import DarkFrames
-from gss.operations.studies.executor import Executor, make_executor
+from gss.operations.studies.dask_executor import make_executor
+from gss.operations.studies.executor import Executor
 from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.reprocess import WORKERS, ReprocessService
 from gss.operations.telemetry.alarms import AlarmService

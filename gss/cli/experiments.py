@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def never_wrong(arguments: argparse.Namespace) -> int:
     """Do the rest of the campaign, or write what is done."""
-    from gss.operations.studies.executor import make_executor
+    from gss.operations.studies.dask_executor import make_executor
     from gss.operations.studies.never_wrong import Hunt, hunt, read, selected
     from gss.operations.studies.never_wrong_page import page
     from gss.pipeline.experiments.never_wrong_campaign import CAMERAS, CHAINS

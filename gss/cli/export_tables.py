@@ -27,7 +27,7 @@ def register(kinds: Kinds) -> None:
 def export(arguments: argparse.Namespace) -> int:
     """Write the tables."""
     from gss.cli.records import services_of
-    from gss.operations.report.parquet_export import export_parquet
+    from gss.operations.upkeep.parquet_export import export_parquet
 
     services = services_of(arguments)
 

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gss.domain.angles import Array
-from gss.pipeline.kernels import NUMPY, Kernels
+from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA, NUMPY, Kernels
 
 TILE_PX = 32
 SAMPLES_PER_TILE = 64  # enough for a level good to a sixth of the noise, few enough to cost nothing
-CLIP_SIGMA = 3.0
-CLIP_ROUNDS = 2
 OUT_OF_REACH = 1e30
 FLAT_PER_SIGMA = 0.08  # a tile's level is itself only known to about a tenth of the noise
 

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.pipeline.background import CLIP_ROUNDS, CLIP_SIGMA
+from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA
 from gss.pipeline.psf import FIT_ROUNDS, STEP_DONE_PX, Stamps
 
 Rows = NDArray[np.intp]

@@ -21,6 +21,8 @@ from gss.domain.errors import BadInput
 
 AVAILABLE = find_spec("numba") is not None
 PLAIN, COMPILED = "numpy", "numba"
+CLIP_SIGMA = 3.0
+CLIP_ROUNDS = 2
 
 Rows = NDArray[np.intp]
 

@@ -23,7 +23,8 @@ from gss.domain.profiles import profile
 from gss.operations.events import EventBus
 from gss.operations.jobs import Cancelled, JobService
 from gss.operations.studies import experiments, reprocess
-from gss.operations.studies.executor import Executor, HereExecutor, LocalExecutor, make_executor
+from gss.operations.studies.dask_executor import make_executor
+from gss.operations.studies.executor import Executor, HereExecutor, LocalExecutor
 from gss.operations.studies.reprocess import Reprocessing, ReprocessService
 from gss.pipeline.render import render
 from gss.store import frames as store

@@ -13,7 +13,7 @@ import pytest
 from gss.cli import main
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.errors import BadInput
-from gss.operations.report.parquet_export import export_parquet
+from gss.operations.upkeep.parquet_export import export_parquet
 from gss.store import commands, events, frames, telemetry
 from gss.store import exports as blocks
 from gss.store.engine import Database, migrate, open_engine

@@ -12,7 +12,7 @@ from typing import Any
 
 import gss
 from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
-from gss.operations.studies.executor import AHEAD, LOOK_S, Item, Result, Told, Waiting, Work
+from gss.operations.studies.executor import AHEAD, LOOK_S, Executor, Item, LocalExecutor, Result, Told, Waiting, Work
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0
@@ -165,3 +165,8 @@ def _told(run: str, number: int) -> Told:
             worker.log_event(run, (number, float(share)))
 
     return told
+
+
+def make_executor(cluster_url: str, workers: int) -> Executor:
+    """The cluster where a URL is given, else processes here."""
+    return DaskExecutor(cluster_url) if cluster_url else LocalExecutor(workers)

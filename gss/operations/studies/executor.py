@@ -121,12 +121,3 @@ def _result(future: Future[Result], waiting: Waiting | None) -> Result:
 
 def _silent(_share: float) -> None:
     """For work whose progress within an item nobody follows."""
-
-
-def make_executor(cluster_url: str, workers: int) -> Executor:
-    """The cluster where a URL is given, else processes here."""
-    if not cluster_url:
-        return LocalExecutor(workers)
-    from gss.operations.studies.dask_executor import DaskExecutor
-
-    return DaskExecutor(cluster_url)
