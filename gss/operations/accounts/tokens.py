@@ -52,7 +52,13 @@ class TokenService:
             raise BadInput("a token has an end", expected=f"up to {LONGEST_DAYS} days", got=f"{days:g}")
         strange = sorted(set(scopes) - granted)
         if strange:
-            raise BadInput(f"the role {role} has not all of these permissions", got=", ".join(strange)[:200])
+            had = ", ".join(sorted(granted))
+            raise BadInput(
+                f"the role {role} has not all of these permissions",
+                expected=f"some of {had}",
+                got=", ".join(strange)[:200],
+                hint="a role that has them; the token gets only what is named",
+            )
         now, key = self._now(), new_token()
         with self._database.unit_of_work() as session:
             if store.living_token(session, name, now) is not None:
