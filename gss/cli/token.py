@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from gss.cli.accounts_store import desk, with_data
 from gss.cli.user import ROLES
+from gss.operations.accounts.permissions import ALL
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -22,7 +23,12 @@ def register(subparsers: Subparsers) -> None:
     p.add_argument("name")
     p.add_argument("--role", required=True, choices=ROLES)
     p.add_argument("--days", type=float, default=90, help="days until it ends, default 90")
-    p.add_argument("--only", metavar="PERMISSIONS", default="", help="keep these permissions only, with commas between")
+    p.add_argument(
+        "--only",
+        metavar="PERMISSIONS",
+        default="",
+        help=f"keep these permissions of the role only, with commas between; there are {', '.join(sorted(ALL))}",
+    )
     p.set_defaults(run=add_token)
     p = with_data(kinds.add_parser("revoke", help="end a token"))
     p.add_argument("name")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -15,6 +16,62 @@ if TYPE_CHECKING:
     Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
 
 MARKS = {"ok": "ok", "note": "note", "error": "ERROR"}
+Rows = Sequence[tuple[str, str, Callable[[Any], str]]]
+"""(name, words, how the value is written)."""
+
+
+def _bytes(value: float | None) -> str:
+    if value is None:
+        return "too young to say"
+    unit, units = 0, ("B", "KiB", "MiB", "GiB", "TiB")
+    while value >= 1024 and unit < len(units) - 1:
+        value, unit = value / 1024, unit + 1
+    return f"{value:.{0 if unit == 0 else 1}f} {units[unit]}"
+
+
+def _age(value: float) -> str:
+    return f"{value:g} days" if value else "kept for ever"
+
+
+def _count(value: float) -> str:
+    return f"{value:g}"
+
+
+def _full(value: float | None) -> str:
+    if value is None:
+        return "not in sight"
+    return f"in {value:.{1 if value < 10 else 0}f} days" if value < 3650 else "in more than ten years"
+
+
+_POLICY_ROWS: Rows = (
+    ("frames_days", "pixels go at the age of", _age),
+    ("frames_gb", "pixels together at most", lambda v: f"{v:g} GB" if v else "any size"),
+    ("keep_frames", "newest frames that keep their pixels", _count),
+    ("telemetry_thin_days", "packets are thinned at the age of", _age),
+    ("telemetry_days", "packets go at the age of", _age),
+    ("events_days", "lines of the record go at the age of", _age),
+    ("captures_mb", "raw captures together at most", lambda v: f"{v:g} MB" if v else "as GSS_CAPTURE_KEEP_MB says"),
+    ("backups_keep", "newest backups that stay", lambda v: f"{v:g}" if v else "all"),
+)
+_FORECAST_ROWS: Rows = (
+    ("database_bytes", "database", _bytes),
+    ("frames_bytes", "frames", _bytes),
+    ("captures_bytes", "raw captures", _bytes),
+    ("backups_bytes", "backups", _bytes),
+    ("bytes_now", "kept together", _bytes),
+    ("bytes_per_day", "more a day", _bytes),
+    ("free_bytes", "free on the disk", _bytes),
+    ("full_in_days", "the disk is full", _full),
+    ("next_removal", "next removal", lambda v: f"{v:%Y-%m-%d %H:%MZ}" if v else "none, nothing may go"),
+    ("removable_bytes", "pixels that may go now", _bytes),
+)
+_REMOVED_ROWS: Rows = (
+    ("frames", "removed frames' pixels", _count),
+    ("bytes", "removed from the disk", _bytes),
+    ("packets", "removed packets", _count),
+    ("thinned", "removed by thinning", _count),
+    ("events", "removed lines of the record", _count),
+)
 
 
 def register(subparsers: Subparsers) -> None:
@@ -118,12 +175,10 @@ def retention(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(facts, default=str))
         return 0
-    for name, value in facts["policy"].items():
-        print(f"{name:22} {value:g}")
-    for name, value in facts["forecast"].items():
-        print(f"{name:22} {value}")
-    for name, value in facts.get("removed", {}).items():
-        print(f"removed {name:14} {value}")
+    _print_rows(_POLICY_ROWS, facts["policy"])
+    _print_rows(_FORECAST_ROWS, facts["forecast"])
+    if arguments.now:
+        _print_rows(_REMOVED_ROWS, facts["removed"])
     return 0
 
 
@@ -148,6 +203,12 @@ def check_store(arguments: argparse.Namespace) -> int:
     else:
         _print(report)
     return 0 if report.whole else 1
+
+
+def _print_rows(rows: Rows, values: Mapping[str, Any]) -> None:
+    for name, words, write in rows:
+        if name in values:
+            print(f"{words:37} {write(values[name])}")
 
 
 def _print(report: Report) -> None:

@@ -54,6 +54,8 @@ def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp
     facts = json.loads(capsys.readouterr().out)
     assert (facts["policy"]["frames_days"], facts["forecast"]["frames_bytes"]) == (0, 8)
     assert main(["retention", "--data", str(folder), "--run"]) == 0
-    assert "removed frames" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert all(words in out for words in ("removed frames", "pixels go at the age of", "8 B", "kept for ever"))
+    assert "_" not in out.replace("GSS_CAPTURE_KEEP_MB", "")
     assert main(["check", "store", "--data", str(tmp_path / "nowhere")]) == 2
     assert main(["restore", str(tmp_path / "nowhere"), "--into", str(tmp_path / "x")]) == 2

@@ -41,14 +41,16 @@ class RetentionIn(In):
 
 
 class ForecastOut(Out):
-    """What is on the disk and how it grows. ``full_in_days`` null: it does not grow."""
+    """What is on the disk and how it grows. ``bytes_per_day`` null: too young to say; ``full_in_days`` null: that, or it does not
+    grow."""
 
     database_bytes: int
     frames_bytes: int
     captures_bytes: int
+    backups_bytes: int
     free_bytes: int
     bytes_now: int
-    bytes_per_day: float
+    bytes_per_day: float | None
     full_in_days: float | None
     next_removal: Utc | None
     removable_bytes: int

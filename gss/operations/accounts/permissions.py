@@ -10,6 +10,9 @@ from collections.abc import Iterable, Mapping
 from gss.domain.errors import BadInput, NotPermitted
 
 VIEW = "view"
+METRICS = "metrics"
+"""Figures without names or contents: harmless, so that the token of a monitor can be the least of all."""
+EVERYBODY = (VIEW, METRICS)
 GROUPS = ("attitude", "catalogue", "imager", "link", "power", "processor", "training")
 COMMANDS = tuple(f"command.{group}" for group in GROUPS)
 """One for each subsystem of the dictionary."""
@@ -22,7 +25,6 @@ ADMIN = (
     "admin.health",
     "admin.retention",
     "admin.backup",
-    "metrics",
 )
 OPERATOR = (
     *COMMANDS,
@@ -54,12 +56,12 @@ ENGINEER = (
     "contacts.note",
     "jobs.cancel",
 )
-ALL = frozenset((VIEW, *OPERATOR, *MANAGER, *ENGINEER, *ADMIN))
+ALL = frozenset((*EVERYBODY, *OPERATOR, *MANAGER, *ENGINEER, *ADMIN))
 ROLES: Mapping[str, frozenset[str]] = {
-    "viewer": frozenset((VIEW,)),
-    "operator": frozenset((VIEW, *OPERATOR)),
-    "catalogue manager": frozenset((VIEW, *MANAGER)),
-    "engineer": frozenset((VIEW, *ENGINEER)),
+    "viewer": frozenset(EVERYBODY),
+    "operator": frozenset((*EVERYBODY, *OPERATOR)),
+    "catalogue manager": frozenset((*EVERYBODY, *MANAGER)),
+    "engineer": frozenset((*EVERYBODY, *ENGINEER)),
     "admin": ALL,
 }
 

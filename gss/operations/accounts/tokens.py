@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 
 from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.accounts.identity import TOKEN_PREFIX, Who
-from gss.operations.accounts.permissions import checked_role, permissions_of
+from gss.operations.accounts.permissions import checked_role, permissions_of, roles_with
 from gss.operations.accounts.secrets import LONGEST, TOKEN_MARK, key_hash, new_token
 from gss.operations.clock import Now
 from gss.store import accounts as store
@@ -57,7 +57,7 @@ class TokenService:
                 f"the role {role} has not all of these permissions",
                 expected=f"some of {had}",
                 got=", ".join(strange)[:200],
-                hint="a role that has them; the token gets only what is named",
+                hint="; ".join(f"{word}: {' or '.join(roles_with(word)) or 'no role has it'}" for word in strange[:5]),
             )
         now, key = self._now(), new_token()
         with self._database.unit_of_work() as session:

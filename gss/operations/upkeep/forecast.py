@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path
 
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.retention import DAY, RetentionService
@@ -11,26 +13,30 @@ from gss.store import upkeep as store
 from gss.store.engine import Database
 
 LOOK_BACK_DAYS = 7
+YOUNGEST_DAYS = 1 / 24
+"""Below this a store's growth is its start, not its rate."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """``bytes_per_day``: over the last week, of what keeps growing under the policy in force. ``full_in_days`` None: it does not
-    grow, or retention holds it. ``next_removal`` None: nothing goes."""
+    """``bytes_per_day``: over the last week or the shorter life of the store, of what keeps growing under the policy in force;
+    None: too young to say. ``full_in_days`` None: that, or it does not grow, or retention holds it. ``backups_bytes``: of backups
+    on the same disk; somebody makes them, so they count as kept and not as growing. ``next_removal`` None: nothing goes."""
 
     database_bytes: int
     frames_bytes: int
     captures_bytes: int
+    backups_bytes: int
     free_bytes: int
     bytes_now: int
-    bytes_per_day: float
+    bytes_per_day: float | None
     full_in_days: float | None
     next_removal: datetime | None
     removable_bytes: int
 
 
-def forecast(database: Database, retention: RetentionService, disk: DiskGuard) -> Forecast:
-    """Look at the store as it is."""
+def forecast(database: Database, retention: RetentionService, disk: DiskGuard, backups: Path) -> Forecast:
+    """Look at the store as it is. ``backups``: their folder."""
     at, policy = retention.now(), retention.policy()
     since = at - LOOK_BACK_DAYS * DAY
     with database.unit_of_work() as session:
@@ -42,15 +48,17 @@ def forecast(database: Database, retention: RetentionService, disk: DiskGuard) -
     files = retention.capture_files()
     captured = sum(path.stat().st_size for path in files)
     new_captures = sum(path.stat().st_size for path in files if path.stat().st_mtime >= since.timestamp())
-    # A young installation has not run for a week: its growth is over the days that it has.
-    days = LOOK_BACK_DAYS if first is None else min(LOOK_BACK_DAYS, max(1.0, (at - first) / DAY))
-    grows = 0.0
+    # A young installation has not run for a week: its growth is over the time that it has.
+    days = LOOK_BACK_DAYS if first is None else min(LOOK_BACK_DAYS, (at - first) / DAY)
+    new = 0.0
     if not (policy.frames_gb or policy.frames_days):
-        grows += new_frames / days
+        new += new_frames
     if not policy.telemetry_days:
-        grows += used * (new_packets / packets if packets else 0.0) / days
+        new += used * (new_packets / packets if packets else 0.0)
     if captured < retention.capture_bytes():
-        grows += new_captures / days
+        new += new_captures
+    grows = new / days if days >= YOUNGEST_DAYS else None
+    backed = _bytes_beside(backups, disk.folder)
     free = disk.look().free_bytes
     room = max(0, free - disk.stop_bytes)
     going = list(retention.going(policy, at))
@@ -58,13 +66,25 @@ def forecast(database: Database, retention: RetentionService, disk: DiskGuard) -
         used,
         frames,
         captured,
+        backed,
         free,
-        used + frames + captured,
+        used + frames + captured + backed,
         grows,
-        room / grows if grows > 0 else None,
+        room / grows if grows else None,
         at if going else _next(at, policy.frames_days, oldest_frame, policy.telemetry_days, oldest_packet),
         sum(pixels.size for pixels in going),
     )
+
+
+def _bytes_beside(folder: Path, other: Path) -> int:
+    """Bytes of everything in a folder, 0 where it is missing or on another disk than ``other``."""
+    if not folder.is_dir() or folder.stat().st_dev != other.stat().st_dev:
+        return 0
+    total = 0
+    for path in folder.rglob("*"):
+        with contextlib.suppress(FileNotFoundError):  # a backup that is pruned meanwhile
+            total += path.lstat().st_size if path.is_file() else 0
+    return total
 
 
 def _next(

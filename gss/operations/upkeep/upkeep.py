@@ -41,4 +41,4 @@ class Upkeep:
 
     def forecast(self) -> Forecast:
         """What is on the disk, and when it is full."""
-        return forecast(self.database, self.retention, self.disk)
+        return forecast(self.database, self.retention, self.disk, self.backups.folder)

@@ -36,7 +36,7 @@ def test_a_token_is_known_by_its_hash_until_its_end(accounts, database, clock):
 
 def test_scopes_narrow_a_token_and_never_widen_it(accounts):
     """Only permissions of the role can be asked for."""
-    made = accounts.tokens.add("metrics", "admin", 1, by="ann", scopes=["metrics"])
+    made = accounts.tokens.add("metrics", "viewer", 1, by="ann", scopes=["metrics"])
     who = accounts.who_has_token(made.key, "a")
     assert who.permissions == {"metrics"}
     with pytest.raises(BadInput, match="not all"):

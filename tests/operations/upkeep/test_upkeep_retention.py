@@ -138,14 +138,31 @@ def test_the_forecast_says_when_the_disk_is_full_and_what_goes_next(store):
     for k in range(7):
         store.add_frame(bytes([k]) * 1_000_000, age_days=k + 0.5)
     store.room[0] = store.disk.stop_bytes + 10_000_000
-    first = forecast(store.database, store.retention, store.disk)
+    first = forecast(store.database, store.retention, store.disk, store.backups.folder)
     assert first.bytes_per_day == pytest.approx(1e6, rel=0.2)
     assert first.full_in_days == pytest.approx(10, rel=0.25)
     assert (first.next_removal, first.removable_bytes) == (None, 0)
     store.retention.choose(Policy(frames_days=20, telemetry_days=9, keep_frames=0), user="ann")
-    second = forecast(store.database, store.retention, store.disk)
+    second = forecast(store.database, store.retention, store.disk, store.backups.folder)
     assert second.full_in_days is None
     assert second.next_removal == store.clock() + timedelta(days=13.5)
+
+
+def test_a_young_store_is_judged_by_the_time_it_has_and_a_new_one_not_at_all(store, bus, clock):
+    """Half a day's growth is half a day's; in the first hour nothing is said. Backups are kept, too."""
+    bus.record("server", "ok", "started")
+    store.add_frame(b"a" * 1_000_000, age_days=0)
+    clock.forward(840)
+    new = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    assert (new.bytes_per_day, new.full_in_days) == (None, None)
+    clock.forward(43200 - 840)
+    young = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    assert young.bytes_per_day == pytest.approx(2e6, rel=0.01)
+    assert young.backups_bytes == 0
+    store.backups.make()
+    later = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    assert later.backups_bytes > 1_000_000
+    assert later.bytes_now == later.database_bytes + later.frames_bytes + later.captures_bytes + later.backups_bytes
 
 
 def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, clock):

@@ -5600,7 +5600,8 @@ export interface components {
         };
         /**
          * ForecastOut
-         * @description What is on the disk and how it grows. ``full_in_days`` null: it does not grow.
+         * @description What is on the disk and how it grows. ``bytes_per_day`` null: too young to say; ``full_in_days`` null: that, or it does not
+         *     grow.
          */
         ForecastOut: {
             /** Database Bytes */
@@ -5609,12 +5610,14 @@ export interface components {
             frames_bytes: number;
             /** Captures Bytes */
             captures_bytes: number;
+            /** Backups Bytes */
+            backups_bytes: number;
             /** Free Bytes */
             free_bytes: number;
             /** Bytes Now */
             bytes_now: number;
             /** Bytes Per Day */
-            bytes_per_day: number;
+            bytes_per_day: number | null;
             /** Full In Days */
             full_in_days: number | null;
             /** Next Removal */

@@ -32,7 +32,7 @@ export const WORDS: Record<string, [string, readonly string[]]> = {
   'admin.health': ['reading the health page', []],
   'admin.retention': ['storage and retention', []],
   'admin.backup': ['backups', []],
-  metrics: ['reading the metrics', []],
+  metrics: ['reading the metrics', ['viewer', 'operator', 'catalogue manager', 'engineer']],
 };
 
 export function article(role: string): string {
