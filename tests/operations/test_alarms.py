@@ -260,3 +260,14 @@ def test_own_limits_hold_until_they_are_taken_back_and_who_did_it_is_on_record(r
         book.override(key, own, 0, user="ann")
     with pytest.raises(BadInput, match="hold nothing"):
         book.override(key, Limits((2, 1)), 1, user="ann")
+
+
+def test_what_is_outside_now_comes_before_what_is_back(room):
+    """A critical alarm whose value is back, not yet seen, stands behind a watch whose value is still out."""
+    room.hear(*[70] * 4, *[20] * 3, stars_matched=10)
+    assert room.only().row.state == "cleared"
+    room.hear(*[20] * 4, stars_matched=3)
+    assert [(v.row.field, v.row.state) for v in room.alarms.opened()] == [
+        ("stars_matched", "raised"),
+        (FIELD, "cleared"),
+    ]

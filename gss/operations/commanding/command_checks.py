@@ -101,8 +101,15 @@ def precondition_states(command: Command, housekeeping: Mapping[str, Value] | No
     states = []
     for condition in command.preconditions:
         value = None if housekeeping is None else housekeeping.get(condition.field)
-        states.append(PreconditionState(condition.text, condition.met(housekeeping), words(value)))
+        states.append(PreconditionState(condition.text, condition.met(housekeeping), _now(condition.field, value)))
     return tuple(states)
+
+
+def _now(field: str, value: Value | None) -> str:
+    """The value in words; a flag by its own name: "running", "not running" of ``cycle_running``."""
+    if isinstance(value, bool):
+        return ("" if value else "not ") + field.rsplit("_", 1)[-1]
+    return words(value)
 
 
 def check_unit(command: Command, hello: HelloReceived | None) -> None:

@@ -308,10 +308,11 @@ class AlarmService:
             return self.view(store.get(session, alarm_id))
 
     def opened(self) -> list[AlarmView]:
-        """Open alarms, the worst first, then the oldest."""
+        """Open alarms: those outside their limits now before those that are back, each the worst first, then the oldest."""
         with self._lock:
             rows = list(self._open.values())
-        return [self.view(r) for r in sorted(rows, key=lambda r: (-ORDER[State(r.worst)], r.raised, r.id))]
+        rows.sort(key=lambda r: (r.state == "cleared" and r.packet != EVENT, -ORDER[State(r.worst)], r.raised, r.id))
+        return [self.view(r) for r in rows]
 
     def newest(self, limit: int) -> list[AlarmView]:
         """Newest alarms first, closed ones too."""

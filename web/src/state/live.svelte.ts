@@ -1,6 +1,7 @@
 /** What the whole console knows: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
 import { api, ApiError } from '../api/client';
 import type * as T from '../api/types';
+import { byUrgency } from '../lib/alarms';
 import { session } from './session.svelte';
 import { Stream } from './stream';
 import { toast } from './toasts.svelte';
@@ -24,7 +25,7 @@ class Live {
   sparks = $state<Record<string, (number | null)[]>>({});
   commands = $state<T.Command[]>([]);
   authority = $state<T.Authority | null>(null);
-  /** Open alarms as the server sorts them: worst first. */
+  /** Open alarms: outside their limits now first, the worst of them first. */
   alarms = $state<T.AlarmRow[]>([]);
   runs = $state<T.StackRun[]>([]);
   schedule = $state<T.Schedule | null>(null);
@@ -48,6 +49,7 @@ class Live {
   offlineSince = $state<number | null>(null);
   filled = $state('');
   clockSkewMs = 0;
+  private dictionaryTurn = 0;
 
   /** By plain name; housekeeping wins where several packets carry the same field. */
   readonly byName = $derived(new Map([...this.values].sort((a, b) => Number(a.packet === 'housekeeping') - Number(b.packet === 'housekeeping')).map((v) => [bare(v), v])));
@@ -86,8 +88,11 @@ class Live {
   private putLink(link: T.Link): void {
     this.clockSkewMs = Date.parse(link.utc) - Date.now();
     const changed = this.link?.device_dictionary_hash !== link.device_dictionary_hash || this.link?.dictionary_hash !== link.dictionary_hash;
+    const before = this.link;
     this.link = link;
-    if (changed && this.dictionary?.hash !== link.dictionary_hash) void this.loadDictionary();
+    const state = before !== null && (before.cycle_running !== link.cycle_running || before.mode !== link.mode || before.connected !== link.connected);
+    /* The commands' preconditions come with the dictionary, as they are at that moment: they turn with the mode and the cycle. */
+    if (state || (changed && this.dictionary?.hash !== link.dictionary_hash)) void this.loadDictionary();
   }
 
   private putTelemetry(latest: T.Latest): void {
@@ -101,8 +106,7 @@ class Live {
   private putAlarm(alarm: T.AlarmRow): void {
     const before = this.alarms.find((a) => a.id === alarm.id);
     const rest = this.alarms.filter((a) => a.id !== alarm.id);
-    const rank = ['critical', 'warning', 'watch', 'ok'];
-    this.alarms = alarm.state === 'closed' ? rest : [...rest, alarm].sort((a, b) => rank.indexOf(a.worst) - rank.indexOf(b.worst) || b.id - a.id);
+    this.alarms = alarm.state === 'closed' ? rest : byUrgency([...rest, alarm]);
     if (!before && alarm.state === 'raised' && alarm.worst !== 'watch') toast(alarm.worst === 'critical' ? 'critical' : 'warning', alarm.text, `alarm ${alarm.id}`);
   }
 
@@ -134,7 +138,9 @@ class Live {
   }
 
   async loadDictionary(): Promise<void> {
-    this.dictionary = await api.dictionary().catch(() => this.dictionary);
+    const turn = ++this.dictionaryTurn;
+    const read = await api.dictionary().catch(() => null);
+    if (read && turn === this.dictionaryTurn) this.dictionary = read;
   }
 
   async load(): Promise<void> {
@@ -147,7 +153,7 @@ class Live {
       api.cycles(12).then((v) => { this.cycles = v; }),
       api.transfers(20).then((v) => { this.transfers = v; }),
       api.authority().then((v) => { this.authority = v; }),
-      api.alarms(true).then((v) => { this.alarms = v; }),
+      api.alarms(true).then((v) => { this.alarms = byUrgency(v); }),
       api.stackRuns().then((v) => { this.runs = v; }),
       api.schedule().then((v) => { this.schedule = v; }),
       api.tablesOnBoard().then((v) => { this.onBoardTables = v; }),
