@@ -69,7 +69,6 @@ def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
     page.keyboard.press("ArrowUp")
     expect(line).to_have_value("SET_EXPOSURE 240")
     page.keyboard.press("Escape")
-    page.keyboard.press("Escape")
     expect(page.get_by_test_id("command-line")).to_have_count(0)
 
 

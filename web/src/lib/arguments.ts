@@ -32,6 +32,11 @@ export function parse(a: Argument, text: string): { value: ArgumentValue | null;
 
 const UNIT_SUFFIX = /_(s|ms|us|dn|px|c|v|ma|hz|deg|mag)$/;
 
+/** An argument's name in words, without the unit that stands beside its value: "bit error rate", "duration". */
+export function nameInWords(a: Pick<Argument, 'name' | 'unit'>): string {
+  return (a.unit ? a.name.replace(UNIT_SUFFIX, '') : a.name).replace(/_/g, ' ').replace(/^./, (c) => c.toUpperCase());
+}
+
 /** The telemetry value that shows what the device now has for an argument: same name, with or without its unit. */
 export function onBoard(a: Argument, values: ReadonlyMap<string, Value>): Value | null {
   const bare = a.name.replace(UNIT_SUFFIX, '');

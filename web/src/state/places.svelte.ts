@@ -33,6 +33,7 @@ class Places {
     ...PAGES.filter((p) => !p.permission || session.can(p.permission)).map((p) => ({ kind: 'page', text: p.name, note: `g ${p.letter}`, run: to(p.path) })),
     { kind: 'page', text: 'Build a catalogue', note: 'Catalogues', run: to('/catalogues/new') },
     { kind: 'page', text: 'Design a camera', note: 'Catalogues', run: to('/catalogues/design') },
+    { kind: 'page', text: 'Alarms', note: 'Telemetry, Monitor', run: to('/telemetry') },
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
     ...live.alarms.map((a) => ({ kind: 'alarm', text: a.title || a.field, note: a.limit_text || a.text, state: lampOf(a.level), run: to(`/telemetry?plot=${a.packet}.${a.field}`) })),
     ...(live.dictionary?.commands ?? []).map((c) => ({ kind: 'command', text: c.name, note: c.purpose, run: to(`/commands?command=${c.name}`) })),
