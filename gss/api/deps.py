@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -47,6 +48,17 @@ def _user(who: Who) -> str:
 
 User = Annotated[str, Depends(_user)]
 """Name of who asks."""
+
+
+def _deed(request: Request) -> Callable[..., None]:
+    def tell(*words: object) -> None:
+        request.state.detail = " ".join(str(word) for word in words if word not in ("", None))
+
+    return tell
+
+
+Deed = Annotated[Callable[..., None], Depends(_deed)]
+"""Tells the audit record what exactly is asked for, before it is tried. Chosen words only: never a password, key or link."""
 
 
 # --- what it needs ------------------------------------------------------------------------------------------------

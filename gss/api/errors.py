@@ -68,7 +68,8 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(GssError)
     def known(request: Request, error: GssError) -> JSONResponse:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
-        request.state.detail = error.message  # for the audit record
+        deed = getattr(request.state, "detail", "")
+        request.state.detail = f"{deed}: {error.message}" if deed else error.message  # for the audit record
         wait_s = error.retry_after_s if isinstance(error, TooOften) else 0.0
         return problem(status, error.message, error.expected, error.got, error.hint, retry_after_s=wait_s)
 

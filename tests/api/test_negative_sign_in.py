@@ -278,6 +278,25 @@ def test_a_token_is_shown_once(services: Services, stranger: TestClient) -> None
     assert key not in "".join(services.audit.export("jsonl"))
 
 
+def test_the_record_says_what_was_done_and_no_secret(services: Services, stranger: TestClient) -> None:
+    """Which command with what, whose role, which token, which policy; a deed that fails says what was tried and why not."""
+    sign_in(stranger)
+    stranger.post("/api/commands", json={"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 150}})
+    failed = newest(services, "commands.send_command")
+    assert failed.detail.startswith("SET_EXPOSURE exposure_ms=150: ")
+    made = stranger.post("/api/users", json={"name": "dee", "role": "viewer"}).json()
+    assert newest(services, "users.add_user").detail == "dee as viewer"
+    stranger.put(f"/api/users/{made['user']['id']}", json={"role": "engineer", "enabled": False})
+    assert newest(services, "users.change_user").detail == "dee from viewer to engineer switched off"
+    stranger.post("/api/tokens", json={"name": "prom", "role": "viewer", "days": 1, "scopes": ["metrics"]})
+    assert newest(services, "tokens.add_token").detail == "prom as viewer for 1 days, only metrics"
+    stranger.put("/api/admin/retention", json={"frames_days": 30})
+    assert newest(services, "upkeep.choose_retention").detail == "frames_days from 0 to 30"
+    stranger.post("/api/authority/break", json={"reason": "pass begins"})
+    assert newest(services, "authority.break_authority").detail.startswith("of nobody, pass begins: ")
+    assert made["link"].split("#")[1] not in "".join(services.audit.export("jsonl"))
+
+
 def test_every_deed_denial_and_export_is_on_the_record(services: Services, stranger: TestClient, address: str) -> None:
     """Who, what, from where, how it ended; looking is not; strangers' knocking is counted and not written each time."""
     knocks = services.audit.verify().rows

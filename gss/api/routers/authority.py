@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App, User, need
+from gss.api.deps import App, Deed, User, need
 from gss.api.schemas.authority import AuthorityOut, BreakIn
 
 router = APIRouter(tags=["authority"])
@@ -30,6 +30,7 @@ def release_authority(app: App, user: User) -> AuthorityOut:
 
 
 @router.post("/authority/break", dependencies=[need("authority.break")])
-def break_authority(app: App, user: User, body: BreakIn) -> AuthorityOut:
+def break_authority(app: App, user: User, body: BreakIn, deed: Deed) -> AuthorityOut:
     """Take it from its holder, with a reason."""
+    deed(f"of {app.authority.holder() or 'nobody'}, {body.reason}")
     return present.authority.authority(app.authority.break_(user, body.reason), user)

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, need
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
@@ -99,8 +99,9 @@ def abort(app: App, user: User) -> CommandOut:
 
 
 @router.post("/commands", status_code=201, dependencies=[need("command")])
-def send_command(app: App, body: CommandIn, user: User) -> CommandOut:
+def send_command(app: App, body: CommandIn, user: User, deed: Deed) -> CommandOut:
     """Queue a command."""
+    deed(body.name, *(f"{name}={value}" for name, value in body.arguments.items()))
     return _shown(app, app.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form"))
 
 
@@ -111,18 +112,21 @@ def read_command(app: App, command_id: RowId) -> CommandOut:
 
 
 @router.post("/commands/{command_id}/retry", dependencies=[need("command")])
-def retry_command(app: App, command_id: RowId, user: User) -> CommandOut:
+def retry_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
     """The same bytes with the same id, only while unknown."""
+    deed(app.commands.get(command_id).name)
     return _shown(app, app.commands.retry(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/withdraw", dependencies=[need("command")])
-def withdraw_command(app: App, command_id: RowId, user: User) -> CommandOut:
+def withdraw_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
     """Take a command back that still waits in the queue."""
+    deed(app.commands.get(command_id).name)
     return _shown(app, app.commands.withdraw(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/resolve", dependencies=[need("command")])
-def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User) -> CommandOut:
+def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User, deed: Deed) -> CommandOut:
     """Settle an unknown command with a note."""
+    deed(f"{app.commands.get(command_id).name}, {body.note}")
     return _shown(app, app.commands.resolve(command_id, body.note, user=user))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from gss.api.deps import App, RowId, Who, need
+from gss.api.deps import App, Deed, RowId, Who, need
 from gss.api.schemas.accounts import NewTokenOut, TokenIn, TokenOut
 
 router = APIRouter(prefix="/tokens", tags=["tokens"])
@@ -18,8 +18,10 @@ def list_tokens(app: App) -> list[TokenOut]:
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])
-def add_token(app: App, who: Who, body: TokenIn) -> NewTokenOut:
+def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
     """A new token; its key is shown this once. It can do no more than whoever makes it."""
+    only = f", only {', '.join(body.scopes)}" if body.scopes else ""
+    deed(f"{body.name} as {body.role} for {body.days:g} days{only}")
     who.require_all(body.role, body.scopes)
     made = app.accounts.tokens.add(
         body.name, body.role, body.days, by=who.name, owner_id=who.user_id, scopes=body.scopes
@@ -28,6 +30,6 @@ def add_token(app: App, who: Who, body: TokenIn) -> NewTokenOut:
 
 
 @router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])
-def revoke_token(app: App, token_id: RowId) -> None:
+def revoke_token(app: App, token_id: RowId, deed: Deed) -> None:
     """It is worth nothing from now on."""
-    app.accounts.tokens.revoke(token_id)
+    deed(app.accounts.tokens.revoke(token_id).name)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.deps import EXPORT, App, Deed, RowId, User, need
 from gss.api.schemas.frames import FrameOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.upkeep import (
@@ -49,8 +49,11 @@ def read_retention(app: App) -> RetentionOut:
 
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
-def choose_retention(app: App, user: User, body: RetentionIn) -> RetentionOut:
+def choose_retention(app: App, user: User, body: RetentionIn, deed: Deed) -> RetentionOut:
     """From the next run on; nothing goes at once, except captures beyond their size."""
+    before, after = asdict(app.upkeep.retention.policy()), body.model_dump()
+    changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
+    deed(", ".join(changes) or "nothing changed")
     app.upkeep.retention.choose(Policy(**body.model_dump()), user=user)
     return _retention(app)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from gss.api.deps import App, RowId, User, Who, need
+from gss.api.deps import App, Deed, RowId, User, Who, need
 from gss.api.schemas.accounts import LinkedUserOut, SignInOut, UserChangeIn, UserIn, UserOut
 from gss.operations.accounts.users import Link
 from gss.store import models
@@ -20,21 +20,29 @@ def list_users(app: App) -> list[UserOut]:
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
-def add_user(app: App, user: User, body: UserIn) -> LinkedUserOut:
+def add_user(app: App, user: User, body: UserIn, deed: Deed) -> LinkedUserOut:
     """A new user, with the one-time link by which they set their password."""
+    deed(f"{body.name} as {body.role}")
     row = app.accounts.users.add(body.name, body.role, by=user)
     return _linked(row, app.accounts.users.password_link(row.id))
 
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
-def change_user(app: App, user_id: RowId, body: UserChangeIn) -> UserOut:
+def change_user(app: App, user_id: RowId, body: UserChangeIn, deed: Deed) -> UserOut:
     """Another role, on or off. It holds from the next request on; switching off ends all sessions."""
+    before = app.accounts.users.get(user_id)
+    deed(
+        before.name,
+        f"from {before.role} to {body.role}" if body.role else "",
+        "" if body.enabled is None else "switched on" if body.enabled else "switched off",
+    )
     return _user(app.accounts.users.change(user_id, role=body.role, enabled=body.enabled))
 
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
-def new_password_link(app: App, user_id: RowId) -> LinkedUserOut:
+def new_password_link(app: App, user_id: RowId, deed: Deed) -> LinkedUserOut:
     """A new one-time link for a user's password; those before are void."""
+    deed(app.accounts.users.get(user_id).name)
     link = app.accounts.users.password_link(user_id)
     return _linked(app.accounts.users.get(user_id), link)
 
