@@ -26,7 +26,7 @@ def test_one_holder_at_a_time(authority, clock):
     assert authority.take("ann").holder.holder == "ann"
     with pytest.raises(Conflict, match="held by ann") as caught:
         authority.take("bob")
-    assert caught.value.got == "ann"
+    assert str(caught.value).count("ann") == 1
     with pytest.raises(Conflict, match="held by ann"):
         authority.check("bob")
     authority.check("ann")
@@ -83,7 +83,7 @@ def test_only_the_holder_releases(authority):
     authority.take("ann")
     with pytest.raises(Conflict) as caught:
         authority.release("bob")
-    assert caught.value.got == "ann"
+    assert str(caught.value).count("ann") == 1
 
 
 def test_two_first_commands_at_once_have_one_winner(authority):

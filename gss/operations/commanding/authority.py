@@ -130,5 +130,5 @@ def checked_user(user: str) -> str:
 
 def _held_by(holder: str) -> Conflict:
     return Conflict(
-        f"command authority is held by {holder}", got=holder, hint="ask for its release, or break it with a reason"
+        f"command authority is held by {holder}", hint="ask for its release, or break it with a reason in the header"
     )

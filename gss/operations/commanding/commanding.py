@@ -105,8 +105,7 @@ class CommandService:
         trials: list[Callable[[], None]] = [lambda: check_unit(definition, self._link.hello)]
         if name != "ABORT":
             trials += [
-                lambda: self.check_permitted(user, name, arguments),
-                lambda: self._authority.check(user),
+                lambda: self._check_commander(user, name, arguments),
                 lambda: self._link.session.check_allowed(name),
             ]
         for trial in trials:
@@ -129,6 +128,11 @@ class CommandService:
         if name != "ABORT":
             for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
                 self.permits(user, f"command.{subsystem}")
+
+    def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
+        """One reason is enough: who may never send it need not hear who holds the authority."""
+        self.check_permitted(user, name, arguments)
+        self._authority.check(user)
 
     def check_user(self, user: str) -> None:
         """Conflict while somebody else holds command authority."""
@@ -160,8 +164,7 @@ class CommandService:
         if name == "ABORT":
             return self.abort(user=user, source=source)
         if source != SERVER:
-            self.check_permitted(user, name, arguments)
-            self._authority.check(user)
+            self._check_commander(user, name, arguments)
         check_unit(definition, self._link.hello)
         self.preview(name, arguments)
         check_confirmation(risk_of(self._link.dictionary, definition, arguments), confirm)
