@@ -173,11 +173,14 @@ def test_results_of_a_stopped_cycle_are_not_held_against_the_sensor(room):
 
 
 def test_a_cycle_that_has_just_started_is_not_blamed_for_having_found_nothing(room):
-    """Running, but no iteration yet: the zeros are those of a sensor at rest; one iteration later they count."""
+    """Running, but no iteration yet: the zeros are those of a sensor at rest. The first one looks where the sensor pointed before
+    the rest, and may miss; after the second they count."""
     room.hear(20, centroids_found=0, cycle_running=False, iteration=7)
     room.hear(20, 20, centroids_found=0, iteration=7)
     assert room.alarms.opened() == []
-    room.hear(20, centroids_found=0, iteration=8)
+    room.hear(20, centroids_found=0, attitude_age_s=45.13, match_confidence=0.0, iteration=8)
+    assert room.alarms.opened() == []
+    room.hear(20, centroids_found=0, iteration=9)
     assert room.only().row.field == "centroids_found"
 
 

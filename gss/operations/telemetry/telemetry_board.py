@@ -58,7 +58,7 @@ class TelemetryBoard:
         self._runs: dict[Key, Persistence] = {}
         self._samples: dict[Key, State] = {}
         self._unjudged: set[Key] = set()
-        self._idle_iteration: Any = None
+        self._unfair: tuple[Any, ...] = ()
         self._lock = threading.RLock()
 
     def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
@@ -67,7 +67,8 @@ class TelemetryBoard:
         with self._lock:
             self._latest[packet.packet] = (at, packet)
             if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
-                self._idle_iteration = packet.values.get("iteration")
+                at_rest = packet.values.get("iteration")
+                self._unfair = (at_rest, at_rest + 1) if isinstance(at_rest, int) else (at_rest,)
             iterating = self._iterating()
             found = [self._judge(packet, field, iterating) for field in definition.values]
         return [judgement for judgement in found if judgement is not None]
@@ -94,13 +95,13 @@ class TelemetryBoard:
         return Judgement(packet.packet, field, float(value), run.counted, rule)
 
     def _iterating(self) -> bool:
-        """Results and timing of iterations are judged only while the cycle runs and has come to a result: a sensor at rest
-        finds no stars."""
+        """Results and timing of iterations are judged only while the cycle runs and has come to a result of its own: a sensor at
+        rest finds no stars, and the first iteration after a rest may look where the sensor pointed before it."""
         housekeeping = self.latest("housekeeping")
         if housekeeping is None or not housekeeping[1].values.get("cycle_running"):
             return False
         iteration = housekeeping[1].values.get("iteration")
-        return iteration is None or iteration != self._idle_iteration
+        return iteration is None or iteration not in self._unfair
 
     def seed(self, key: Key, counted: State) -> None:
         """Go on from what counted before a restart."""
