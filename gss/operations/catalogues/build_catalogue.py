@@ -109,8 +109,9 @@ class CatalogueService:
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
         """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
         is refused at once."""
+        request, _ = self._with_bank(request)
         work = self._work(request, asked, user)
-        kept = {"asked": dict(asked), "user": user, "at": self._now().isoformat()}
+        kept = {"asked": dict(asked), "user": user, "at": self._now().isoformat(), "bank_bytes": request.bank_bytes}
         return self._jobs.begin("catalogue", f"build {request.name or 'catalogue'}", kept, work)
 
     def _again(self, run: Run) -> dict[str, Any]:
@@ -118,6 +119,7 @@ class CatalogueService:
         if self.words is None:
             raise BadInput("nobody here reads the builder's words", hint="build it again on the Catalogues page")
         request = self.words(asked, user, datetime.fromisoformat(run.request["at"]))
+        request = replace(request, bank_bytes=run.request.get("bank_bytes", request.bank_bytes))
         return self._work(request, asked, user)(run)
 
     def _work(self, request: BuildRequest, asked: Mapping[str, Any], user: str) -> Resumable:
