@@ -90,6 +90,14 @@ def test_a_stale_attitude_ages_while_iterations_go_on(bench: Bench) -> None:
     assert float(bench.status()["attitude_age_s"]) < 3.0
 
 
+def test_a_fault_without_a_size_has_the_usual_one(bench: Bench) -> None:
+    """The form offers 0: it must do something, and say what."""
+    before = float(bench.status()["sensor_temperature_c"])
+    bench.do("SIM_INJECT", fault="overheat")
+    bench.run(2.0)
+    assert float(bench.status()["sensor_temperature_c"]) == pytest.approx(before + 30.0, abs=2.0)
+
+
 def test_the_clock_drifts_and_jumps(bench: Bench) -> None:
     """A thousand parts per million are a millisecond per second; a jump is told, and time does not run below zero."""
 
@@ -151,7 +159,7 @@ def test_a_watchdog_reset_comes_at_once(bench: Bench) -> None:
         ("bank_corruption", -1),
         ("overheat", 151),
         ("clock_drift", 2e5),
-        ("false_stars", 0),
+        ("false_stars", -1),
         ("false_stars", 501),
     ],
 )

@@ -26,6 +26,8 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "clock_jump": (-1.0e6, 1.0e6),
     "false_stars": (1, 500),
 }
+USUAL: Mapping[str, float] = {"overheat": 30.0, "clock_drift": 100.0, "clock_jump": 10.0, "false_stars": 20.0}
+"""What 0 stands for where a fault of no size would be none: °C, parts per million, seconds, stars."""
 FLIPPED_BITS = 3
 CONTROL = {"orbit": "zenith", "inertial": "inertial", "slew": "slew", "tumble": "tumble", "earth_fixed": "ground"}
 STALL_S = 0.5
@@ -108,7 +110,8 @@ class Training:
             self._outbox.event("TRAINING", f"{fault} is over")
 
     def inject(self, fault: str, value: float = 0.0, duration_s: float = 0.0, request_id: int = 0) -> None:
-        """Make one thing go wrong now; Refusal where the value makes no sense."""
+        """Make one thing go wrong now; Refusal where the value makes no sense. 0 is the usual size."""
+        value = value or USUAL.get(fault, 0.0)
         if fault in LIMITS:
             low, high = LIMITS[fault]
             if not low <= value <= high:
