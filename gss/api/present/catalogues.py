@@ -98,7 +98,8 @@ def diff(found: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
 
 def _reference(row: Catalogue) -> CatalogueRefOut:
     names = "id name profile format sha256 stars pairs"
-    return CatalogueRefOut(**{name: getattr(row, name) for name in names.split()}, bytes=row.size)
+    values = {name: getattr(row, name) for name in names.split()}
+    return CatalogueRefOut(**values, bytes=row.size, epoch_jyear=row.manifest.get("epoch_jyear"))
 
 
 def _stars(hips: Ids, where: OnboardCatalogue, known: StarTable, **more: dict[int, float]) -> list[ChangedStarOut]:

@@ -31,7 +31,7 @@ class CoverageOut(Out):
 
 
 class CatalogueRefOut(Out):
-    """Which catalogue."""
+    """Which catalogue. ``epoch_jyear``: when its stars are where it has them."""
 
     id: int
     name: str
@@ -41,6 +41,7 @@ class CatalogueRefOut(Out):
     stars: int
     pairs: int
     bytes: int
+    epoch_jyear: float | None
 
 
 class CatalogueDiffOut(Out):

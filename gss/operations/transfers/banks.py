@@ -142,11 +142,19 @@ class BankService:
 
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
-    """Hipparcos number of each row: the brightest star within 5′, which covers 60 years of α Centauri."""
+    """Hipparcos number of each row: the brightest star within 5′, which covers 60 years of α Centauri, that no other row is.
+    The two of a pair fall to the rows by brightness, or in their order, which is that of brightness, where the format has none."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
-    return [int(stars.hip[min(near, key=lambda k: stars.v_mag[k])]) if near else UNKNOWN_HIP for near in near_rows]
+    found, taken = [UNKNOWN_HIP] * len(bank), set[int]()
+    for row in np.argsort(np.nan_to_num(bank.v_mag, nan=0.0), kind="stable"):
+        free = [k for k in near_rows[row] if k not in taken]
+        if free:
+            k = min(free, key=lambda k: stars.v_mag[k])
+            taken.add(k)
+            found[row] = int(stars.hip[k])
+    return found
 
 
 def days_left(valid_to: datetime | None, now: datetime) -> float | None:

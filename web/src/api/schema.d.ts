@@ -4373,7 +4373,7 @@ export interface components {
         };
         /**
          * CatalogueRefOut
-         * @description Which catalogue.
+         * @description Which catalogue. ``epoch_jyear``: when its stars are where it has them.
          */
         CatalogueRefOut: {
             /** Id */
@@ -4392,6 +4392,8 @@ export interface components {
             pairs: number;
             /** Bytes */
             bytes: number;
+            /** Epoch Jyear */
+            epoch_jyear: number | null;
         };
         /**
          * CellsOut
