@@ -61,9 +61,13 @@ def build(root: Path = ROOT) -> bool:
     lock_stamp = web / "node_modules" / ".installed-from"
     lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
     if not lock_stamp.exists() or lock_stamp.read_text() != lock:
-        subprocess.run([*npm, "ci", "--no-audit", "--no-fund"], cwd=web, check=True, env=environment)
+        print("fetching what the pages are built with (once) …", flush=True)
+        subprocess.run(
+            [*npm, "ci", "--no-audit", "--no-fund", "--loglevel", "error"], cwd=web, check=True, env=environment
+        )
         lock_stamp.write_text(lock)
-    subprocess.run([*npm, "run", "build"], cwd=web, check=True, env=environment)
+    print("building the pages …", flush=True)
+    subprocess.run([*npm, "run", "--silent", "build", "--", "--logLevel", "warn"], cwd=web, check=True, env=environment)
     _lay_out_fonts(web)
     _lay_out_tokens(web)
     stamp.write_text(wanted)

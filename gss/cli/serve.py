@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 import socket
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise BadInput("a setting cannot be used", got=" ".join(str(error).split()), hint="gss serve --help") from None
     check_exposure(settings)
+    more = f" with API workers ({settings.workers})" if settings.workers else ""
+    print(f"starting{more} …", file=sys.stderr, flush=True)
     os.umask(0o077)  # what the server writes is its owner's alone
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))
@@ -70,7 +73,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     import uvicorn
 
     from gss.api.app import create_app
-    from gss.api.serving import greeting, uvicorn_options
+    from gss.api.serving import greeting, say_stopping, uvicorn_options
     from gss.wiring import build
 
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
@@ -83,6 +86,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
         """Ends the event streams as soon as a signal comes; uvicorn alone would wait for them and then cut them off."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            say_stopping()
             services.announce_stop()
             super().handle_exit(sig, frame)
 

@@ -12,6 +12,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
+from gss.api.serving import say_stopping
 from gss.api.workers.crew import Crew, Order, private_socket
 from gss.api.workers.upstream import PrivateDoor
 from gss.settings import Settings
@@ -65,6 +66,7 @@ class LinkServer(uvicorn.Server):
         if self._leaving is not None:
             super().handle_exit(signal.SIGINT, frame)
             return
+        say_stopping()
         self._services.announce_stop()
         self._leaving = threading.Thread(target=self._leave, args=(sig, frame), name="leave", daemon=True)
         self._leaving.start()
