@@ -213,19 +213,22 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)
     darks = DarkFrames(blobs)
+    epoch_jyear = jyear_of(utc_now())
     solver = Solver(
         SolverCache(stars, folder=settings.data / "figures"),
         stopwatch_s,
-        epoch_jyear=jyear_of(utc_now()),
+        epoch_jyear=epoch_jyear,
         profiles=book.profile,
         dark=darks.pattern,
     )
-    frames = FrameService(database, blobs, bus, solver, stars, utc_now, settings.solve_chain)
+    # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
+    frames = FrameService(
+        database, blobs, bus, solver, solver.cache.stars(epoch_jyear), utc_now, settings.solve_chain
+    )
     banks = BankService(database, blobs, bus, stars, utc_now)
     bank_history = BankHistoryService(link, database, utc_now)
     bank_history.planners += [uploads(transfers, database), activations(schedule)]
     jobs = JobService(database, bus, utc_now)
-    epoch_jyear = jyear_of(utc_now())
     executor = make_executor(settings.cluster, WORKERS)
     campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
     reprocessing = ReprocessService(
