@@ -222,9 +222,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         dark=darks.pattern,
     )
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
-    frames = FrameService(
-        database, blobs, bus, solver, solver.cache.stars(epoch_jyear), utc_now, settings.solve_chain
-    )
+    frames = FrameService(database, blobs, bus, solver, solver.cache.stars(epoch_jyear), utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
     bank_history = BankHistoryService(link, database, utc_now)
     bank_history.planners += [uploads(transfers, database), activations(schedule)]
