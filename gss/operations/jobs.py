@@ -30,6 +30,21 @@ ALWAYS = ("retention", "check-store")
 """What makes room or only looks is never refused for want of it."""
 RESUMABLE_KINDS = KINDS + UPKEEP_KINDS
 """What is made from its stored request alone; each is registered by the service that does it."""
+PERMISSIONS = {
+    "experiments": "campaigns",
+    "campaign": "campaigns",
+    "reprocess": "campaigns",
+    "catalogue": "catalogues.build",
+    "design": "analyse",
+    "calibration": "calibrate",
+    "analysis": "analyse",
+    "backup": "admin.backup",
+    "retention": "admin.retention",
+    "check-store": "admin.health",
+}
+"""What one must be allowed to order work of a kind: the same as on the route that starts it first."""
+UNKNOWN_KIND = "admin.users"
+"""Of a kind that is not known here: an admin's."""
 
 
 class Cancelled(Exception):
@@ -69,6 +84,8 @@ class JobService:
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, Resumable] = {}
         self._stopping = False
+        self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
+        """By kind: what of a stored request is asked anew when its job is started again, because it may be out of force."""
         self.room: Callable[[str], None] = lambda _what: None
         """Asked before a job is queued; raises where there is no room for what it makes."""
 
@@ -115,8 +132,8 @@ class JobService:
         self._queue(job.id, work or self._kinds[kind])
         return job
 
-    def again(self, job_id: int) -> Job:
-        """Start an ended job anew from its stored request; Conflict where its kind cannot be."""
+    def again(self, job_id: int, *, user: str) -> Job:
+        """Start an ended job anew from its stored request, in the name of ``user``; Conflict where its kind cannot be."""
         old = self.get(job_id)
         if not can_start_again(old) or old.kind not in self._kinds:
             raise Conflict(
@@ -124,7 +141,9 @@ class JobService:
                 expected="an ended job of a kind that is made from its stored request",
                 got=f"{old.kind}, {old.state}",
             )
-        return self.begin(old.kind, old.title, dict(old.request))
+        asker = {"user": user} if "user" in old.request else {}
+        fresh = self.renewals.get(old.kind, dict)()
+        return self.begin(old.kind, old.title, {**old.request, **fresh, **asker})
 
     def cancel(self, job_id: int) -> Job:
         """Ask a job to end; it does at its next report of progress."""
@@ -226,3 +245,13 @@ class JobService:
 def can_start_again(job: Job) -> bool:
     """Has it ended, and is its kind made from the stored request alone?"""
     return job.state in ENDED and job.kind in RESUMABLE_KINDS
+
+
+def permission_of(job: Job) -> str:
+    """What one must be allowed to start or end this job; its starter may end it anyway."""
+    return PERMISSIONS.get(job.kind, UNKNOWN_KIND)
+
+
+def started_by(job: Job, user: str) -> bool:
+    """Did this user start it?"""
+    return job.request.get("user") == user

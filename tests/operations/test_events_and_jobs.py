@@ -182,7 +182,7 @@ def test_a_job_that_kills_the_server_is_not_tried_for_ever(jobs, database, clock
     jobs.start()
     job = jobs.get(row.id)
     assert (job.state, "stopped 3 times" in job.text) == ("failed", True)
-    again = wait_for_end(jobs, jobs.again(job.id).id)
+    again = wait_for_end(jobs, jobs.again(job.id, user="ann").id)
     assert (again.id > job.id, again.state, again.result) == (True, "done", {"asked": {"a": 1}})
 
 

@@ -93,6 +93,9 @@ class RetentionService:
         self._link, self._lock, self._now = link, lock, now
         self.now = now
         jobs.resumable("retention", self.work)
+        # A policy that somebody took back must not remove anything once more.
+        jobs.renewals["retention"] = lambda: {"policy": asdict(self.policy())}
+        jobs.renewals["backup"] = lambda: {"keep": self.policy().backups_keep}
 
     def start(self) -> None:
         """Put the policy of the captures in force."""

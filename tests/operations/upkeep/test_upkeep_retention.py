@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import timedelta
 
 import pytest
@@ -206,3 +206,19 @@ def test_a_policy_that_cannot_be_is_refused():
     for wrong in ({"frames_days": -1}, {"telemetry_days": 5, "telemetry_thin_days": 5}, {"frames_gb": float("nan")}):
         with pytest.raises(BadInput):
             Policy(**wrong)
+
+
+def test_started_again_a_removal_and_a_backup_follow_the_policy_in_force(store):
+    """A strict policy that was taken back removes nothing through an old job; the new job is its asker's."""
+    for _ in range(3):
+        store.add_frame(b"x" * 10, age_days=9)
+    store.retention.choose(Policy(backups_keep=1), user="ann")
+    strict = store.jobs.begin(
+        "retention", "t", {"policy": asdict(Policy(frames_days=1, keep_frames=0)), "user": "ann"}, lambda run: {}
+    )
+    once = store.end(store.backups.start(keep=1, user="ann"))
+    store.end(strict)
+    store.retention.choose(Policy(), user="ann")
+    removal = store.end(store.jobs.again(strict.id, user="bob"))
+    assert (removal.request, removal.result["removed"]["frames"]) == ({"policy": asdict(Policy()), "user": "bob"}, 0)
+    assert store.end(store.jobs.again(once.id, user="bob")).request == {"keep": 0, "user": "bob"}
