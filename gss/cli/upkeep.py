@@ -139,6 +139,7 @@ def backup(arguments: argparse.Namespace) -> int:
 def restore(arguments: argparse.Namespace) -> int:
     """Verify, put in place, tell how to go on."""
     from gss.operations.clock import utc_now
+    from gss.operations.upkeep.restore import KEYS_ENDED
     from gss.operations.upkeep.restore import restore as put_back
     from gss.settings import Settings
 
@@ -152,6 +153,7 @@ def restore(arguments: argparse.Namespace) -> int:
         tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
     )
     print(f"{done.folder}: backup {done.manifest.name} of GSS {done.manifest.version}, {done.files} files")
+    print(KEYS_ENDED)
     print(f"Start it with: gss serve --data {done.folder}")
     return 0
 

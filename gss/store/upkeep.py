@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from gss.store.models import (
     Alarm,
     Analysis,
+    ApiToken,
     Base,
     Calibration,
     Catalogue,
@@ -21,6 +22,8 @@ from gss.store.models import (
     Event,
     Frame,
     Job,
+    OneTimeLink,
+    SignIn,
     StarList,
     TelemetryPacket,
     Transfer,
@@ -269,3 +272,13 @@ def oldest(session: Session) -> tuple[datetime | None, datetime | None, datetime
 def frame_count(session: Session) -> int:
     """Stored frames, with pixels or without."""
     return session.scalar(select(func.count()).select_from(Frame)) or 0
+
+
+# --- keys ---------------------------------------------------------------------------------------------------------
+
+
+def close_keys(session: Session, now: datetime, reason: str) -> None:
+    """Every sign-in, one-time link and token is worth nothing from now on; users and passwords stay."""
+    session.execute(update(SignIn).where(SignIn.ended.is_(None)).values(ended=now, end_reason=reason))
+    session.execute(update(OneTimeLink).where(OneTimeLink.used.is_(None)).values(used=now))
+    session.execute(update(ApiToken).where(ApiToken.revoked.is_(None)).values(revoked=now))

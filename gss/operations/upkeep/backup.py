@@ -11,14 +11,14 @@ import io
 import os
 import shutil
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import copy
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from gss import __version__
-from gss.domain.errors import BadInput, GssError, NotFound
+from gss.domain.errors import BadInput, CorruptData, GssError, NotFound
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
@@ -135,12 +135,17 @@ class BackupService:
             stored[path.name] = pool.put(data)
             kept[stored[path.name]] = len(data)
         progress(total, total, "sealing")
+        self._sync_pool(kept)
         return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Its size; None where it is missing or damaged at the source, which checking the store tells."""
+        """Its size; None where it is missing or damaged at the source, which checking the store tells. What earlier
+        backups brought is read again: a disk forgets, and nobody looks at it until it is needed."""
         if pool.exists(key):
-            return pool.size(key)
+            try:
+                return len(pool.get(key))
+            except CorruptData:
+                self._bus.record("upkeep", "warning", f"{key[:12]}… was damaged in the backups; it is copied again")
         self._disk.check("a backup")
         try:
             data = self._blobs.get(key)
@@ -149,6 +154,13 @@ class BackupService:
             return None
         pool.put(data)
         return len(data)
+
+    def _sync_pool(self, keys: Iterable[str]) -> None:
+        """What a manifest names is on the disk before the manifest is."""
+        pool = self._folder / POOL
+        files = [pool / key[:2] / key[2:] for key in keys]
+        for path in [*files, *{file.parent for file in files}, pool]:
+            _sync_one(path)
 
     def _free_name(self, at: datetime) -> str:
         name, k = f"{at:%Y-%m-%dT%H%M%SZ}", 1
@@ -248,8 +260,12 @@ def _sync(folder: Path) -> None:
     """The folder's entries and files are on the disk."""
     for path in [*folder.glob("*"), folder]:
         if path.is_file() or path == folder:
-            handle = os.open(path, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+            _sync_one(path)
+
+
+def _sync_one(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

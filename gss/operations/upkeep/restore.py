@@ -17,12 +17,18 @@ from gss.operations.clock import Now
 from gss.operations.upkeep.backup import POOL
 from gss.operations.upkeep.manifest import DATABASE, MANIFEST, SEAL, Manifest, read_manifest, sha256_of
 from gss.store import commands
+from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.dump import SQLITE, load
 from gss.store.engine import Database, known_schemas, migrate, open_engine
 
 NEW_IDS = 1_000_000
 """Commands that may have been sent since the backup: their ids must not be used again, the device remembers its last ones."""
+KEYS_ENDED = (
+    "All sessions are ended, one-time links void and tokens revoked; users and passwords are those of the backup. "
+    "Who was disabled, or given another role or password, after it was made is not known here: look at Admin, Users first."
+)
+"""What whoever restores must be told."""
 MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
@@ -146,11 +152,13 @@ def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_
 
 
 def _make_ready(url: str, now: Now) -> None:
-    """To the newest schema; and from here on command ids begin where none was used after the backup."""
+    """To the newest schema; from here on command ids begin where none was used after the backup, and no key opens anything:
+    which were revoked after the backup is not known."""
     migrate(url)
     database = Database(open_engine(url))
     try:
         with database.unit_of_work() as session:
             commands.skip_request_ids(session, NEW_IDS, now())
+            store.close_keys(session, now(), "restored from a backup")
     finally:
         database.close()

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import tarfile
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -13,17 +14,24 @@ from sqlalchemy import select
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, NotFound, StoreDown
 from gss.operations.jobs import Cancelled
+from gss.operations.upkeep import backup
 from gss.operations.upkeep.check_store import check_store
 from gss.operations.upkeep.restore import NEW_IDS, restore
 from gss.store import commands
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, open_engine
-from gss.store.models import Frame
+from gss.store.models import ApiToken, Event, Frame, OneTimeLink, SignIn, User
 
 
 def rows(database) -> list[tuple[int, str]]:
     with database.unit_of_work() as session:
         return [(f.id, f.sha256) for f in session.scalars(select(Frame).order_by(Frame.id))]
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
 
 
 def opened(folder: Path) -> Database:
@@ -72,6 +80,65 @@ def test_the_second_backup_copies_only_what_is_new_and_old_ones_go(store, clock,
     restore(tmp_path / "backups" / second.name, tmp_path / "new", clock)
 
 
+def test_a_file_that_rotted_in_the_backups_is_copied_again(store, clock, tmp_path):
+    """The next backup reads what earlier ones brought; a changed bit of the same size does not pass, and the record tells it."""
+    store.fill()
+    store.backups.make()
+    key = hashlib.sha256(bytes([1]) * 500).hexdigest()
+    flip(tmp_path / "backups" / "blobs" / key[:2] / key[2:])
+    clock.forward(60)
+    made = store.backups.make()
+    restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    assert BlobStore(str(tmp_path / "new" / "blobs")).get(key) == bytes([1]) * 500
+    with store.database.unit_of_work() as session:
+        told = [event.text for event in session.scalars(select(Event)) if "damaged in the backups" in event.text]
+    assert len(told) == 1
+    assert key[:12] in told[0]
+
+
+def test_everything_a_backup_names_is_on_the_disk_before_it_has_its_name(store, tmp_path, monkeypatch):
+    """Files and folders of the pool are synchronised, and only then the backup is renamed."""
+    store.fill()
+    synced, really = [], backup._sync_one
+
+    def sync(path):
+        synced.append((path, bool(store.backups.every())))
+        really(path)
+
+    monkeypatch.setattr(backup, "_sync_one", sync)
+    made = store.backups.make()
+    pool = tmp_path / "backups" / "blobs"
+    wanted = {pool / key[:2] / key[2:] for key in made.blobs}
+    assert wanted | {path.parent for path in wanted} | {pool} <= {path for path, named in synced if not named}
+
+
+def test_no_key_of_the_backup_opens_what_was_put_back(store, clock, tmp_path):
+    """What was revoked after the backup must not come to life: sessions are ended, links void, tokens revoked; users stay."""
+    at, later = clock(), clock() + timedelta(days=9)
+    with store.database.unit_of_work() as session:
+        user = User(name="ann", role="admin", enabled=True, password_hash="x", created=at, created_by="t")
+        session.add(user)
+        session.flush()
+        seen = {"last_seen": at, "end_reason": "", "address": "", "agent": ""}
+        session.add(SignIn(user_id=user.id, key_hash="s", created=at, expires=later, **seen))
+        session.add(OneTimeLink(kind="password", user_id=user.id, key_hash="l", created=at, expires=later))
+        names = {"name": "t", "role": "viewer", "scopes": [], "created_by": "ann"}
+        session.add(ApiToken(owner_id=user.id, key_hash="t", created=at, expires=later, **names))
+    made = store.backups.make()
+    clock.forward(60)
+    restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
+    database = opened(tmp_path / "new")
+    with database.unit_of_work() as session:
+        (sign_in,), (link,), (token,) = (
+            session.scalars(select(made)).all() for made in (SignIn, OneTimeLink, ApiToken)
+        )
+        ends = (sign_in.ended, link.used, token.revoked)
+        assert ends == (clock(),) * 3
+        assert sign_in.end_reason == "restored from a backup"
+        assert [u.name for u in session.scalars(select(User)) if u.enabled] == ["ann"]
+    database.close()
+
+
 def test_the_tar_file_is_as_good_as_the_folder(store, clock, tmp_path):
     """What the page gives away can be put back."""
     store.fill()
@@ -88,12 +155,6 @@ def test_the_tar_file_is_as_good_as_the_folder(store, clock, tmp_path):
     with pytest.raises(CorruptData):
         restore(cut, tmp_path / "other", clock)
     assert sorted(p.name for p in file.parent.iterdir()) == ["backup.tar", "cut.tar"]
-
-
-def flip(path: Path) -> None:
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
 
 
 @pytest.mark.parametrize("what", ["database", "blob", "manifest", "gone", "newer", "not a backup", "full folder"])
