@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from gss.domain.errors import BadInput, Conflict
+from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.commanding.command_history import Filter
 from gss.operations.commanding.commanding import REMEMBERED_IDS
 
@@ -162,6 +162,24 @@ def test_a_waiting_command_can_be_withdrawn_and_a_sent_one_not(desk):
     desk.end(first)
     assert desk.end(desk.send("GET_STATUS")).result == "completed"
     assert desk.link.session.housekeeping["exposure_ms"] != 77
+
+
+def test_only_who_could_send_a_command_can_take_it_back(desk):
+    """Whose role lacks its group is refused, and so is who does not hold the authority; it stays in the queue."""
+    desk.sensor.deaf = True
+    desk.send("TAKE_IMAGE")
+    row = desk.send("SET_EXPOSURE", exposure_ms=77)
+    desk.authority.require("ann")
+    with pytest.raises(Conflict, match="ann"):
+        desk.commands.withdraw(row.id, user="bob")
+
+    def permits(user, permission):
+        raise NotPermitted("no", got=f"{user} {permission}")
+
+    desk.commands.permits = permits
+    with pytest.raises(NotPermitted, match=r"command\.imager"):
+        desk.commands.withdraw(row.id, user="ann")
+    assert desk.commands.get(row.id).result == "queued"
 
 
 def test_nothing_is_repeated_by_a_server_that_restarts(make_desk):

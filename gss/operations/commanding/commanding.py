@@ -235,7 +235,13 @@ class CommandService:
         return self.idempotent(row.name) or 0 < age <= REMEMBERED_IDS
 
     def withdraw(self, command_id: int, *, user: str) -> Command:
-        """Take a command back that still waits in the queue; Conflict once it was released."""
+        """Take a command back that still waits in the queue, as whoever could send it; Conflict once it was released."""
+        row = self.get(command_id)
+        self._check_commander(user, row.name, row.arguments)
+        return self.take_back(command_id, user=user)
+
+    def take_back(self, command_id: int, *, user: str) -> Command:
+        """The same for the run of a stack that ends: stopping it needs no authority."""
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)

@@ -266,7 +266,7 @@ class StackRunner:
 
     def _take_back(self, command_id: int, user: str) -> None:
         try:
-            self._commands.withdraw(command_id, user=user)
+            self._commands.take_back(command_id, user=user)
         except Conflict:
             return  # it was sent already and is followed on its own
 
