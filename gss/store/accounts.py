@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from datetime import datetime
 
 from sqlalchemy import ColumnElement, exists, func, select, update
@@ -33,8 +34,15 @@ def user(session: Session, user_id: int) -> User:
 
 
 def user_named(session: Session, name: str) -> User | None:
-    """The user of that name, whatever its letters' case."""
-    return session.scalar(select(User).where(func.lower(User.name) == name.lower()))
+    """The user of that name, whatever its letters' case. Compared here: SQLite knows the case of ASCII letters only."""
+    key = name_key(name)
+    alike = [row for row in users(session) if name_key(row.name) == key]
+    return next((row for row in alike if row.name == name), alike[0] if alike else None)
+
+
+def name_key(name: str) -> str:
+    """What two names have in common that are taken for the same."""
+    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
 
 
 def add_user(session: Session, row: User) -> User:

@@ -24,7 +24,13 @@ def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
     deed(f"{body.name} as {body.role} for {body.days:g} days{only}")
     who.require_all(body.role, body.scopes)
     made = app.accounts.tokens.add(
-        body.name, body.role, body.days, by=who.name, owner_id=who.user_id, scopes=body.scopes
+        body.name,
+        body.role,
+        body.days,
+        by=who.name,
+        owner_id=who.user_id,
+        scopes=body.scopes,
+        until=who.handed_out_until,
     )
     return NewTokenOut(token=TokenOut.model_validate(made.row), key=made.key)
 

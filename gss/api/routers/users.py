@@ -20,15 +20,16 @@ def list_users(app: App) -> list[UserOut]:
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
-def add_user(app: App, user: User, body: UserIn, deed: Deed) -> LinkedUserOut:
+def add_user(app: App, who: Who, body: UserIn, deed: Deed) -> LinkedUserOut:
     """A new user, with the one-time link by which they set their password."""
     deed(f"{body.name} as {body.role}")
-    row = app.accounts.users.add(body.name, body.role, by=user)
-    return _linked(row, app.accounts.users.password_link(row.id))
+    who.require_all(body.role, ())
+    row = app.accounts.users.add(body.name, body.role, by=who.name)
+    return _linked(row, app.accounts.users.password_link(row.id, who.handed_out_until))
 
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
-def change_user(app: App, user_id: RowId, body: UserChangeIn, deed: Deed) -> UserOut:
+def change_user(app: App, user_id: RowId, who: Who, body: UserChangeIn, deed: Deed) -> UserOut:
     """Another role, on or off. It holds from the next request on; switching off ends all sessions."""
     before = app.accounts.users.get(user_id)
     deed(
@@ -36,14 +37,18 @@ def change_user(app: App, user_id: RowId, body: UserChangeIn, deed: Deed) -> Use
         f"from {before.role} to {body.role}" if body.role else "",
         "" if body.enabled is None else "switched on" if body.enabled else "switched off",
     )
+    who.require_all(before.role, ())
+    who.require_all(body.role or before.role, ())
     return _user(app.accounts.users.change(user_id, role=body.role, enabled=body.enabled))
 
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
-def new_password_link(app: App, user_id: RowId, deed: Deed) -> LinkedUserOut:
+def new_password_link(app: App, user_id: RowId, who: Who, deed: Deed) -> LinkedUserOut:
     """A new one-time link for a user's password; those before are void."""
-    deed(app.accounts.users.get(user_id).name)
-    link = app.accounts.users.password_link(user_id)
+    named = app.accounts.users.get(user_id)
+    deed(named.name)
+    who.require_all(named.role, ())
+    link = app.accounts.users.password_link(user_id, who.handed_out_until)
     return _linked(app.accounts.users.get(user_id), link)
 
 

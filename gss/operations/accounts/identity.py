@@ -37,3 +37,8 @@ class Who:
         """NotPermitted unless one may oneself all that a role with these scopes may: nobody hands out more than they have."""
         for wanted in sorted(permissions_of(role, scopes)):
             self.require(wanted)
+
+    @property
+    def handed_out_until(self) -> datetime | None:
+        """The end of what one hands out, keys or links: a token's own; of a session none."""
+        return self.expires if self.kind == "token" else None

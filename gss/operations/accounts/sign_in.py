@@ -152,12 +152,12 @@ class SignInService:
             return store.user_named(session, name)
 
     def _brakes(self, name: str, row: User | None, address: str) -> list[tuple[str, Brake]]:
-        """By address always. By name too, unless this user is known to sign in from there: else anybody could keep the only
-        admin waiting for good by failing under that name from everywhere."""
-        keys = [(f"address {address}", BY_ADDRESS), (f"pair {name.lower()} {address}", BY_NAME)]
+        """By name and address together always. By each alone too, unless this user is known to sign in from there: else anybody
+        could keep the only admin waiting for good, by failing under that name from everywhere or under any from there."""
+        pair = (f"pair {store.name_key(name)} {address}", BY_NAME)
         with self._database.unit_of_work() as session:
             known = row is not None and store.signed_in_from(session, row.id, address, self._now() - KNOWN_FOR)
-        return keys if known else [*keys, (_name_key(name), BY_NAME)]
+        return [pair] if known else [pair, (f"address {address}", BY_ADDRESS), (_name_key(name), BY_NAME)]
 
     def _rehash(self, user_id: int, password: str) -> None:
         hashed = self._passwords.hash(password)
@@ -170,4 +170,4 @@ class SignInService:
 
 
 def _name_key(name: str) -> str:
-    return f"name {name.lower()}"
+    return f"name {store.name_key(name)}"

@@ -11,7 +11,7 @@ from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.accounts.identity import TOKEN_PREFIX, Who
 from gss.operations.accounts.permissions import checked_role, permissions_of, roles_with
 from gss.operations.accounts.secrets import LONGEST, TOKEN_MARK, key_hash, new_token
-from gss.operations.clock import Now
+from gss.operations.clock import Now, iso_z
 from gss.store import accounts as store
 from gss.store.engine import Database
 from gss.store.models import ApiToken, User
@@ -42,9 +42,18 @@ class TokenService:
             return store.tokens(session)
 
     def add(
-        self, name: str, role: str, days: float, *, by: str, owner_id: int | None = None, scopes: Sequence[str] = ()
+        self,
+        name: str,
+        role: str,
+        days: float,
+        *,
+        by: str,
+        owner_id: int | None = None,
+        scopes: Sequence[str] = (),
+        until: datetime | None = None,
     ) -> NewToken:
-        """A new token. ``scopes`` narrow the role. It dies with its owner's account; one made in the shell has none."""
+        """A new token. ``scopes`` narrow the role. It dies with its owner's account; one made in the shell has none. ``until``: the
+        end of the token that makes it, which it may not outlive."""
         granted = permissions_of(checked_role(role))
         if not 0 < len(name) <= LONGEST_NAME or not name.isprintable() or name.strip() != name:
             raise BadInput("a token needs a name", expected=f"1 – {LONGEST_NAME} printable characters")
@@ -60,6 +69,8 @@ class TokenService:
                 hint="; ".join(f"{word}: {' or '.join(roles_with(word)) or 'no role has it'}" for word in strange[:5]),
             )
         now, key = self._now(), new_token()
+        if until is not None and now + timedelta(days=days) > until:
+            raise BadInput("a token makes none that outlives it", expected=f"an end before {iso_z(until)}")
         with self._database.unit_of_work() as session:
             if store.living_token(session, name, now) is not None:
                 raise Conflict("another token has this name", got=name, hint="take another name, or revoke that one")

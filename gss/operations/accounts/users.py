@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -21,8 +22,12 @@ from gss.store.models import OneTimeLink, User
 SETUP, PASSWORD = "setup", "password"
 SETUP_LASTS = timedelta(hours=1)
 PASSWORD_LASTS = timedelta(hours=24)
-OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown")
+OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown", "unknown name", "set-up link")
+BEGIN_OF_SOFTWARE = (TOKEN_PREFIX, "shell:")
 """Names under which software or nobody is on the record."""
+UNSEEN = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
+"""Letters and marks that show nothing."""
+VARIATION = ("VARIATION SELECTOR", "MONGOLIAN FREE VARIATION SELECTOR")
 
 
 @dataclass(frozen=True)
@@ -162,24 +167,29 @@ class UserService:
                 return None
             return self._link(session, SETUP, None, SETUP_LASTS)
 
-    def password_link(self, user_id: int) -> Link:
-        """A new link for a user's password in place of those before."""
+    def password_link(self, user_id: int, until: datetime | None = None) -> Link:
+        """A new link for a user's password in place of those before; good until ``until`` at the longest."""
         with self._database.unit_of_work() as session:
             if not store.user(session, user_id).enabled:
                 raise Conflict("this user is switched off", hint="switch it on first")
-            return self._link(session, PASSWORD, user_id, PASSWORD_LASTS)
+            return self._link(session, PASSWORD, user_id, PASSWORD_LASTS, until)
 
-    def _link(self, session: Any, kind: str, user_id: int | None, lasts: timedelta) -> Link:
+    def _link(
+        self, session: Any, kind: str, user_id: int | None, lasts: timedelta, until: datetime | None = None
+    ) -> Link:
         now, key = self._now(), new_key()
+        end = now + lasts if until is None else min(now + lasts, until)
         store.void_links(session, kind, user_id, now)
-        store.add_link(session, kind, user_id, key_hash(key), now, now + lasts)
-        return Link(key, now + lasts)
+        store.add_link(session, kind, user_id, key_hash(key), now, end)
+        return Link(key, end)
 
 
 def checked_name(name: str) -> str:
-    """A name for a person: printable, not that of software."""
-    checked_user(name)
-    if name.lower() in OF_SOFTWARE or name.lower().startswith(TOKEN_PREFIX):
+    """A name for a person in its one form (NFKC): every character shows, and it is not that of software."""
+    name = checked_user(unicodedata.normalize("NFKC", name))
+    if any(c in UNSEEN or unicodedata.name(c, "").startswith(VARIATION) for c in name) or "  " in name:
+        raise BadInput("not a user name", expected="characters that show, single spaces", got=ascii(name))
+    if store.name_key(name) in OF_SOFTWARE or store.name_key(name).startswith(BEGIN_OF_SOFTWARE):
         raise BadInput("this name belongs to software", expected="another name", got=name)
     return name
 

@@ -312,3 +312,46 @@ def test_links_end_with_their_time(database, clock, seconds, accounts):
     accounts.users.change(ben.id, enabled=False)
     with pytest.raises(Conflict):
         accounts.users.password_link(ben.id)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "an\u200bn",
+        "ann\u3164",
+        "ann\u2800",
+        "ann\ufe0f",
+        "\u202eann",
+        "a  b",
+        "GSS",
+        "Server",
+        "shell:ann",
+        "token\uff1aann",
+        "Set-up link",
+        "unknown name",
+    ],
+)
+def test_a_name_shows_and_is_not_that_of_software(accounts, name):
+    """Nobody is on the record under a name that looks like another's or the server's own."""
+    with pytest.raises(BadInput):
+        accounts.users.add(name, "viewer", by="ann")
+
+
+def test_a_name_is_unique_in_any_case(accounts):
+    """Also beyond ASCII, and in compatible forms of the same letters."""
+    made = accounts.users.add("\uff25\u0301va Ünal", "viewer", by="ann")
+    assert made.name == "Éva Ünal"
+    for name in ("éva ünal", "ÉVA ÜNAL", "E\u0301va U\u0308nal", "\uff21nn"):
+        with pytest.raises(Conflict):
+            accounts.users.add(name, "viewer", by="ann")
+
+
+def test_who_is_known_from_an_address_does_not_wait_for_strangers_there(accounts):
+    """Behind one address many may sit: guesses at other names keep no user out who signed in from there before."""
+    sign_in(accounts)
+    for number in range(20):
+        with pytest.raises((NotSignedIn, TooOften)):
+            sign_in(accounts, f"stranger {number}", "wrong")
+    with pytest.raises(TooOften):
+        sign_in(accounts, "ben", PASSWORD + " ben")
+    assert sign_in(accounts).who.name == "ann"
