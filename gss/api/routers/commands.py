@@ -12,6 +12,7 @@ from fastapi.responses import StreamingResponse
 from gss.api import present
 from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, need
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
+from gss.operations.accounts.permissions import SIGNED_IN
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
 from gss.wiring import Services
@@ -92,7 +93,7 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
     return present.commands.check(result, names)
 
 
-@router.post("/commands/abort", status_code=201, dependencies=[need("view")])
+@router.post("/commands/abort", status_code=201, dependencies=[need(SIGNED_IN)])
 def abort(app: App, user: User) -> CommandOut:
     """ABORT, ahead of everything."""
     return _shown(app, app.commands.abort(user=user, source="abort"))

@@ -18,6 +18,7 @@ from gss.api.schemas.stacks import (
     StackRunOut,
     StepsIn,
 )
+from gss.operations.accounts.permissions import SIGNED_IN
 from gss.operations.commanding.stacks import StackCheck
 from gss.wiring import Services
 
@@ -102,7 +103,7 @@ def read_run(app: App, run_id: RowId) -> StackRunOut:
     return present.stacks.run(app.stack_runs.get(run_id))
 
 
-@router.post("/stack-runs/{run_id}/pause", dependencies=[need("view")])
+@router.post("/stack-runs/{run_id}/pause", dependencies=[need(SIGNED_IN)])
 def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Send no further step for now."""
     return present.stacks.run(app.stack_runs.pause(run_id, user=user))
@@ -114,7 +115,7 @@ def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     return present.stacks.run(app.stack_runs.resume(run_id, user=user))
 
 
-@router.post("/stack-runs/{run_id}/stop", dependencies=[need("view")])
+@router.post("/stack-runs/{run_id}/stop", dependencies=[need(SIGNED_IN)])
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """End it; a command that was sent is followed on its own."""
     return present.stacks.run(app.stack_runs.stop(run_id, user=user))
