@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
+from starlette.datastructures import Headers
 
 from gss.api.app import create_app
+from gss.api.guard.perimeter import Caller, Perimeter
 from gss.api.serving import address_of, greeting, uvicorn_options
 from gss.api.stream import route as stream
 from gss.operations.accounts.users import Link
@@ -166,6 +168,20 @@ def test_behind_a_proxy_the_last_stranger_of_the_list_is_the_caller(proxied: Fas
         reply = browser(proxied, peer="192.0.2.7").post("/api/session", json=body, headers=told)
         assert reply.status_code == 401
         assert proxied.state.services.audit.page(AuditFilter(), 1)[0].address == address
+
+
+def test_of_several_forwarded_lines_the_last_one_counts() -> None:
+    """A proxy that adds a line of its own leaves the browser's before it: that one says nothing."""
+    perimeter = Perimeter(Settings(**PROXY))
+    lines = [
+        ("x-forwarded-proto", "https"),
+        ("x-forwarded-for", "1.2.3.4"),
+        ("x-forwarded-for", "203.0.113.8, 10.1.1.1"),
+    ]
+    lines += [("x-forwarded-host", "evil.example"), ("x-forwarded-host", "gss.example.org")]
+    headers = Headers(raw=[(name.encode(), value.encode()) for name, value in lines])
+    caller = perimeter.caller({"type": "http", "client": ("192.0.2.7", 1)}, headers)
+    assert caller == Caller("203.0.113.8", "gss.example.org", True)
 
 
 def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:

@@ -64,10 +64,10 @@ class Perimeter:
             return Caller(peer, headers.get("host", ""), self.tls)
         if not self._is_proxy(peer):
             return Refusal("this server is reached through its proxy only", "an address of the proxy", peer)
-        if headers.get("x-forwarded-proto", "").split(",")[-1].strip() != "https":
+        if _last(headers, "x-forwarded-proto") != "https":
             return Refusal("the proxy did not say that the browser came over HTTPS", "X-Forwarded-Proto: https")
-        host = headers.get("x-forwarded-host", headers.get("host", "")).split(",")[-1].strip()
-        return Caller(self._behind(headers.get("x-forwarded-for", ""), peer), host, True)
+        host = _last(headers, "x-forwarded-host") or headers.get("host", "")
+        return Caller(self._behind(",".join(headers.getlist("x-forwarded-for")), peer), host, True)
 
     def refusal(self, caller: Caller, headers: Headers, *, data: bool) -> Refusal | None:
         """A foreign host name (DNS rebinding), or a page of another origin. ``data``: it is no page of ours but what they ask."""
@@ -98,6 +98,11 @@ class Perimeter:
                 except ValueError:
                     return PLAIN
         return peer
+
+
+def _last(headers: Headers, name: str) -> str:
+    """The last word of a header, of its last line: the one that the proxy nearest to us wrote."""
+    return ",".join(headers.getlist(name)).split(",")[-1].strip()
 
 
 def host_name(address: str) -> str:

@@ -6,22 +6,24 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import re
 from collections import OrderedDict
 
 import anyio
 import anyio.to_thread
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, FastAPI, params
 from fastapi.routing import APIRoute, iter_route_contexts
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import cookie_parser
 from starlette.responses import Response
+from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gss.api.deps import is_export, needs_of
 from gss.api.errors import problem
 from gss.api.guard.headers import HEADERS, STRICT_TRANSPORT
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
-from gss.domain.errors import GssError, TooOften
+from gss.domain.errors import GssError, NotPermitted, TooOften
 from gss.operations.accounts.audit import Result
 from gss.operations.accounts.identity import Who
 from gss.operations.accounts.secrets import LONGEST, same
@@ -32,6 +34,11 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 MARK = "X-GSS"
 COOKIE = "gss_session"
 MAX_BODY_BYTES = 80 << 20
+"""Of a file that is handed in, for the routes that take one. It goes to the disk in pieces."""
+WORDS_BYTES, MORE_WORDS_BYTES = 1 << 20, 2 << 20
+"""Of everything else: it is parsed in one piece, and nothing else is answered meanwhile."""
+MORE_WORDS = ("/api/campaigns/reprocess",)
+"""A campaign names up to 100 000 frames."""
 SMALL_BODY_BYTES = 64 << 10
 GUARDED = ("/api", "/metrics")
 OPEN = {
@@ -51,7 +58,7 @@ log = logging.getLogger("gss.api")
 def install(app: FastAPI) -> None:
     """Put the guard in front, and refuse to start with a route that does not say what it needs."""
     services: Services = app.state.services
-    app.add_middleware(Guard, services=services)
+    app.add_middleware(Guard, services=services, door=Door(app))
 
 
 def check_routes(router: APIRouter) -> None:
@@ -65,8 +72,8 @@ def check_routes(router: APIRouter) -> None:
 class Guard:
     """Middleware: host, origin, size, identity, CSRF; then the route; then the record."""
 
-    def __init__(self, app: ASGIApp, services: Services) -> None:
-        self._app, self._services = app, services
+    def __init__(self, app: ASGIApp, services: Services, door: Door) -> None:
+        self._app, self._services, self._door = app, services, door
         self._perimeter = Perimeter(services.settings)
         self._strangers = Strangers(monotonic_s)
 
@@ -109,9 +116,25 @@ class Guard:
         if foreign is not None:
             return _refused(scope, foreign)
         changing = scope["method"] not in SAFE_METHODS
-        if changing and (bad := _bad_body(headers, small=is_open(scope))) is not None:
+        if changing and (bad := _bad_body(headers, SMALL_BODY_BYTES if is_open(scope) else MAX_BODY_BYTES)) is not None:
             return bad
-        return await self._identify(scope, headers, changing=changing)
+        refusal = await self._identify(scope, headers, changing=changing)
+        return refusal if refusal is not None or not changing or is_open(scope) else self._unread(scope, headers)
+
+    def _unread(self, scope: Scope, headers: Headers) -> Response | None:
+        """What can be told before the body is read: whether they may, and whether it can be right at that length."""
+        route, who = self._door.route(scope), scope["state"]["who"]
+        if route is None:
+            return _bad_body(headers, WORDS_BYTES)
+        try:
+            for need in needs_of(route):
+                who.require(need.permission)
+        except NotPermitted as error:
+            scope["route"] = route  # for the record
+            return problem(403, error.message, error.expected, error.got, error.hint)
+        filed = takes_file(route) and headers.get("content-type", "").lower().startswith("multipart/form-data")
+        words = MORE_WORDS_BYTES if scope["path"] in MORE_WORDS else WORDS_BYTES
+        return _bad_body(headers, MAX_BODY_BYTES if filed else words)
 
     async def _identify(self, scope: Scope, headers: Headers, *, changing: bool) -> Response | None:
         if not is_guarded(scope):
@@ -168,8 +191,8 @@ class Guard:
             f"{route.endpoint.__module__.rsplit('.', 1)[-1]}.{route.name}" if isinstance(route, APIRoute) else "door"
         )
         detail = state["detail"]
-        if denied and who is None and "named" not in state:
-            more = self._strangers.seen(f"{state['address']} {action} {status}")
+        if denied and who is None:
+            more = None if status == 429 else self._strangers.seen(f"{state['address']} {action}")
             if more is None:
                 return
             detail = f"{detail}; {more} more like this were not written" if more else detail
@@ -213,9 +236,31 @@ class Answer:
         await self._send(message)
 
 
+class Door:
+    """Which route a request is for, before the framework asks."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self._app = app
+        self._routes: list[tuple[set[str], re.Pattern[str], APIRoute]] = []
+
+    def route(self, scope: Scope) -> APIRoute | None:
+        """The route that will answer; None where there is none."""
+        if not self._routes:  # the routes come after the guard
+            found = [(c.original_route, c.path or "") for c in iter_route_contexts(self._app.routes)]
+            self._routes = [
+                (route.methods or set(), compile_path(path)[0], route)
+                for route, path in found
+                if isinstance(route, APIRoute)
+            ]
+        fitting = (
+            route for methods, path, route in self._routes if scope["method"] in methods and path.match(scope["path"])
+        )
+        return next(fitting, None)
+
+
 class Strangers:
-    """Denials of people without a name: one row a minute for each address and thing, with a count of the others. Anybody who can
-    reach the port could fill the disk otherwise."""
+    """Denials of people who are not signed in: one row a minute for each address and thing, with a count of the others; none for
+    those whom a brake stopped. Anybody who can reach the port could fill the disk otherwise."""
 
     MOST = 2000
 
@@ -244,6 +289,11 @@ def is_open(scope: Scope) -> bool:
     return (scope["method"], scope["path"]) in OPEN
 
 
+def takes_file(route: APIRoute) -> bool:
+    """Can a file be handed in there?"""
+    return any(isinstance(part.field_info, params.Form) for part in route.dependant.body_params)
+
+
 def session_key(headers: Headers) -> str:
     """The key in the session's cookie; "" where there is none."""
     key = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
@@ -256,10 +306,10 @@ def bearer(headers: Headers) -> str:
     return key.strip()[: LONGEST + 1] if kind.lower() == "bearer" else ""
 
 
-def _bad_body(headers: Headers, *, small: bool) -> Response | None:
+def _bad_body(headers: Headers, most: int) -> Response | None:
     if "transfer-encoding" in headers:
         return problem(411, "the request does not say how long it is", "a Content-Length")
-    length, most = headers.get("content-length", "0"), SMALL_BODY_BYTES if small else MAX_BODY_BYTES
+    length = headers.get("content-length", "0")
     if not (length.isascii() and length.isdigit()) or int(length[:20]) > most:
         return problem(413, "the request is too large", f"at most {most >> 10} KiB", f"{length[:40]} bytes")
     return None

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import functools
+from collections.abc import Awaitable, Callable
+from typing import Any
+
 from fastapi import APIRouter, Request, Response
 
 from gss.api.deps import NOBODY, App, Who, need, who_of
@@ -18,6 +23,17 @@ OPEN = need(NOBODY)
 SELF = need("view")
 
 
+def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[SessionOut]]:
+    """A route that computes a password's hash waits among its like, not in the threads of all other routes."""
+
+    @functools.wraps(route)
+    async def waits(**given: Any) -> SessionOut:
+        services: Services = given["app"]
+        return await asyncio.wrap_future(services.accounts.passwords.turns.take(functools.partial(route, **given)))
+
+    return waits
+
+
 @router.get("/session", dependencies=[OPEN])
 def read_session(app: App, request: Request) -> SessionOut:
     """Who is signed in; it does not put off the end of the session."""
@@ -28,6 +44,7 @@ def read_session(app: App, request: Request) -> SessionOut:
 
 
 @router.post("/session", dependencies=[OPEN])
+@in_turn
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
     known = app.accounts.users.named(body.name)
@@ -49,6 +66,7 @@ def sign_out(app: App, request: Request, response: Response) -> None:
 
 
 @router.put("/session/password", dependencies=[SELF])
+@in_turn
 def change_password(app: App, request: Request, response: Response, who: Who, body: PasswordBody) -> SessionOut:
     """Another password. All sessions of this user end; this browser gets a new one."""
     if who.kind != "session" or who.user_id is None:
@@ -60,6 +78,7 @@ def change_password(app: App, request: Request, response: Response, who: Who, bo
 
 
 @router.post("/setup", dependencies=[OPEN])
+@in_turn
 def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
     """Make the first admin, with the link that the server printed at its start."""
     brake = _brake(app, request)
@@ -71,6 +90,7 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
 
 
 @router.post("/password-links", dependencies=[OPEN])
+@in_turn
 def use_password_link(app: App, request: Request, response: Response, body: PasswordLinkBody) -> SessionOut:
     """Set one's password with a one-time link."""
     brake = _brake(app, request)

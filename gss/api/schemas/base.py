@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_valida
 
 LARGEST_ID = 2**31 - 1
 """The database counts rows in 32 bits."""
+DEEPEST = 32
+"""No request has lists in lists in lists further than that."""
 
 
 class In(BaseModel):
@@ -25,15 +27,18 @@ class In(BaseModel):
 
 
 def _check_text(value: Any) -> None:
-    if isinstance(value, dict):
-        for name, item in value.items():
-            _check_text(name)
-            _check_text(item)
-    elif isinstance(value, list):
-        for item in value:
-            _check_text(item)
-    elif isinstance(value, str) and ("\0" in value or any("\ud800" <= c <= "\udfff" for c in value)):
-        raise ValueError("text holds NUL or half a character")
+    """Without recursion: how deep it goes is for others to choose."""
+    rest: list[tuple[Any, int]] = [(value, 0)]
+    while rest:
+        item, depth = rest.pop()
+        if depth > DEEPEST:
+            raise ValueError(f"nested deeper than {DEEPEST}")
+        if isinstance(item, dict):
+            rest += [(part, depth + 1) for pair in item.items() for part in pair]
+        elif isinstance(item, list):
+            rest += [(part, depth + 1) for part in item]
+        elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
+            raise ValueError("text holds NUL or half a character")
 
 
 class Out(BaseModel):

@@ -4,19 +4,43 @@ from __future__ import annotations
 
 import threading
 import unicodedata
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 import argon2
 
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, TooOften
 
 SHORTEST, LONGEST = 10, 200
 AT_ONCE = 2
 """Each hashing takes tens of megabytes: more at the same time would let strangers fill the memory."""
+MOST_WAITING = 20
+"""More are told at once to come again: whoever floods the door must not make the others wait for minutes."""
+Done = TypeVar("Done")
 KNOWN = frozenset(
     """password password1 password12 password123 passw0rd123 1234567890 12345678910 123456789a qwertyuiop qwerty1234
     qwerty12345 1q2w3e4r5t administrator changeme123 letmein1234 iloveyou12 welcome123 startracker star-tracker
     groundstation adminadmin""".split()  # noqa: SIM905 - a list to read
 )
+
+
+class Turns:
+    """Threads of their own for what computes a hash, so that nothing else ever waits for one: ABORT least of all."""
+
+    def __init__(self, at_once: int = AT_ONCE, most_waiting: int = MOST_WAITING) -> None:
+        self._threads = ThreadPoolExecutor(at_once, thread_name_prefix="passwords")
+        self._places = threading.BoundedSemaphore(at_once + most_waiting)
+
+    def take(self, work: Callable[[], Done]) -> Future[Done]:
+        """What ``work`` will return; TooOften at once while too many wait."""
+        if not self._places.acquire(blocking=False):
+            raise TooOften(
+                "too many are signing in now", expected="the next try in 2 s", hint="wait", retry_after_s=2.0
+            )
+        turn = self._threads.submit(work)
+        turn.add_done_callback(lambda _: self._places.release())
+        return turn
 
 
 class Passwords:
@@ -28,6 +52,7 @@ class Passwords:
         )
         self._gate = threading.BoundedSemaphore(AT_ONCE)
         self._nobody = ""
+        self.turns = Turns()
         self.verified = 0
 
     def hash(self, password: str) -> str:
