@@ -421,7 +421,10 @@ def test_a_simulator_that_the_server_started_comes_back_after_its_death(serve, t
 
     shutil.move(tmp_path / "data", tmp_path / "lost")
     assert main(["restore", str(tmp_path / "lost" / "backups" / made), "--into", str(tmp_path / "data")]) == 0
+    before, server.console.headers = server.console.headers, signed_in(tmp_path / "data")
     back = serve()
+    old = back.console.http.get("/frames", headers=before)
+    assert old.status_code == 401, "a session of the backup is worth nothing"
     assert [(f["id"], f["sha256"]) for f in back.console.get("/frames")["frames"]] == [
         (f["id"], f["sha256"]) for f in frames
     ]
