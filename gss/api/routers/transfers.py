@@ -7,9 +7,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId, User, need
+from gss.api.deps import App, RowId, Who, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
+from gss.operations.accounts.permissions import SIGNED_IN
+from gss.operations.transfers.downloads import permission_of
 
 router = APIRouter(prefix="/transfers", tags=["transfers"])
 
@@ -21,9 +23,10 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def download(app: App, user: User, body: TransferIn) -> TransferOut:
-    """Bring an image or a part of it, a bank, or a table from the device."""
-    app.commands.require_user(user)
+def download(app: App, who: Who, body: TransferIn) -> TransferOut:
+    """Bring an image or a part of it, a bank, or a table from the device: each needs its own permission."""
+    who.require(permission_of(body.kind))
+    app.commands.require_user(who.name)
     region = Part(**body.region.model_dump()) if body.region else None
     view = app.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
     return present.records.transfer(view)
@@ -35,20 +38,26 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
     return present.records.transfer(app.transfers.get(transfer_id))
 
 
-@router.post("/{transfer_id}/pause", dependencies=[need("view")])
+@router.post("/{transfer_id}/pause", dependencies=[need(SIGNED_IN)])
 def pause(app: App, transfer_id: RowId) -> TransferOut:
     """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def resume(app: App, user: User, transfer_id: RowId) -> TransferOut:
-    """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
-    app.commands.require_user(user)
+def resume(app: App, who: Who, transfer_id: RowId) -> TransferOut:
+    """Go on with what is missing; also with what failed or was aborted, by this server or one before it. It needs what starting
+    it needed."""
+    app.commands.check_user(who.name)
+    row = app.transfers.get(transfer_id).row
+    who.require(permission_of(row.kind))
+    if row.options.get("solve"):
+        who.require("command.attitude")
+    app.commands.require_user(who.name)
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 
-@router.post("/{transfer_id}/abort", dependencies=[need("view")])
+@router.post("/{transfer_id}/abort", dependencies=[need(SIGNED_IN)])
 def abort(app: App, transfer_id: RowId) -> TransferOut:
     """Give it up on both sides. Free to all, as ABORT is."""
     return present.records.transfer(app.transfers.abort(transfer_id))

@@ -13,7 +13,15 @@ IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
 BANK_KINDS = ("catalogue", "star_list", "distance_table")
 TABLE_KINDS = ("triplets", "calibration", "parameters")
 DEFAULT_SIDE_PX = 11
+UPLOADED_IMAGE = "image"
 LISTED_BY = {"bank": "VERIFY_BANK", "table": "VERIFY_TABLE"}
+
+
+def permission_of(kind: str) -> str:
+    """What one must be allowed to bring that kind down, or to go on with it in either direction; an admin's where it is unknown."""
+    if kind in (*IMAGE_KINDS, UPLOADED_IMAGE):
+        return "frames.transfer"
+    return "catalogues.upload" if kind in BANK_KINDS else "tables" if kind in TABLE_KINDS else "admin.users"
 
 
 class Downloads:

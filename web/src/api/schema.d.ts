@@ -2441,7 +2441,7 @@ export interface paths {
         put?: never;
         /**
          * Download
-         * @description Bring an image or a part of it, a bank, or a table from the device.
+         * @description Bring an image or a part of it, a bank, or a table from the device: each needs its own permission.
          */
         post: operations["download_api_transfers_download_post"];
         delete?: never;
@@ -2501,7 +2501,8 @@ export interface paths {
         put?: never;
         /**
          * Resume
-         * @description Go on with what is missing; also with what failed or was aborted, by this server or one before it.
+         * @description Go on with what is missing; also with what failed or was aborted, by this server or one before it. It needs what starting
+         *     it needed.
          */
         post: operations["resume_api_transfers__transfer_id__resume_post"];
         delete?: never;
@@ -2581,7 +2582,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel Job
-         * @description Ask it to end.
+         * @description Ask it to end: who started it may, and who may start its kind.
          */
         post: operations["cancel_job_api_jobs__job_id__cancel_post"];
         delete?: never;
@@ -2601,7 +2602,8 @@ export interface paths {
         put?: never;
         /**
          * Start Again
-         * @description Do an ended job anew from its stored request; a new job.
+         * @description Do an ended job anew from its stored request, a new job; for who may start its kind. What the request took from settings,
+         *     such as the policy of a removal, is what they say now.
          */
         post: operations["start_again_api_jobs__job_id__again_post"];
         delete?: never;
