@@ -14,7 +14,7 @@ import pytest
 from gss.device.clauses import CLAUSES, clause
 from gss.device.dictionary_file import load_dictionary
 from gss.device.golden import Golden, build_golden
-from gss.device.simulator import command_desk, machine, table_orders
+from gss.device.simulator import command_desk, table_orders
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.machine import Device, Identity
@@ -208,7 +208,7 @@ def takes_uploads_anywhere(line: MemoryLine, patch: Patch) -> None:
 
 
 def is_slow(line: MemoryLine, patch: Patch) -> None:
-    patch.setattr(machine, "HOUSEKEEPING_S", 2.0)
+    patch.setattr(line.device, "_housekeeping_s", 2.0)
 
 
 def does_not_abort(line: MemoryLine, patch: Patch) -> None:
