@@ -51,7 +51,7 @@ def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
     """A value out of range never leaves the page; a critical command wants its name typed; the history shows stages."""
     page.goto("/commands")
     page.get_by_test_id("command-search").fill("exposure")
-    page.locator("[data-command=SET_EXPOSURE]").first.click()
+    page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
     field = page.get_by_test_id("arg-exposure_ms")
     field.fill("2001")
     expect(page.get_by_text("1 – 2 000, got 2 001")).to_be_visible()
@@ -62,7 +62,7 @@ def test_commands_have_forms_dry_runs_hazards_and_a_history(page, picture):
     expect(page.get_by_test_id("history-row").first).to_contain_text("completed")
 
     page.get_by_test_id("command-search").fill("")
-    page.locator("[data-command=ERASE_BANK]").first.click()
+    page.get_by_test_id("dictionary-list").locator("[data-command=ERASE_BANK]").click()
     page.get_by_test_id("command-send").click()
     expect(page.get_by_test_id("hazard")).to_contain_text("Confirm a critical command")
     expect(page.get_by_test_id("hazard-queue")).to_be_disabled()

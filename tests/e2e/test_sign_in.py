@@ -126,7 +126,7 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     page.goto("/commands")
     sign_in(page)
     page.get_by_test_id("command-search").fill("exposure")
-    page.locator("[data-command=SET_EXPOSURE]").first.click()
+    page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
     page.get_by_test_id("arg-exposure_ms").fill("321")
     own = page.evaluate(
         """async () => {
