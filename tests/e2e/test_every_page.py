@@ -43,10 +43,11 @@ class Client:
     """Asks the server past the page."""
 
     def __init__(self, address: str, headers: dict[str, str]) -> None:
-        self._client = httpx.Client(base_url=f"{address}/api", headers=headers, timeout=30)
+        self._address, self._headers = address, headers
 
     def __call__(self, path: str, body: Any = None) -> Any:
-        answer = self._client.get(path) if body is None else self._client.post(path, json=body)
+        with httpx.Client(base_url=f"{self._address}/api", headers=self._headers, timeout=30) as client:
+            answer = client.get(path) if body is None else client.post(path, json=body)
         return answer.raise_for_status().json()
 
     def until(self, path: str, done: Callable[[Any], Any], seconds: float = 90) -> Any:
