@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
+from gss.operations.accounts.permissions import ROLES
 from gss.settings import Settings
 from gss.wiring import Services, build
 
@@ -34,3 +37,36 @@ def client(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., Te
     folder: Path = tmp_path_factory.mktemp("data")
     with client_of(build(Settings(data=folder))) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def app_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., FastAPI]]:
+    """Makes a server without a line and starts it. ``people``: role and password of each name; hashing costs little."""
+    with ExitStack() as running:
+
+        def make(people: dict[str, tuple[str, str]]) -> FastAPI:
+            settings = Settings(data=tmp_path_factory.mktemp("data"), password_memory_kib=8, password_passes=1)
+            services = build(settings)
+            for name, (role, password) in people.items():
+                services.accounts.users.add(name, role, by="test", password=password)
+            app = create_app(services)
+            running.enter_context(TestClient(app))
+            return app
+
+        yield make
+
+
+@pytest.fixture(scope="module")
+def app(app_of: Callable[..., FastAPI]) -> FastAPI:
+    """A server without a line, and without people."""
+    return app_of({})
+
+
+@pytest.fixture(scope="module")
+def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
+    """One browser for each role on that server, and as "" one of nobody."""
+    made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
+    return {
+        role: TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
+        for role, headers in made.items()
+    }
