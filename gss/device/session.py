@@ -110,6 +110,10 @@ class HostSession:
         """Take a command back that waits in the queue; Conflict once it was released. The stage is not told again."""
         return self._lane.withdraw(request_id, detail)
 
+    def withdraw_all(self, detail: str) -> list[CommandStage]:
+        """The same for everything that waits in the queue."""
+        return self._lane.clear(detail)
+
     def abort(self, now_s: float) -> int:
         """ABORT ahead of everything, never blocked. Returns its request id."""
         return self._add("ABORT", {}, urgent=True)

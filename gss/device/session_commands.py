@@ -111,9 +111,13 @@ class CommandLane:
             return record.to(Stage.UNKNOWN, detail=detail)
         return record.to(Stage.FAILED, reason=WITHDRAWN, detail=detail)
 
+    def clear(self, detail: str) -> list[CommandStage]:
+        """Take back everything that waits; what was sent goes on."""
+        return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
+
     def abandon(self, detail: str) -> list[CommandStage]:
         """Another unit is at the other end: nothing that was meant for the one before may be sent, now or as a retry."""
-        events = [self.withdraw(record.request_id, detail) for record in list(self._queue)]
+        events = self.clear(detail)
         for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
             del self._records[request_id]
         return events

@@ -236,6 +236,48 @@ def test_abort_needs_neither_store_nor_queue(desk, monkeypatch):
     desk.wait(lambda: desk.link.session.housekeeping["cycle_running"] is False)
 
 
+def test_abort_takes_back_what_waits(desk, monkeypatch):
+    """Of twenty commands that wait none is sent after ABORT: each ends as withdrawn with who aborted, also where the store was
+    locked at that moment."""
+    from gss.domain.errors import StoreDown
+
+    def locked(*_: Any) -> None:
+        raise StoreDown("the database cannot be used now", got="database is locked")
+
+    for is_locked in (False, True):
+        with desk.link.lock:  # the line stands still while it is held
+            waiting = [desk.send("SET_EXPOSURE", exposure_ms=100 + k) for k in range(20)]
+            with monkeypatch.context() as patched:
+                if is_locked:
+                    patched.setattr(desk.commands._recorder, "taken_back", locked)
+                abort = desk.commands.abort(user="bob", source="abort")
+        ends = [desk.end(row) for row in waiting]
+        assert {(row.result, row.detail) for row in ends} == {("withdrawn", "ABORT by bob")}
+        assert stages(ends[0]) == ["queued", "withdrawn"]
+        assert all(row.finished is not None for row in ends)
+        assert desk.end(abort).result == "completed"
+        told = [event.text for event in desk.bus.after(0, 1000) if event.text.startswith("ABORT by bob")]
+        assert told[-1] == "ABORT by bob; taken back unsent: 20"
+    assert desk.end(desk.send("GET_STATUS")).result == "completed"
+
+
+def test_a_command_that_abort_overtakes_is_refused(desk, monkeypatch):
+    """ABORT comes between the row of a command and its place in the queue: it is not sent, and its row says why."""
+    add = desk.commands._recorder.add
+
+    def add_slowly(request_id: int, name: str, *rest: Any) -> Any:
+        row = add(request_id, name, *rest)
+        if name != "ABORT":
+            desk.commands.abort(user="bob", source="abort")
+        return row
+
+    monkeypatch.setattr(desk.commands._recorder, "add", add_slowly)
+    with pytest.raises(Conflict, match="ABORT came before it was sent"):
+        desk.send("SET_EXPOSURE", exposure_ms=77)
+    row = next(row for row in desk.history.page(Filter(), 20) if row.name == "SET_EXPOSURE")
+    assert (row.result, "ABORT came before" in row.detail) == ("rejected", True)
+
+
 # --- history -----------------------------------------------------------------------------------------------------------
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -83,6 +83,23 @@ class CommandRecorder:
         if stage.stage is Stage.UNKNOWN:
             return self._change(command_id, self._stage("unknown", stage.detail), result="unknown", detail=stage.detail)
         return self._end(command_id, WITHDRAWN, stage.detail)
+
+    def taken_back(self, events: Sequence[CommandStage]) -> None:
+        """Many at once, in one transaction."""
+        rows = []
+        with self._lock, self._database.unit_of_work() as session:
+            for event in events:
+                row = store.by_request(session, event.request_id)
+                if row is None or row.result != "queued":
+                    continue
+                row.result = "unknown" if event.stage is Stage.UNKNOWN else WITHDRAWN
+                row.detail = event.detail
+                stage = self._stage(row.result, event.detail)
+                row.stages.append(stage)
+                row.finished = None if event.stage is Stage.UNKNOWN else stage.at
+                rows.append(row)
+        for row in rows:
+            self._told(row)
 
     def _end(self, command_id: int, result: str, detail: str) -> Command:
         stage = self._stage(result, detail)
@@ -163,7 +180,10 @@ class CommandRecorder:
                 setattr(row, name, value)
             if stage is not None:
                 row.stages.append(stage)
+        self._told(row)
+        return row
+
+    def _told(self, row: Command) -> None:
         self._bus.publish("command", self._view(row))
         for hook in self.changed_hooks:
             hook(row)
-        return row

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import threading
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,6 +30,7 @@ from gss.store import commands as store
 from gss.store.engine import Database
 from gss.store.models import Command
 
+log = logging.getLogger("gss.commands")
 RESTARTED = "The server restarted while this command was under way; it may have run or not."
 NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
 SERVER = "server"
@@ -45,6 +49,9 @@ class CommandService:
         self._authority = authority
         self._recorder = CommandRecorder(database, bus, now, self.view)
         self.abort_hooks: list[Callable[[str], None]] = []
+        self._aborted_id = 0
+        self._taken_back: deque[CommandStage] = deque()
+        self._writing = threading.Lock()
         self.permits: Callable[[str, str], None] = lambda user, permission: None
         """Raises NotPermitted; asked by name and not by request, because stacks go on after theirs has ended."""
 
@@ -185,6 +192,8 @@ class CommandService:
         row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
         try:
             with self._link.lock:
+                if request_id < self._aborted_id:
+                    raise Conflict("ABORT came before it was sent", hint="send it again if it is still wanted")
                 self._link.session.submit(name, arguments, self._link.monotonic_s(), request_id=request_id)
         except GssError as error:
             self._recorder.refuse(row.id, str(error))
@@ -192,19 +201,37 @@ class CommandService:
         return row
 
     def abort(self, *, user: str, source: str) -> Command:
-        """ABORT, ahead of everything, no questions: nothing may stand in its way, not even the store."""
+        """ABORT, ahead of everything, no questions: nothing may stand in its way, not even the store. What still waits in the
+        queue is taken back: nobody wants it to run after everything was stopped."""
         self._check_line()
         with self._link.lock:
-            request_id = self._link.session.abort(self._link.monotonic_s())
+            request_id = self._aborted_id = self._link.session.abort(self._link.monotonic_s())
+            self._taken_back.extend(waited := self._link.session.withdraw_all(f"ABORT by {user}"))
         for hook in self.abort_hooks:
             hook(user)
         try:
             row = self._recorder.add(request_id, "ABORT", {}, user, source, self._link.contact_id, None)
         except StoreDown as error:
             raise StoreDown("ABORT goes out, but cannot be recorded", got=error.got, hint=error.hint) from error
-        self._bus.record("command", "watch", f"ABORT by {user}", command_id=row.id)
+        more = f"; taken back unsent: {len(waited)}" if waited else ""
+        self._bus.record("command", "watch", f"ABORT by {user}{more}", command_id=row.id)
         self._recorder.catch_up(request_id)
+        self._write_taken_back()
         return row
+
+    def _write_taken_back(self) -> None:
+        """What a store that is locked cannot take now is written with the next news of the line."""
+        if not self._taken_back or not self._writing.acquire(blocking=False):
+            return
+        try:
+            stages = list(self._taken_back)
+            self._recorder.taken_back(stages)
+            for _ in stages:
+                self._taken_back.popleft()
+        except StoreDown:
+            log.warning("%d commands that ABORT took back are not on the record yet", len(stages))
+        finally:
+            self._writing.release()
 
     def retry(self, command_id: int, *, user: str) -> Command:
         """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
@@ -274,6 +301,7 @@ class CommandService:
 
     def handle(self, events: Sequence[SessionEvent]) -> None:
         """Follow the reports of commands and keep the device's events."""
+        self._write_taken_back()
         for event in events:
             if isinstance(event, CommandStage):
                 self._recorder.follow(event)
