@@ -61,12 +61,14 @@ class AccountService:
         self.sessions = SignInService(database, passwords, self.attempts, now, lifetimes or Lifetimes())
         self.tokens = TokenService(database, now)
         self._remembered: OrderedDict[str, tuple[float, Who]] = OrderedDict()
+        self._changes = 0
         self._lock = threading.Lock()
         self.users.changed = self.sessions.changed = self.tokens.changed = self._forget
 
     def _forget(self) -> None:
         """Users, sessions or tokens changed: what was read of them may no longer hold."""
         with self._lock:
+            self._changes += 1
             self._remembered.clear()
 
     def who_has_cookie(self, key: str, *, touch: bool = True) -> Who | None:
@@ -116,6 +118,7 @@ class AccountService:
             at_s, known = self._remembered.get(hashed, (0.0, None))
             if known is not None and self._monotonic_s() - at_s < REMEMBERED_S:
                 return known
+            changes = self._changes
         read_s = self._monotonic_s()
         try:
             who = look()
@@ -125,7 +128,7 @@ class AccountService:
             raise
         with self._lock:
             self._remembered.pop(hashed, None)
-            if who is not None:
+            if who is not None and changes == self._changes:  # else it may have been read before the change
                 self._remembered[hashed] = (read_s, who)
             while len(self._remembered) > MOST_REMEMBERED:
                 self._remembered.popitem(last=False)

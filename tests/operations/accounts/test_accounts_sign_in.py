@@ -173,6 +173,23 @@ def test_another_role_holds_from_the_next_request_on(accounts):
     assert not accounts.who_has_cookie(opened.key).may("command.link")
 
 
+def test_an_answer_that_was_on_its_way_during_a_change_is_not_remembered(accounts, monkeypatch):
+    """Read before the change and given after it, it holds for that one request only."""
+    key, ben = sign_in(accounts, "ben", PASSWORD + " ben").key, accounts.users.named("ben")
+    read = accounts.sessions.who
+
+    def overtaken(*args, **more):
+        who = read(*args, **more)
+        accounts.users.change(ben.id, role="viewer")
+        return who
+
+    with monkeypatch.context() as patch:
+        patch.setattr(accounts.sessions, "who", overtaken)
+        assert accounts.who_has_cookie(key).role == "operator"
+    assert accounts.remembered("session", key) is None
+    assert accounts.who_has_cookie(key).role == "viewer"
+
+
 def test_what_another_process_ended_is_seen_within_the_memory(accounts, database, clock, seconds):
     """A second server process switches the user off; the first one takes its word for at most a second."""
     other = AccountService(database, clock, seconds, Passwords(1, 8, 1), LIVES)
