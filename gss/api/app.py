@@ -14,11 +14,11 @@ from fastapi.responses import HTMLResponse
 
 from gss import __version__
 from gss.api import errors, stored_words
-from gss.api.counting import Counting
+from gss.api.counting import Counting, kinds_of
 from gss.api.deps import view_by_default
 from gss.api.files.compress import Compress
 from gss.api.files.pages import Pages
-from gss.api.guard import security
+from gss.api.guard import door, security
 from gss.api.routers import (
     alarms,
     analyses,
@@ -105,7 +105,6 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
     if behind is not None:
         app.add_middleware(Gateway, forward=Forward(behind))
     security.install(app)
-    app.add_middleware(Counting, metrics=services.upkeep.metrics)
     api = APIRouter(prefix="/api", dependencies=[Depends(view_by_default)])
     for module in (
         session,
@@ -138,10 +137,11 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         stream,
     ):
         api.include_router(module.router)
-    security.check_routes(api)
+    door.check_routes(api)
     app.include_router(api)
     app.include_router(upkeep.root)
     app.include_router(help.router)
+    app.add_middleware(Counting, metrics=services.upkeep.metrics, kinds=kinds_of(app))
     _serve_pages(app, pages)
     return app
 

@@ -4,30 +4,30 @@ from __future__ import annotations
 
 import time
 
+from fastapi import FastAPI
+from fastapi.routing import iter_route_contexts
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gss.operations.upkeep.metrics import Metrics
 
-KINDS = frozenset(
-    """
-    admin alarms analyses audit authority calibrations campaigns catalogues commands contacts design events frames health
-    jobs limits link openapi.json profiles rerun schedule session sessions setup sky solutions stacks stream tables
-    telemetry tokens transfers users
-    """.split()  # noqa: SIM905 - a list would be thirty lines
-)
+
+def kinds_of(app: FastAPI) -> frozenset[str]:
+    """The first words of the addresses below /api: few values, for what anybody may ask for must not grow the figures."""
+    paths = ((context.path or "").split("/") for context in iter_route_contexts(app.routes))
+    return frozenset(parts[2] for parts in paths if parts[1:2] == ["api"])
 
 
 class Counting:
-    """Middleware."""
+    """Middleware. ``kinds``: of routes; what is of none counts as other."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self._app, self._metrics = app, metrics
+    def __init__(self, app: ASGIApp, metrics: Metrics, kinds: frozenset[str]) -> None:
+        self._app, self._metrics, self._kinds = app, metrics, kinds
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        kind, status, begun_s = kind_of(scope["path"]), 500, time.perf_counter()
+        kind, status, begun_s = self._kind(scope["path"]), 500, time.perf_counter()
 
         async def told(message: Message) -> None:
             nonlocal status
@@ -44,10 +44,8 @@ class Counting:
             code = f"{status // 100}xx"
             self._metrics.count("gss_http_requests_total", "Answered requests.", route=kind, status=code)
 
-
-def kind_of(path: str) -> str:
-    """Few values: what anybody may ask for must not grow the figures."""
-    parts = path.split("/", 3)
-    if parts[1:2] != ["api"]:
-        return "metrics" if path == "/metrics" else "pages"
-    return parts[2] if len(parts) > 2 and parts[2] in KINDS else "other"
+    def _kind(self, path: str) -> str:
+        parts = path.split("/", 3)
+        if parts[1:2] != ["api"]:
+            return "metrics" if path == "/metrics" else "pages"
+        return parts[2] if len(parts) > 2 and parts[2] in self._kinds else "other"

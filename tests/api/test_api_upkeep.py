@@ -33,7 +33,7 @@ def test_health_names_every_thing_with_its_state(client):
 
 def test_figures_are_read_by_prometheus_own_reader(client):
     """Every family has its type and help; counters of requests rise, and no address that anybody makes up becomes a label."""
-    for path in ("/api/frames", "/api/frames", "/api/made-up", "/api/made-up-2"):
+    for path in ("/api/frames", "/api/frames", "/api/dictionary", "/api/made-up", "/api/made-up-2"):
         client.get(path)
     reply = client.get("/metrics")
     assert reply.headers["content-type"].startswith("text/plain; version=0.0.4")
@@ -47,6 +47,7 @@ def test_figures_are_read_by_prometheus_own_reader(client):
     assert all(f.documentation for f in families.values())
     counted = {(s.labels["route"], s.labels["status"]): s.value for s in families["gss_http_requests"].samples}
     assert counted["frames", "2xx"] >= 2
+    assert counted["dictionary", "2xx"] >= 1
     assert counted["other", "4xx"] >= 2
     assert not any("made-up" in route for route, _ in counted)
     assert families["gss_metrics_failed"].samples[0].value == 0

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from gss.api.app import create_app
 from gss.operations.accounts.passwords import AT_ONCE, MOST_WAITING
-from gss.settings import Settings
 from gss.store.audit import AuditFilter
-from gss.wiring import Services, build
+from gss.wiring import Services
 
 PASSWORD = "orion over the sea"
 MARK = {"X-GSS": "1"}
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
+def app(app_of: Callable[..., FastAPI]) -> FastAPI:
     """A server with Élodie, an admin, and vic, a viewer."""
-    services = build(Settings(data=tmp_path_factory.mktemp("data"), password_memory_kib=8, password_passes=1))
-    services.accounts.users.add("Élodie", "admin", by="test", password=PASSWORD)
-    services.accounts.users.add("vic", "viewer", by="test", password=PASSWORD + " vic")
-    app = create_app(services)
-    with TestClient(app):
-        yield app
+    return app_of({"Élodie": ("admin", PASSWORD), "vic": ("viewer", PASSWORD + " vic")})
 
 
 @pytest.fixture

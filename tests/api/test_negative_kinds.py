@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,14 +9,11 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute, iter_route_contexts
 from fastapi.testclient import TestClient
 
-from gss.api.app import create_app
 from gss.api.deps import needs_of
 from gss.operations.accounts.permissions import ROLES
 from gss.operations.clock import utc_now
 from gss.operations.jobs import PERMISSIONS, RESUMABLE_KINDS
-from gss.settings import Settings
 from gss.store.models import Job, Transfer
-from gss.wiring import build
 
 STARTED_AT = {
     "experiments": "/api/campaigns/experiments",
@@ -32,22 +27,6 @@ STARTED_AT = {
     "retention": "/api/admin/retention/run",
     "check-store": "/api/admin/check-store",
 }
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A server without a line."""
-    folder: Path = tmp_path_factory.mktemp("data")
-    app = create_app(build(Settings(data=folder)))
-    with TestClient(app):
-        yield app
-
-
-@pytest.fixture(scope="module")
-def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
-    """One browser for each role."""
-    made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES}
-    return {role: TestClient(app, base_url="http://localhost", headers=headers) for role, headers in made.items()}
 
 
 def stored(app: FastAPI, row: Any) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +23,14 @@ from gss.settings import Settings
 from gss.store.audit import AuditFilter
 from gss.wiring import build
 
-CHEAP = {"password_memory_kib": 8, "password_passes": 1}
 PROXY = {"behind_proxy": True, "public_names": "gss.example.org", "trusted_proxies": "192.0.2.7,10.0.0.0/8"}
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A server on loopback."""
-    folder: Path = tmp_path_factory.mktemp("data")
-    app = create_app(build(Settings(data=folder, **CHEAP)))
-    with TestClient(app):
-        yield app
 
 
 @pytest.fixture(scope="module")
 def proxied(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
     """A server behind a proxy; it is not started, because nothing here needs its threads."""
     folder: Path = tmp_path_factory.mktemp("proxied")
-    return create_app(build(Settings(data=folder, **PROXY, **CHEAP)))
+    return create_app(build(Settings(data=folder, **PROXY)))
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,13 +10,10 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute, iter_route_contexts
 from fastapi.testclient import TestClient
 
-from gss.api.app import create_app
 from gss.api.deps import NOBODY, is_export, needs_of
-from gss.api.guard.security import OPEN, SAFE_METHODS
+from gss.api.guard.door import OPEN, SAFE_METHODS
 from gss.device.dictionary_file import load_dictionary
 from gss.operations.accounts.permissions import ALL, COMMANDS, ROLES, SIGNED_IN, permitted
-from gss.settings import Settings
-from gss.wiring import build
 
 ENDLESS = ("/api/stream", "/api/rerun/live")
 NO_FILES = (
@@ -32,25 +27,6 @@ NO_FILES = (
     "/api/rerun/live",
 )
 """Drawn by the pages as one looks at them: not taken away as a file."""
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A server without a line."""
-    folder: Path = tmp_path_factory.mktemp("data")
-    app = create_app(build(Settings(data=folder)))
-    with TestClient(app):
-        yield app
-
-
-@pytest.fixture(scope="module")
-def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
-    """One browser for each role, and one of nobody."""
-    made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
-    return {
-        role: TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
-        for role, headers in made.items()
-    }
 
 
 def routes(app: FastAPI) -> list[tuple[str, str, APIRoute]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gss.api.guard.security import MAX_BODY_BYTES
+from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.cli import whole_parser
 from gss.settings import Settings
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from starlette.datastructures import MutableHeaders
+from starlette.types import Message, Send
+
 POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'"
@@ -17,3 +20,24 @@ HEADERS = {
 }
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
 """Only with TLS: from then on this browser comes over HTTPS only."""
+
+
+class Answer:
+    """Passes an answer on with our headers, and remembers its status."""
+
+    def __init__(self, send: Send, secure: bool, *, private: bool) -> None:
+        self._send, self._secure, self._private = send, secure, private
+        self.status = 0
+
+    async def __call__(self, message: Message) -> None:
+        """Send on."""
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers.setdefault(name, value)
+            if self._secure:
+                headers.setdefault(*STRICT_TRANSPORT)
+            if self._private:
+                headers.setdefault("Cache-Control", "no-store")
+        await self._send(message)

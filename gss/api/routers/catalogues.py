@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from gss.api import present
 from gss.api.catalogue_words import request_of
 from gss.api.deps import EXPORT, App, Moment, RowId, User, need
-from gss.api.guard import security
+from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
@@ -118,7 +118,7 @@ def add_source(
 ) -> StarListOut:
     """A CSV, ECSV, FITS or VOTable list as a source of stars. ``mapping``: JSON with columns, units, epoch_jyear, frame,
     bad_rows (drop or refuse). The answer says what was read and which rows were dropped."""
-    data = file.file.read(security.MAX_BODY_BYTES + 1)
+    data = file.file.read(MAX_BODY_BYTES + 1)
     row = app.star_lists.add(data, file.filename or "", _mapping(mapping), user=user, profile=profile, name=name)
     return StarListOut.model_validate(row)
 

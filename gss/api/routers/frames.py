@@ -10,7 +10,7 @@ from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, Who, need
-from gss.api.guard import security
+from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
     DownloadIn,
@@ -65,7 +65,7 @@ def latest_frame(app: App) -> FrameDetailOut:
 @router.post("/import", status_code=201, dependencies=[need("frames.import")])
 def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
     """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
-    data = file.file.read(security.MAX_BODY_BYTES + 1)
+    data = file.file.read(MAX_BODY_BYTES + 1)
     frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=user)
     return present.frames.frame_detail(app.frames.detail(frame.id))
 

@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from gss.api.deps import NOBODY, App, Who, need, who_of
-from gss.api.guard.security import COOKIE, session_key
+from gss.api.guard.keys import COOKIE, session_key
 from gss.api.schemas.accounts import PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
 from gss.domain.errors import Conflict
 from gss.operations.accounts import identity

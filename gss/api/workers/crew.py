@@ -108,7 +108,8 @@ class Crew:
 
     def _process(self) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "gss.api.workers.worker"]
-        return subprocess.Popen(command, stdin=subprocess.PIPE, text=True, pass_fds=[self._order.listener])  # noqa: S603
+        pipe, inherited = subprocess.PIPE, [self._order.listener]
+        return subprocess.Popen(command, stdin=pipe, text=True, pass_fds=inherited)  # noqa: S603 - our own program
 
     def _say(self, process: subprocess.Popen[str]) -> None:
         try:

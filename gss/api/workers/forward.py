@@ -10,6 +10,7 @@ import h11
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gss.api.errors import problem
+from gss.api.guard.door import is_change
 from gss.api.workers.local_routes import is_local
 
 PEER = b"x-gss-peer"
@@ -27,7 +28,6 @@ OWN = {
 }
 SET_AGAIN = OWN | {b"date", b"server"}
 PIECE = 1 << 16
-SAFE = ("GET", "HEAD", "OPTIONS")
 
 
 class Gateway:
@@ -141,7 +141,7 @@ class _Exchange:
         """Say it while that is possible; else the connection is cut, and the browser sees that the answer is not whole."""
         if self._started:
             return
-        changed = self._scope["method"] not in SAFE
+        changed = is_change(self._scope)
         hint = "it may have been done: look before you send it again" if changed else "try again in a moment"
         refusal = problem(503, "the link process did not answer to the end", got=str(error), hint=hint)
         await refusal(self._scope, self._receive, self._send)

@@ -1,0 +1,86 @@
+"""Who asks, by the key that the request carries: a program's token, or a browser's cookie with the mark of its session."""
+
+from __future__ import annotations
+
+import functools
+
+import anyio.to_thread
+from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
+from starlette.responses import Response
+from starlette.types import Scope
+
+from gss.api.errors import problem
+from gss.api.guard.door import is_change, is_open
+from gss.domain.errors import GssError, TooOften
+from gss.operations.accounts.accounts import AccountService
+from gss.operations.accounts.identity import Who
+from gss.operations.accounts.secrets import LONGEST, same
+
+MARK = "X-GSS"
+COOKIE = "gss_session"
+ABORT = "/api/commands/abort"
+
+
+class Keys:
+    """Knows people and programs by their keys."""
+
+    def __init__(self, accounts: AccountService) -> None:
+        self._accounts = accounts
+
+    async def identify(self, scope: Scope, headers: Headers) -> Response | None:
+        """Note in the request's state who asks; the refusal where it is nobody and should be somebody, or who did not mean it."""
+        token, cookie = bearer(headers), session_key(headers)
+        try:
+            who = await self._known(token, cookie, scope) if token or cookie else None
+        except TooOften as error:
+            return problem(429, error.message, error.expected, hint=error.hint, retry_after_s=error.retry_after_s)
+        except GssError as error:
+            return problem(503, error.message, error.expected, error.got, error.hint)
+        scope["state"]["who"] = who
+        if is_open(scope):
+            if is_change(scope) and MARK.lower() not in headers:
+                return problem(403, "a change needs the header X-GSS", "X-GSS: 1", hint="send the header X-GSS: 1")
+            return None
+        if who is None:
+            return _nobody(bool(token), bool(cookie))
+        if is_change(scope) and who.kind == "session" and not same(headers.get(MARK, ""), who.csrf):
+            return problem(
+                403,
+                "a change needs the session's own mark",
+                "X-GSS: the value csrf of GET /api/session",
+                hint="reload the page; programs use a token: Authorization: Bearer gss_…",
+            )
+        return None
+
+    async def _known(self, token: str, cookie: str, scope: Scope) -> Who | None:
+        """A token stands before a cookie: nobody but a program sends one."""
+        if token:
+            known = self._accounts.remembered("token", token)
+            ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"])
+        else:
+            known = self._accounts.remembered("session", cookie)
+            # Asking how long the session lasts does not make it last longer, and ABORT waits for no write.
+            touch = not is_open(scope) and scope["path"] != ABORT
+            ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
+        return known or await anyio.to_thread.run_sync(ask)
+
+
+def session_key(headers: Headers) -> str:
+    """The key in the session's cookie; "" where there is none."""
+    key = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
+    return key if len(key) <= LONGEST else ""
+
+
+def bearer(headers: Headers) -> str:
+    """The token of a program; "" where there is none."""
+    kind, _, key = headers.get("authorization", "").partition(" ")
+    return key.strip()[: LONGEST + 1] if kind.lower() == "bearer" else ""
+
+
+def _nobody(token: bool, cookie: bool) -> Response:
+    if token:
+        return problem(401, "this token is worth nothing", "one that lives", hint="ask an admin for another one")
+    if cookie:
+        return problem(401, "the session has ended", hint="sign in again")
+    return problem(401, "nobody is signed in", hint="sign in; programs send Authorization: Bearer gss_…")

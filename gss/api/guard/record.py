@@ -1,0 +1,80 @@
+"""What came past the guard goes on the record: every change, every export, every denial, and of strangers' knocking enough."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections import OrderedDict
+
+import anyio.to_thread
+from fastapi.routing import APIRoute
+from starlette.types import Scope
+
+from gss.api.deps import is_export, needs_of
+from gss.api.guard.door import is_change, is_guarded
+from gss.operations.accounts.audit import AuditService, Result
+from gss.operations.accounts.identity import Who
+from gss.operations.clock import Monotonic
+
+DENIED = (401, 403, 429)
+QUIET_S = 60.0
+log = logging.getLogger("gss.api")
+
+
+class Record:
+    """One row for each change, export, and denial."""
+
+    def __init__(self, audit: AuditService, monotonic_s: Monotonic) -> None:
+        self._audit, self._strangers = audit, Strangers(monotonic_s)
+
+    async def put(self, scope: Scope, status: int) -> None:
+        """Write the row of an answered request. What was handed on, the link process writes."""
+        route, state = scope.get("route"), scope["state"]
+        denied = status in DENIED
+        if scope.get("gss.forwarded") or not (denied or _is_changed(scope, route) or is_export(route)):
+            return
+        who: Who | None = state["who"]
+        action, detail = _action(route), state["detail"]
+        if denied and who is None:
+            skipped = None if status == 429 else self._strangers.seen(f"{state['address']} {action}")
+            if skipped is None:
+                return
+            detail = f"{detail}; {skipped} more like this were not written" if skipped else detail
+        name = state.get("named") or (who.name if who else "nobody")
+        result: Result = "denied" if denied else "done" if status < 400 else "failed"
+        target = f"{scope['method']} {scope['path'].removeprefix('/api')}"
+        place = {"role": who.role if who else "", "address": state["address"]}
+        write = functools.partial(self._audit.record, name, action, target, result, detail, **place)
+        try:
+            await anyio.to_thread.run_sync(write)
+        except Exception:  # a row that cannot be written must not undo what was done: it is in the log
+            log.exception("the audit record could not be written: %s %s %s by %s", action, target, result, name)
+
+
+class Strangers:
+    """Denials of people who are not signed in: one row a minute for each address and thing, with a count of the others; none for
+    those whom a brake stopped. Anybody who can reach the port could fill the disk otherwise."""
+
+    MOST = 2000
+
+    def __init__(self, monotonic_s: Monotonic) -> None:
+        self._now_s = monotonic_s
+        self._seen: OrderedDict[str, tuple[float, int]] = OrderedDict()
+
+    def seen(self, key: str) -> int | None:
+        """How many went unwritten since the last row; None where this one need not be written."""
+        at_s, skipped = self._seen.pop(key, (-QUIET_S, 0))
+        fresh = self._now_s() - at_s >= QUIET_S
+        self._seen[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)
+        while len(self._seen) > self.MOST:
+            self._seen.popitem(last=False)
+        return skipped if fresh else None
+
+
+def _is_changed(scope: Scope, route: object) -> bool:
+    return is_change(scope) and is_guarded(scope) and any(need.changes for need in needs_of(route))
+
+
+def _action(route: object) -> str:
+    """Router and function, as alarms.acknowledge; "door" where the guard itself answered."""
+    return f"{route.endpoint.__module__.rsplit('.', 1)[-1]}.{route.name}" if isinstance(route, APIRoute) else "door"
