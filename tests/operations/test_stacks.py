@@ -301,3 +301,46 @@ def test_a_run_does_not_outlive_the_server(make_desk, database):
     assert second.history.page(_of(left), 5) == []
     second.stacks.delete(stack.id)
     assert second.runs.get(left.id).stack_id is None
+
+
+# --- taken up again ----------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_step_is_tried_again_or_passed_with_a_reason(desk):
+    """Retry sends it as a new command; skip goes on behind it, and the reason stands beside the step."""
+    steps = (STATUS, {"command": "FIND_CENTROIDS"}, STATUS)
+    run = desk.run_ends(desk.runs.run(kept(desk, *steps).id, [], user="ann"))
+    first = run.steps[1]["command_id"]
+    again = desk.run_ends(desk.runs.go_on(run.id, "", [], user="ann"))
+    assert (again.id, again.state, states(again)) == (run.id, "failed", ["completed", "failed", "waiting"])
+    assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
+    assert again.steps[1]["command_id"] > first
+    passed = desk.run_ends(desk.runs.go_on(run.id, "no image tonight", [], user="ann"))
+    assert (passed.state, states(passed)) == ("completed", ["completed", "skipped", "completed"])
+    assert passed.steps[1]["detail"].startswith("by ann: no image tonight; before failed no_image")
+    with pytest.raises(Conflict, match="only a run that failed"):
+        desk.runs.go_on(run.id, "", [], user="ann")
+
+
+def test_a_step_of_unknown_fate_is_tried_again_with_its_id(desk):
+    """The device runs it once, whether the first one came through or not."""
+    desk.sensor.deaf = True
+    run = desk.run_ends(desk.runs.run(kept(desk, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
+    assert states(run) == ["unknown"]
+    desk.sensor.deaf = False
+    again = desk.run_ends(desk.runs.go_on(run.id, "", [], user="ann"))
+    assert (again.state, states(again)) == ("completed", ["completed"])
+    assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
+    assert desk.commands.get(again.steps[0]["command_id"]).attempts == 2
+
+
+def test_hazards_behind_the_failed_step_are_confirmed_anew(desk):
+    """Names typed for a run that failed do not hold for the next try; a last step that is passed needs none."""
+    stack = kept(desk, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
+    run = desk.run_ends(desk.runs.run(stack.id, ["POWER"], user="ann"))
+    with pytest.raises(BadInput, match="must be confirmed"):
+        desk.runs.go_on(run.id, "not needed", [], user="ann")
+    later = desk.run_ends(desk.runs.run(kept(desk, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann"))
+    with pytest.raises(Conflict, match="another stack ran since"):
+        desk.runs.go_on(run.id, "not needed", ["POWER"], user="ann")
+    assert desk.run_ends(desk.runs.go_on(later.id, "not needed", [], user="ann")).state == "completed"

@@ -7,8 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.deps import EXPORT, App, Deed, RowId, User, need
 from gss.api.schemas.stacks import (
+    GoOnIn,
     RunIn,
     StackCheckOut,
     StackFileIn,
@@ -119,6 +120,15 @@ def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """End it; a command that was sent is followed on its own."""
     return present.stacks.run(app.stack_runs.stop(run_id, user=user))
+
+
+@router.post("/stack-runs/{run_id}/go-on", dependencies=[need("stacks")])
+def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, deed: Deed) -> StackRunOut:
+    """Take the last run, which failed, up again at the step that failed: once more, or past it with a reason. A command of unknown
+    fate keeps its id."""
+    row = app.stack_runs.get(run_id)
+    deed(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
+    return present.stacks.run(app.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
 
 
 def _checked(app: Services, result: StackCheck) -> StackCheckOut:

@@ -61,6 +61,12 @@ class RunIn(In):
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
+class GoOnIn(RunIn):
+    """How a failed run goes on: ``skip`` is the reason for passing the step that failed, "" tries it again."""
+
+    skip: str = Field(default="", max_length=500)
+
+
 class ConditionOut(Out):
     """A condition as kept."""
 
@@ -134,7 +140,7 @@ class StackCheckOut(Out):
 
 
 class RunStepOut(StepOut):
-    """A step of a run. ``state``: waiting, delay, condition, sending, stopped, or the result of its command."""
+    """A step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command."""
 
     state: str
     command_id: int | None

@@ -1,7 +1,8 @@
 """Runs of stacks: one at a time, on a thread; the next step only after the one before has completed.
 
 What is not completed (rejected, failed, unknown, withdrawn, not allowed, condition not met) ends the run. ABORT ends it too. A
-run does not outlive the server, and nothing of it is sent again.
+run does not outlive the server, and nothing of it is sent again by software: a person may take a failed one up again at the step
+that failed, once more or past it.
 """
 
 from __future__ import annotations
@@ -15,16 +16,15 @@ from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.clock import Monotonic, Now
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.stack_orders import Orders, Stopped
-from gss.operations.commanding.stacks import StackService, condition_of
+from gss.operations.commanding.stack_record import RunRecord
+from gss.operations.commanding.stacks import STEP, StackService, Step, condition_of
 from gss.operations.events import EventBus
 from gss.operations.line.link import LinkService
-from gss.store import stacks as store
 from gss.store.engine import Database
-from gss.store.models import Command, Stack, StackRun
+from gss.store.models import Command, StackRun
 
 LOOK_EVERY_S = 0.2
 ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
-RESTARTED = "stopped: server restarted"
 
 
 class StackRunner:
@@ -41,7 +41,7 @@ class StackRunner:
         monotonic_s: Monotonic,
     ) -> None:
         self._stacks, self._link, self._commands = stacks, link, commands
-        self._database, self._bus, self._now, self._monotonic_s = database, bus, now, monotonic_s
+        self._record, self._bus, self._now, self._monotonic_s = RunRecord(database, bus, now), bus, now, monotonic_s
         self._lock = threading.Lock()
         self._orders: Orders | None = None
         self._run_id: int | None = None
@@ -53,9 +53,7 @@ class StackRunner:
 
     def start(self) -> None:
         """Runs of the last server ended with it."""
-        with self._database.unit_of_work() as session:
-            for row in store.left_under_way(session):
-                row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()
+        self._record.end_left()
 
     def shut_down(self) -> None:
         """End the run that is under way, and wait for its thread."""
@@ -68,48 +66,69 @@ class StackRunner:
     def run(self, stack_id: int, confirm: Sequence[str], *, user: str) -> StackRun:
         """Begin a run; its row comes back at once. BadInput lists the names that still must be typed."""
         stack = self._stacks.get(stack_id)
-        self._stacks.check_permitted(stack.steps, user=user)
-        check = self._stacks.check(stack.steps, user=user)
+        self._check(stack.name, stack.steps, confirm, user)
+        row = self._begin(lambda: self._record.add(stack, user), 0, user)
+        self._bus.record("stack", "ok", f"{user} runs {stack.name}: {len(stack.steps)} steps", run_id=row.id)
+        return row
+
+    def go_on(self, run_id: int, skip: str, confirm: Sequence[str], *, user: str) -> StackRun:
+        """Take the last run up again at the step that failed: once more, or past it where ``skip`` gives a reason. A command of
+        unknown fate is sent with its id, so that the device does not run it twice; every other one is a new command."""
+        row = self._failed_last(run_id)
+        failed, first = row.steps[row.step], row.step + bool(skip)
+        rest = [{name: step[name] for name in STEP} for step in row.steps[first:]]
+        if rest:
+            self._check(row.name, rest, confirm, user)
+
+        def open_again() -> StackRun:
+            self._failed_last(run_id)
+            if skip:
+                words = f"by {user}: {skip}; before {failed['state']} {failed['detail']}".strip()
+                self._record.mark(run_id, row.step, "skipped", command_id=failed["command_id"], detail=words)
+            return self._record.change(run_id, state="running", reason="", finished=None)
+
+        opened = self._begin(open_again, first, user)
+        words = f"{user} {'skips' if skip else 'retries'} step {row.step + 1} of {row.name}"
+        self._bus.record("stack", "watch", f"{words}: {skip}" if skip else words, run_id=run_id)
+        return opened
+
+    def _failed_last(self, run_id: int) -> StackRun:
+        row, newest = self.get(run_id), self.newest(1)[0]
+        if row.state != "failed":
+            raise Conflict("only a run that failed is taken up again", expected="failed", got=row.state)
+        if newest.id != run_id:
+            raise Conflict("another stack ran since", got=f"run {newest.id}", hint="run the stack anew")
+        return row
+
+    def _check(self, name: str, steps: Sequence[Step], confirm: Sequence[str], user: str) -> None:
+        """All that is still to be sent: permitted, possible now, and the names of its hazards typed."""
+        self._stacks.check_permitted(steps, user=user)
+        check = self._stacks.check(steps, user=user)
         if check.problems:
-            raise Conflict(f"{stack.name} cannot run now", got=check.problems[0])
-        missing = [name for name in check.confirm if name not in confirm]
+            raise Conflict(f"{name} cannot run now", got=check.problems[0])
+        missing = [word for word in check.confirm if word not in confirm]
         if missing:
-            raise BadInput(f"{stack.name} has steps that must be confirmed", expected=f"typed: {', '.join(missing)}")
+            raise BadInput(f"{name} has steps that must be confirmed", expected=f"typed: {', '.join(missing)}")
+
+    def _begin(self, row_of: Callable[[], StackRun], first: int, user: str) -> StackRun:
+        """The thread of a run, from its step ``first`` on; its row comes back at once."""
         with self._lock:
             if self._orders is not None:
                 raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait for its end, or stop it")
             self._commands.require_user(user)
-            row = self._add(stack, user)
+            row = row_of()
             self._orders, self._run_id = Orders(), row.id
             self._thread = threading.Thread(
-                target=self._execute, args=(row.id, self._orders, user), name="stack", daemon=True
+                target=self._execute, args=(row.id, first, self._orders, user), name="stack", daemon=True
             )
             self._thread.start()
-        self._bus.record("stack", "ok", f"{user} runs {stack.name}: {len(stack.steps)} steps", run_id=row.id)
-        return row
-
-    def _add(self, stack: Stack, user: str) -> StackRun:
-        steps = [dict(step) | {"state": "waiting", "command_id": None, "detail": ""} for step in stack.steps]
-        row = StackRun(
-            stack_id=stack.id,
-            name=stack.name,
-            steps=steps,
-            state="running",
-            step=0,
-            reason="",
-            user=user,
-            started=self._now(),
-        )
-        with self._database.unit_of_work() as session:
-            store.add(session, row)
-        self._bus.publish("stack_run", row)
         return row
 
     def pause(self, run_id: int, *, user: str) -> StackRun:
         """Send no further step; the one under way goes on to its end."""
         with self._lock:
             self._under_way(run_id).pause = True
-            row = self._change(run_id, state="paused")
+            row = self._record.change(run_id, state="paused")
         self._bus.record("stack", "ok", f"{user} pauses run {run_id}", run_id=run_id)
         return row
 
@@ -118,7 +137,7 @@ class StackRunner:
         with self._lock:
             orders = self._under_way(run_id)
             self._commands.check_user(user)
-            row = self._change(run_id, state="running")
+            row = self._record.change(run_id, state="running")
             orders.pause = False
         orders.ring()
         self._bus.record("stack", "ok", f"{user} resumes run {run_id}", run_id=run_id)
@@ -145,13 +164,11 @@ class StackRunner:
 
     def get(self, run_id: int) -> StackRun:
         """The run of that id."""
-        with self._database.unit_of_work() as session:
-            return store.get_run(session, run_id)
+        return self._record.get(run_id)
 
     def newest(self, limit: int) -> list[StackRun]:
         """Newest first."""
-        with self._database.unit_of_work() as session:
-            return store.newest_runs(session, limit)
+        return self._record.newest(limit)
 
     # --- what happens meanwhile ---------------------------------------------------------------------------------
 
@@ -178,11 +195,10 @@ class StackRunner:
 
     # --- the thread ---------------------------------------------------------------------------------------------
 
-    def _execute(self, run_id: int, orders: Orders, user: str) -> None:
+    def _execute(self, run_id: int, first: int, orders: Orders, user: str) -> None:
         state, reason = "completed", ""
         try:
-            steps = self.get(run_id).steps
-            for number, step in enumerate(steps):
+            for number, step in list(enumerate(self.get(run_id).steps))[first:]:
                 self._step(run_id, number, step, orders, user)
         except Stopped as stopped:
             state, reason = stopped.state, stopped.reason
@@ -192,7 +208,7 @@ class StackRunner:
             state, reason = "failed", f"defect in the server: {type(error).__name__}: {error}"
         with self._lock:
             self._orders = self._run_id = None
-            row = self._change(run_id, state=state, reason=reason, finished=self._now())
+            row = self._record.change(run_id, state=state, reason=reason, finished=self._now())
         severity = "ok" if state == "completed" else "watch" if state == "stopped" else "warning"
         words = f"{row.name}: {state} at step {row.step + 1} of {len(row.steps)}" + (f", {reason}" if reason else "")
         self._bus.record("stack", severity, words, run_id=run_id)
@@ -201,19 +217,20 @@ class StackRunner:
         began_s = self._monotonic_s()
         try:
             if step["delay_s"]:
-                self._mark(run_id, number, "delay")
+                self._record.mark(run_id, number, "delay")
                 self._wait(orders, lambda: self._monotonic_s() >= began_s + step["delay_s"])
             if step["condition"]:
-                self._mark(run_id, number, "condition")
+                self._record.mark(run_id, number, "condition")
                 self._await_condition(orders, step["condition"], began_s)
-            self._mark(run_id, number, "sending")
+            self._record.mark(run_id, number, "sending")
             self._wait(orders, lambda: not orders.pause)
             row = self._send(run_id, step, orders, user)
         except (Stopped, GssError) as error:
             state = error.state if isinstance(error, Stopped) else "failed"
-            self._mark(run_id, number, state, detail=error.reason if isinstance(error, Stopped) else str(error))
+            words = error.reason if isinstance(error, Stopped) else str(error)
+            self._record.mark(run_id, number, state, command_id=step["command_id"], detail=words)
             raise
-        self._mark(run_id, number, row.result, command_id=row.id, detail=row.detail)
+        self._record.mark(run_id, number, row.result, command_id=row.id, detail=row.detail)
         if row.result != "completed":
             raise Stopped("failed", f"step {number + 1}, {row.name}: {row.result} {row.detail}".strip())
 
@@ -244,9 +261,14 @@ class StackRunner:
 
     def _send(self, run_id: int, step: Mapping[str, Any], orders: Orders, user: str) -> Command:
         """Send and follow to the end. The names were typed before the run began."""
-        name = step["command"]
-        confirm = self._stacks.confirmation(step)
-        row = self._commands.send(name, step["arguments"], confirm=confirm, user=user, source="stack", run_id=run_id)
+        row = self._fate(step)
+        if row is None:
+            name, arguments, confirm = step["command"], step["arguments"], self._stacks.confirmation(step)
+            row = self._commands.send(name, arguments, confirm=confirm, user=user, source="stack", run_id=run_id)
+        elif row.result == "completed":
+            return row
+        else:
+            row = self._commands.retry(row.id, user=user)
         try:
             self._wait(orders, lambda: self._ended(orders, row) or not self._reachable(orders, row))
         except Stopped:
@@ -255,6 +277,11 @@ class StackRunner:
         if not self._ended(orders, row):
             self._take_back(row.id, user)
         return self._commands.get(row.id)
+
+    def _fate(self, step: Mapping[str, Any]) -> Command | None:
+        """The earlier command of a step that is tried again, where it may have run: unknown still, or reported late."""
+        row = None if step["command_id"] is None else self._commands.get(step["command_id"])
+        return row if row is not None and row.result in ("unknown", "completed") else None
 
     @staticmethod
     def _ended(orders: Orders, row: Command) -> bool:
@@ -269,21 +296,3 @@ class StackRunner:
             self._commands.take_back(command_id, user=user)
         except Conflict:
             return  # it was sent already and is followed on its own
-
-    # --- the row ------------------------------------------------------------------------------------------------
-
-    def _mark(self, run_id: int, number: int, state: str, *, command_id: int | None = None, detail: str = "") -> None:
-        with self._database.unit_of_work() as session:
-            row = store.get_run(session, run_id)
-            steps = [dict(step) for step in row.steps]
-            steps[number] |= {"state": state, "command_id": command_id, "detail": detail}
-            row.steps, row.step = steps, number
-        self._bus.publish("stack_run", row)
-
-    def _change(self, run_id: int, **values: Any) -> StackRun:
-        with self._database.unit_of_work() as session:
-            row = store.get_run(session, run_id)
-            for name, value in values.items():
-                setattr(row, name, value)
-        self._bus.publish("stack_run", row)
-        return row

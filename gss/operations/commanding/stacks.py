@@ -22,6 +22,7 @@ from gss.store.engine import Database
 from gss.store.models import Stack
 
 Step = Mapping[str, Any]
+STEP = ("command", "arguments", "delay_s", "condition", "note")
 FORMAT, VERSION = "gss-stack", 1
 MOST_STEPS = 200
 LONGEST_WAIT_S = 86_400.0
@@ -200,8 +201,8 @@ def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[st
 
 def checked_step(dictionary: Dictionary, step: Step) -> dict[str, Any]:
     """One step in full."""
-    if not isinstance(step, Mapping) or set(step) - {"command", "arguments", "delay_s", "condition", "note"}:
-        raise BadInput("not a step", expected="command, arguments, delay_s, condition, note", got=str(step)[:120])
+    if not isinstance(step, Mapping) or set(step) - {*STEP}:
+        raise BadInput("not a step", expected=", ".join(STEP), got=str(step)[:120])
     command = dictionary.command(str(step.get("command")))
     if command.name == "ABORT":
         raise BadInput("ABORT has a lane of its own and is no step", expected="another command")
