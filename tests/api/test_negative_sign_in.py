@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +14,17 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
+from gss.domain.limits import State
 from gss.settings import Settings
 from gss.wiring import Services, build
 
 PASSWORD = "orion over the sea"
-CHEAP = {"password_memory_kib": 8, "password_passes": 1}
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
+def app(app_of: Callable[..., FastAPI]) -> FastAPI:
     """A server with ann, an admin, and vic, a viewer, who have passwords."""
-    folder: Path = tmp_path_factory.mktemp("data")
-    services = build(Settings(data=folder, **CHEAP))
-    services.accounts.users.add("ann", "admin", by="test", password=PASSWORD)
-    services.accounts.users.add("vic", "viewer", by="test", password=PASSWORD + " vic")
-    app = create_app(services)
-    with TestClient(app):
-        yield app
+    return app_of({"ann": ("admin", PASSWORD), "vic": ("viewer", PASSWORD + " vic")})
 
 
 @pytest.fixture
@@ -225,7 +219,7 @@ def test_links_are_used_once_and_not_guessed(services: Services, stranger: TestC
 
 def test_the_first_admin_is_made_with_the_printed_link_only(tmp_path: Path) -> None:
     """An empty server: nothing is open, no password is known, guesses at the link are braked, the link works once."""
-    services = build(Settings(data=tmp_path / "data", **CHEAP))
+    services = build(Settings(data=tmp_path / "data", password_memory_kib=8, password_passes=1))
     with TestClient(create_app(services), base_url="http://localhost", headers={"X-GSS": "1"}) as client:
         assert client.get("/api/session").json()["set_up_needed"] is True
         assert client.get("/api/link").status_code == 401
@@ -295,6 +289,39 @@ def test_the_record_says_what_was_done_and_no_secret(services: Services, strange
     stranger.post("/api/authority/break", json={"reason": "pass begins"})
     assert newest(services, "authority.break_authority").detail.startswith("of nobody, pass begins: ")
     assert made["link"].split("#")[1] not in "".join(services.audit.export("jsonl"))
+
+
+def test_the_record_says_from_what_to_what(services: Services, stranger: TestClient) -> None:
+    """Limits, alarms, tables and the line: what it was, what it was to be, and the words that were given."""
+    sign_in(stranger)
+    own = {"watch": [None, 30], "warning": [None, 40], "critical": [None, 50], "persistence": 2, "note": "hot night"}
+    stranger.put("/api/telemetry/limits/housekeeping.sensor_temperature_c", json=own)
+    said = newest(services, "limits.override").detail
+    assert said.startswith("housekeeping.sensor_temperature_c from watch ")
+    assert said.endswith(" to watch … 30, warning … 40, critical … 50, 2 samples hot night")
+    stranger.delete("/api/telemetry/limits/housekeeping.sensor_temperature_c")
+    said = newest(services, "limits.restore").detail
+    assert said.startswith(
+        "housekeeping.sensor_temperature_c from watch … 30, warning … 40, critical … 50, 2 samples to "
+    )
+    before, other = services.telemetry.limits.chosen, services.telemetry.limits.sets[-1][0]
+    stranger.put("/api/telemetry/limits/set", json={"name": other, "note": "bench"})
+    assert newest(services, "limits.choose_set").detail == f"from {before} to {other} bench"
+    services.alarms.watch(("link", "test"), State.WARNING, 1.0, "a test", "")
+    (alarm,) = services.alarms.opened()
+    stranger.post(f"/api/alarms/{alarm.row.id}/shelve", json={"minutes": 10, "note": "known"})
+    assert newest(services, "alarms.shelve").detail.endswith("raised; for 10 min known")
+    stranger.post(f"/api/alarms/{alarm.row.id}/unshelve", json={"note": "again"})
+    assert newest(services, "alarms.unshelve").detail.endswith("shelved; again")
+    table = {"kind": "parameters", "name": "dark", "profile": "cubestar", "content": {"threshold_dn": 30}}
+    made = stranger.post("/api/tables", json=table).json()
+    assert newest(services, "tables.create_table").detail == "parameters dark of cubestar: threshold_dn"
+    stranger.post(f"/api/tables/{made['id']}/upload", json={"bank": "2"})
+    assert newest(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
+    stranger.post("/api/link/open", json={"url": "carrier-pigeon://coop"})
+    assert newest(services, "link.open_link").detail.startswith("from closed to carrier-pigeon://coop: ")
+    stranger.post("/api/link/close")
+    assert newest(services, "link.close_link").detail.startswith("closed")
 
 
 def test_every_deed_denial_and_export_is_on_the_record(services: Services, stranger: TestClient, address: str) -> None:

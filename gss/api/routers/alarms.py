@@ -8,9 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId, User, need
+from gss.api.deps import App, Deed, RowId, User, need
 from gss.api.schemas.alarms import AlarmRow, NoteIn, ShelveIn
 from gss.operations.clock import utc_now
+from gss.wiring import Services
 
 router = APIRouter(prefix="/alarms", tags=["alarms"])
 
@@ -29,25 +30,35 @@ def read_alarm(app: App, alarm_id: RowId) -> AlarmRow:
 
 
 @router.post("/{alarm_id}/acknowledge", dependencies=[need("alarms")])
-def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn) -> AlarmRow:
+def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
     """Somebody has seen it."""
+    deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.acknowledge(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/shelve", dependencies=[need("alarms")])
-def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn) -> AlarmRow:
+def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, deed: Deed) -> AlarmRow:
     """Do not show it for a time."""
+    deed(_named(app, alarm_id), f"for {body.minutes:g} min", body.note)
     until = utc_now() + timedelta(minutes=body.minutes)
     return present.alarms.alarm(app.alarms.shelve(alarm_id, until, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/unshelve", dependencies=[need("alarms")])
-def unshelve(app: App, user: User, alarm_id: RowId, body: NoteIn) -> AlarmRow:
+def unshelve(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
     """Show it again."""
+    deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.unshelve(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/clear", dependencies=[need("alarms")])
-def clear(app: App, user: User, alarm_id: RowId, body: NoteIn) -> AlarmRow:
+def clear(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
     """Close it by hand, unless its cause is still there."""
+    deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.clear(alarm_id, user=user, note=body.note))
+
+
+def _named(app: Services, alarm_id: int) -> str:
+    """What is changed, and from what: field, level, state."""
+    row = present.alarms.alarm(app.alarms.get(alarm_id))
+    return f"{row.packet}.{row.field}, {row.level}, {'shelved' if row.shelved else row.state};"

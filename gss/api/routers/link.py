@@ -5,8 +5,10 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import NOBODY, App, User, need
+from gss.api.deps import NOBODY, App, Deed, User, Who, need
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
+from gss.operations.line.addresses import is_allowed, not_allowed
+from gss.wiring import Services
 
 router = APIRouter(tags=["link"])
 
@@ -30,24 +32,39 @@ def read_counters(app: App) -> CountersOut:
 
 
 @router.post("/link/open", dependencies=[need("link.open")])
-def open_link(app: App, user: User, body: LinkOpenIn) -> LinkOut:
-    """Use another port. What is wrong with it is said at once, and the present one stays."""
-    app.authority.check(user)
+def open_link(app: App, who: Who, body: LinkOpenIn, deed: Deed) -> LinkOut:
+    """Use another port. What is wrong with it is said at once, and the present one stays. Other machines are an admin's, unless they
+    are on the list of the settings or the line was open before."""
+    deed(f"from {_port(app)} to {body.url}")
+    app.authority.check(who.name)
+    if who.role != "admin" and not _is_known(app, body.url):
+        raise not_allowed(body.url)
     app.link.open(body.url)
     return present.link.link(app.status.header())
 
 
 @router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
-def acknowledge_dictionary(app: App, user: User) -> LinkOut:
+def acknowledge_dictionary(app: App, user: User, deed: Deed) -> LinkOut:
     """Accept that the device has another dictionary; commanding is blocked until then."""
+    deed(f"ours {app.link.dictionary.hash_hex}, the device's {app.link.session.device_dictionary_hash or 'not told'}")
     app.authority.check(user)
     app.link.acknowledge_dictionary(user)
     return present.link.link(app.status.header())
 
 
 @router.post("/link/close", dependencies=[need("link.open")])
-def close_link(app: App, user: User) -> LinkOut:
+def close_link(app: App, user: User, deed: Deed) -> LinkOut:
     """Give the port back."""
+    deed(_port(app))
     app.authority.check(user)
     app.link.close()
     return present.link.link(app.status.header())
+
+
+def _is_known(app: Services, url: str) -> bool:
+    allowed = is_allowed(url, app.settings.link_allow)
+    return allowed or url == app.settings.device or app.contacts.had(url)
+
+
+def _port(app: Services) -> str:
+    return app.link.url if app.link.connected else "closed"

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.deps import EXPORT, App, Deed, RowId, User, need
 from gss.api.schemas.tables import (
     OnBoardTableOut,
     TableDefaultsOut,
@@ -45,8 +45,9 @@ def table_defaults(
 
 
 @router.post("", status_code=201, dependencies=[need("tables")])
-def create_table(app: App, body: TableIn, user: User) -> TableDetailOut:
+def create_table(app: App, body: TableIn, user: User, deed: Deed) -> TableDetailOut:
     """Make a table of a camera's values and what is given."""
+    deed(f"{body.kind} {body.name} of {body.profile}:", ", ".join(body.content) or "its own values")
     row = app.tables.create(body.kind, body.name, body.profile, body.content, user=user)
     return present.tables.table_detail(row, app.tables.on_board())
 
@@ -65,7 +66,9 @@ def table_file(app: App, table_id: RowId) -> Response:
 
 
 @router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
-def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User) -> TransferOut:
+def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, deed: Deed) -> TransferOut:
     """Send it to an inactive bank; it is verified by read-back and committed."""
+    row = app.tables.get(table_id)
+    deed(f"{row.kind} {row.name} to bank {body.bank}")
     app.authority.check(user)
     return present.records.transfer(app.tables.upload(table_id, body.bank))
