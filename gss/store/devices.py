@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
@@ -42,6 +42,11 @@ def open_contact(session: Session, url: str, now: datetime, capture: str) -> Con
     return contact
 
 
+def had_contact(session: Session, url: str) -> bool:
+    """Was a line open on that address before?"""
+    return bool(session.scalar(select(exists().where(Contact.url == url))))
+
+
 def update_contact(
     session: Session,
     contact_id: int,
@@ -72,7 +77,7 @@ def close_left_open(session: Session, now: datetime) -> None:
         contact.ended = min(now, last or contact.started)
 
 
-def list_contacts(session: Session, limit: int) -> list[tuple[Contact, Device | None, int, int]]:
+def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
     """Newest contacts with their device and the numbers of frames and commands."""
     frames = select(func.count(Frame.id)).where(Frame.contact_id == Contact.id).scalar_subquery()
     commands = select(func.count(Command.id)).where(Command.contact_id == Contact.id).scalar_subquery()
@@ -80,9 +85,15 @@ def list_contacts(session: Session, limit: int) -> list[tuple[Contact, Device | 
         select(Contact, Device, frames, commands)
         .outerjoin(Device, Device.id == Contact.device_id)
         .order_by(Contact.id.desc())
+        .offset(offset)
         .limit(limit)
     )
     return [(row[0], row[1], row[2], row[3]) for row in session.execute(query)]
+
+
+def count_contacts(session: Session) -> int:
+    """How many there are."""
+    return session.scalar(select(func.count(Contact.id))) or 0
 
 
 def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | None]:

@@ -80,6 +80,9 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     (row,) = (r for r in client.get("/api/campaigns/chains").json() if r["chain"] == "cubestar")
     assert (row["frames"], row["solved"]) == (FRAMES, job["result"]["counts"]["solved"])
     assert row["median_error_axis_arcsec"] < 60
+    low, high = row["solved_interval"]
+    assert 0 < low < row["solved"] / FRAMES <= high <= 1
+    assert (row["judged"] > 0, row["wrong_most"] < 1) == (True, True)
     left = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
     assert left.status_code == 400
     assert "no frame to run" in left.json()["message"]

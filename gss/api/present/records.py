@@ -5,7 +5,7 @@ from __future__ import annotations
 from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
-from gss.operations.jobs import can_start_again
+from gss.operations.jobs import can_start_again, permission_of
 from gss.operations.transfers.transfer_rows import TransferView
 from gss.operations.transfers.transfers import RESUMABLE
 from gss.store.models import Event, Job, Transfer
@@ -51,7 +51,9 @@ def _options(row: Transfer) -> TransferOptionsOut:
 def job(row: Job) -> JobOut:
     """A job."""
     names = "id kind title state done total text created finished result attempts"
-    return JobOut(**{name: getattr(row, name) for name in names.split()}, can_start_again=can_start_again(row))
+    values = {name: getattr(row, name) for name in names.split()}
+    user = row.request.get("user") or ""
+    return JobOut(**values, user=user, permission=permission_of(row), can_start_again=can_start_again(row))
 
 
 def event(row: Event) -> EventOut:

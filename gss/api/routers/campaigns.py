@@ -11,7 +11,9 @@ from gss.api.deps import EXPORT, App, User, need
 from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
 from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
+from gss.domain.experiment import share_interval
 from gss.operations.frames.solution_export import FORMATS, export_solutions
+from gss.operations.studies.campaigns import ChainRecord
 from gss.operations.studies.experiments import ENTRIES
 from gss.operations.studies.reprocess import Reprocessing
 
@@ -41,19 +43,24 @@ def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
 @router.get("/chains")
 def compare_chains(app: App) -> list[ChainRecordOut]:
     """What each chain and version made of the stored frames."""
-    return [
-        ChainRecordOut(
-            chain=r.chain,
-            version=r.version,
-            frames=r.frames,
-            solved=r.solved,
-            verdicts=r.verdicts,
-            median_error_axis_arcsec=None if r.median_error_axis_rad is None else r.median_error_axis_rad / ARCSEC_RAD,
-            median_rms_px=r.median_rms_px,
-            median_time_ms=None if r.median_time_s is None else 1e3 * r.median_time_s,
-        )
-        for r in app.campaigns.compare()
-    ]
+    return [_chain(record) for record in app.campaigns.compare()]
+
+
+def _chain(r: ChainRecord) -> ChainRecordOut:
+    judged = sum(count for verdict, count in r.verdicts.items() if verdict != "none")
+    return ChainRecordOut(
+        chain=r.chain,
+        version=r.version,
+        frames=r.frames,
+        solved=r.solved,
+        solved_interval=share_interval(r.solved, r.frames),
+        verdicts=r.verdicts,
+        judged=judged,
+        wrong_most=share_interval(r.verdicts.get("wrong", 0), judged)[1],
+        median_error_axis_arcsec=None if r.median_error_axis_rad is None else r.median_error_axis_rad / ARCSEC_RAD,
+        median_rms_px=r.median_rms_px,
+        median_time_ms=None if r.median_time_s is None else 1e3 * r.median_time_s,
+    )
 
 
 @router.get("/solutions", response_class=Response, dependencies=[EXPORT])

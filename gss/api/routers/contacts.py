@@ -11,6 +11,7 @@ from fastapi.responses import FileResponse, HTMLResponse, Response
 from gss.api import present
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.present.contact_sheet import contact_sheet
+from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.contacts import (
     ContactDetailOut,
     ContactNoteIn,
@@ -26,12 +27,16 @@ from gss.operations.report.html import as_html
 from gss.operations.report.pdf import as_pdf
 
 router = APIRouter(tags=["contacts"])
+Offset = Annotated[int, Query(ge=0, le=LARGEST_ID)]
 
 
 @router.get("/contacts")
-def list_contacts(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ContactOut]:
-    """Newest first."""
-    return [present.contacts.contact(*row) for row in app.contacts.newest(limit)]
+def list_contacts(
+    app: App, response: Response, limit: Annotated[int, Query(ge=1, le=500)] = 50, offset: Offset = 0
+) -> list[ContactOut]:
+    """A page, newest first. The header X-Total says how many there are."""
+    response.headers["X-Total"] = str(app.contacts.total())
+    return [present.contacts.contact(*row) for row in app.contacts.newest(limit, offset)]
 
 
 @router.get("/contacts/{contact_id}")

@@ -36,13 +36,17 @@ class ReprocessIn(In):
 
 
 class ChainRecordOut(Out):
-    """Results of one chain and version over the stored frames; medians over the solved ones."""
+    """Results of one chain and version over the stored frames; medians over the solved ones. ``solved_interval``: of the share of
+    frames, 95 % (Wilson); ``wrong_most``: the most that the share of wrong ones among ``judged`` solutions may be, likewise."""
 
     chain: str
     version: str
     frames: int
     solved: int
+    solved_interval: tuple[float, float]
     verdicts: dict[str, int]
+    judged: int
+    wrong_most: float
     median_error_axis_arcsec: float | None
     median_rms_px: float | None
     median_time_ms: float | None

@@ -9,10 +9,13 @@ from gss.api.schemas.base import Out, Utc
 
 class JobOut(Out):
     """A job. ``state``: queued, running, done, failed, cancelled. ``attempts``: servers that died over it since it last came
-    further. ``can_start_again``: it has ended, and its stored request is enough to do it anew."""
+    further. ``can_start_again``: it has ended, and its stored request is enough to do it anew. ``user``: who started it and may
+    end it, beside all who have ``permission``."""
 
     id: int
     kind: str
+    user: str
+    permission: str
     title: str
     state: str
     done: int

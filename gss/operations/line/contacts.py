@@ -121,10 +121,20 @@ class ContactService:
 
     # --- answers ------------------------------------------------------------------------------------------------
 
-    def newest(self, limit: int) -> list[tuple[Contact, Device | None, int, int]]:
+    def newest(self, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
         """Newest contacts with their device and the numbers of frames and commands."""
         with self._database.unit_of_work() as session:
-            return store.list_contacts(session, limit)
+            return store.list_contacts(session, limit, offset)
+
+    def had(self, url: str) -> bool:
+        """Was the line ever open on that address?"""
+        with self._database.unit_of_work() as session:
+            return store.had_contact(session, url)
+
+    def total(self) -> int:
+        """How many contacts are in the store."""
+        with self._database.unit_of_work() as session:
+            return store.count_contacts(session)
 
     def note(self, contact_id: int, note: str, *, user: str) -> ContactDetail:
         """What an operator has to say about a contact."""
