@@ -26,6 +26,26 @@ ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
 
 
+WAITING = ("e2e", "system", "contract")
+"""Folders whose tests mostly wait, for servers and browsers."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that wait stand evenly among files that compute, and none at the end: the processes of a run on two cores then
+    seldom wait together, and none is left with the longest file."""
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    waiting = [path for path in files if path.parent.name in WAITING]
+    computing = [path for path in files if path.parent.name not in WAITING]
+    step = max(1, int(0.8 * len(computing)) // max(1, len(waiting)))
+    order: list[Path] = []
+    for k, path in enumerate(waiting):
+        order += [path, *computing[k * step : (k + 1) * step]]
+    order += computing[len(waiting) * step :]
+    items[:] = [item for path in order for item in files[path]]
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     needs = {
         "browser": (chromium() is not None, "no chromium here: apt install chromium"),
