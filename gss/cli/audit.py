@@ -15,9 +15,8 @@ if TYPE_CHECKING:
 
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("audit", help="the record of who did what").add_subparsers(
-        dest="kind", required=True, metavar="WHAT"
-    )
+    parser = subparsers.add_parser("audit", help="the record of who did what")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = with_data(kinds.add_parser("export", help="all rows, oldest first"))
     p.add_argument("--format", default="jsonl", choices=("jsonl", "csv"), help="default jsonl")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")

@@ -6,8 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from gss.cli.accounts_store import desk, with_data
-from gss.cli.user import ROLES
-from gss.operations.accounts.permissions import ALL
+from gss.operations.accounts.permissions import ALL, ROLES
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
@@ -15,9 +14,8 @@ if TYPE_CHECKING:
 
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("token", help="keys for programs").add_subparsers(
-        dest="kind", required=True, metavar="WHAT"
-    )
+    parser = subparsers.add_parser("token", help="keys for programs")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     with_data(kinds.add_parser("list", help="all of them, without the keys")).set_defaults(run=list_tokens)
     p = with_data(kinds.add_parser("add", help="a new token; the key is printed this once"))
     p.add_argument("name")

@@ -8,19 +8,17 @@ import sys
 from typing import TYPE_CHECKING
 
 from gss.cli.accounts_store import Desk, desk, with_data
+from gss.operations.accounts.permissions import ROLES
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
     from gss.store.models import User
 
-ROLES = ("viewer", "operator", "catalogue manager", "engineer", "admin")
-
 
 def register(subparsers: Subparsers) -> None:
     """Add the commands."""
-    kinds = subparsers.add_parser("user", help="who may sign in").add_subparsers(
-        dest="kind", required=True, metavar="WHAT"
-    )
+    parser = subparsers.add_parser("user", help="who may sign in")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     with_data(kinds.add_parser("list", help="everybody")).set_defaults(run=list_users)
     p = with_data(kinds.add_parser("add", help="a new user; without a password a link is printed"))
     p.add_argument("name")

@@ -11,9 +11,9 @@ from sqlalchemy import Select, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from gss.store import paging
 from gss.store.models import AuditRow
 
-BATCH = 500
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,9 @@ def add(session: Session, row: AuditRow) -> None:
 
 def page(session: Session, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
     """Newest first, those below ``before``."""
-    query = wanted.apply(select(AuditRow)).order_by(AuditRow.seq.desc()).limit(limit)
-    return list(session.scalars(query if before is None else query.where(AuditRow.seq < before)))
+    return paging.newest(session, wanted.apply(select(AuditRow)), AuditRow.seq, limit, before)
 
 
 def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
     """All that fit, oldest first, read in batches."""
-    seen = 0
-    while True:
-        query = wanted.apply(select(AuditRow)).where(AuditRow.seq > seen).order_by(AuditRow.seq).limit(BATCH)
-        rows = list(session.scalars(query))
-        yield from rows
-        if len(rows) < BATCH:
-            return
-        seen = rows[-1].seq
-        session.expunge_all()
+    return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)

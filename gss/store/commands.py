@@ -11,9 +11,9 @@ from sqlalchemy import Select, String, cast, func, or_, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
+from gss.store import paging
 from gss.store.models import Choice, Command, CommandStage
 
-BATCH = 500
 USED_IDS = "request_ids.used"
 LARGEST_ID = 0xFFFF_FFFE
 OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
@@ -115,21 +115,12 @@ def newest(session: Session, limit: int, contact_id: int | None = None) -> list[
 
 def page(session: Session, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
     """Newest first, those with an id below ``before``."""
-    query = wanted.apply(select(Command)).order_by(Command.id.desc()).limit(limit)
-    return list(session.scalars(query if before is None else query.where(Command.id < before)))
+    return paging.newest(session, wanted.apply(select(Command)), Command.id, limit, before)
 
 
 def every(session: Session, wanted: Filter) -> Iterator[Command]:
     """All that fit, oldest first, read in batches."""
-    last = 0
-    while True:
-        query = wanted.apply(select(Command)).where(Command.id > last).order_by(Command.id).limit(BATCH)
-        rows = list(session.scalars(query))
-        yield from rows
-        if len(rows) < BATCH:
-            return
-        last = rows[-1].id
-        session.expunge_all()
+    return paging.every(session, wanted.apply(select(Command)), Command.id)
 
 
 def facets(session: Session) -> dict[str, list[str]]:

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from gss.domain.errors import NotFound
-from gss.store import authority, commands, stacks
+from gss.store import authority, commands, paging, stacks
 from gss.store.commands import Filter
 from gss.store.models import Stack, StackRun
 
@@ -60,7 +60,7 @@ def test_a_filter_means_the_same_in_every_database(filled, wanted, ids):
 def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch):
     """Whatever the batch's size, each row comes once with its stages."""
     for size in (1, 2, 3, 6, 7):
-        monkeypatch.setattr(commands, "BATCH", size)
+        monkeypatch.setattr(paging, "BATCH", size)
         with filled.unit_of_work() as session:
             rows = [(row.id, [s.stage for s in row.stages]) for row in commands.every(session, Filter())]
         assert rows == [(k, ["queued"]) for k in range(1, 7)]

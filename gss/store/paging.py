@@ -1,0 +1,29 @@
+"""A long table, a piece at a time; ``number`` is the column that orders it and never changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeVar
+
+from sqlalchemy import Select
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+Row = TypeVar("Row")
+BATCH = 500
+
+
+def newest(
+    session: Session, query: Select[Row], number: InstrumentedAttribute[int], limit: int, before: int | None
+) -> list[Row]:
+    """Newest first, those numbered below ``before``."""
+    query = query.order_by(number.desc()).limit(limit)
+    return list(session.scalars(query if before is None else query.where(number < before)))
+
+
+def every(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
+    """All, oldest first, read in batches; what was read is forgotten, so that no record is too long for the memory."""
+    seen = 0
+    while rows := list(session.scalars(query.where(number > seen).order_by(number).limit(BATCH))):
+        yield from rows
+        seen = getattr(rows[-1], number.key)
+        session.expunge_all()
