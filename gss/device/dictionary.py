@@ -8,6 +8,7 @@ Units are those of the wire and the screen (deg, ms, °C), as the file's header 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gss.device.dictionary_values import (
     FLOATS,
@@ -122,7 +123,7 @@ class Packet:
     stale_after_s: float
     simulator_only: bool
 
-    @property
+    @cached_property
     def values(self) -> tuple[TelemetryField, ...]:
         """The fields that are no lists."""
         return tuple(f for f in self.fields if isinstance(f, TelemetryField))
@@ -175,7 +176,7 @@ class Dictionary:
         """The hash as 64 hexadecimal digits."""
         return self.hash.hex()
 
-    @property
+    @cached_property
     def prefix(self) -> int:
         """First two bytes of the hash, as every packet carries them."""
         return int.from_bytes(self.hash[:2], "big")

@@ -30,7 +30,7 @@ from gss.device.session_events import (
 from gss.device.session_handshake import Handshake
 from gss.device.session_pacing import Pacer
 from gss.device.session_packets import command_preview, crafted_frame
-from gss.device.session_reading import read_event, read_report, read_telemetry
+from gss.device.session_reading import TelemetryReader, read_event, read_report
 from gss.device.session_transfer import HeldPart, Message, Part, RequestIds, Transfer, checked_target
 from gss.device.session_transfers import TransferDesk
 from gss.domain.errors import BadInput, CorruptData
@@ -50,7 +50,7 @@ class HostSession:
     def __init__(
         self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1, framing: str = "cobs"
     ) -> None:
-        self._dictionary = dictionary
+        self._dictionary, self._reader = dictionary, TelemetryReader(dictionary)
         self._ids = RequestIds(next_request_id)
         self._next_transfer_id = next_transfer_id
         self._lane = CommandLane(dictionary)
@@ -298,8 +298,8 @@ class HostSession:
     # --- what came ----------------------------------------------------------------------------------------------
 
     def _dispatch(self, packet: Packet, now_s: float) -> None:
-        command = self._dictionary.command_of_code(packet.code)
-        if packet.type is PacketType.REPORT and command is not None:
+        command = self._dictionary.command_of_code(packet.code) if packet.type is PacketType.REPORT else None
+        if command is not None:
             self._report(packet, command, now_s)
         elif packet.prefix != self._dictionary.prefix and not self._handshake.acknowledged:
             # Another dictionary's telemetry would decode to nonsense.
@@ -351,12 +351,11 @@ class HostSession:
             self._desk.line_back(now_s)
 
     def _telemetry(self, packet: Packet) -> None:
-        definition = self._dictionary.packet_of_code(packet.code)
-        if definition is None:
+        telemetry = self._reader.read(packet)
+        if telemetry is None:
             self._undecodable += 1
             return
-        telemetry = read_telemetry(packet, definition)
-        if definition.name == "housekeeping":
+        if telemetry.packet == "housekeeping":
             self._housekeeping = telemetry.values
         self._events.append(telemetry)
 

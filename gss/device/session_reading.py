@@ -1,4 +1,4 @@
-"""What a packet of the device says, as an event of the session. No state: a packet and its definition in, an event out."""
+"""What a packet of the device says, as an event of the session: a packet and its definition in, an event out."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gss.device.dictionary import Command, Dictionary, EventDefinition, Value
-from gss.device.dictionary import Packet as PacketDefinition
 from gss.device.protocol.codec import Decoded, decode
+from gss.device.protocol.decoder import Decoder
 from gss.device.protocol.packet import Packet
 from gss.device.session_events import DeviceEvent, HelloReceived, Stage, Telemetry
 
@@ -54,18 +54,28 @@ def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) ->
     )
 
 
-def read_telemetry(packet: Packet, definition: PacketDefinition) -> Telemetry:
-    """A telemetry packet, raw and in engineering units."""
-    message: Decoded = decode(definition.fields, packet.payload)
-    return Telemetry(
-        definition.name,
-        packet.time_s,
-        packet.request_id,
-        message.raw,
-        message.values,
-        message.lists,
-        definition.simulator_only,
-    )
+class TelemetryReader:
+    """Reads telemetry packets; each kind's layout is prepared once, for they are most of what comes."""
+
+    def __init__(self, dictionary: Dictionary) -> None:
+        self._kinds = {p.code: (p, Decoder(p.fields)) for p in reversed(dictionary.telemetry)}
+
+    def read(self, packet: Packet) -> Telemetry | None:
+        """A telemetry packet, raw and in engineering units; None where the dictionary has none of that code."""
+        kind = self._kinds.get(packet.code)
+        if kind is None:
+            return None
+        definition, decoder = kind
+        message: Decoded = decoder.decode(packet.payload)
+        return Telemetry(
+            definition.name,
+            packet.time_s,
+            packet.request_id,
+            message.raw,
+            message.values,
+            message.lists,
+            definition.simulator_only,
+        )
 
 
 def read_event(packet: Packet, definition: EventDefinition, dictionary: Dictionary) -> DeviceEvent:

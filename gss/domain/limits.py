@@ -110,4 +110,4 @@ class Persistence:
 
     def broken(self) -> Persistence:
         """The run ends without changing what counts: a sample is missing, or the limits were changed."""
-        return Persistence(self.counted)
+        return Persistence(self.counted) if self.recent else self

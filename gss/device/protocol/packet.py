@@ -21,6 +21,7 @@ SECONDARY = struct.Struct(">BBHIIH")
 CRC_BYTES = 4
 OVERHEAD_BYTES = PRIMARY.size + SECONDARY.size + CRC_BYTES
 APID_BASE = 0x100
+TO_DEVICE, SECONDARY_FLAG = 1 << 12, 1 << 11
 SEQUENCE_MODULO = 1 << 14
 MAX_TIME_S = float(0xFFFF_FFFF)
 
@@ -33,6 +34,9 @@ class PacketType(IntEnum):
     TELEMETRY = 3
     EVENT = 4
     TRANSFER = 5
+
+
+KINDS: dict[int, PacketType] = {kind.value: kind for kind in PacketType}
 
 
 class Damage(Enum):
@@ -60,7 +64,7 @@ class Packet:
 def encode_packet(packet: Packet) -> bytes:
     """Bytes of a packet, CRC included."""
     body = _secondary(packet) + packet.payload
-    identification = (int(packet.to_device) << 12) | (1 << 11) | (APID_BASE + packet.type)
+    identification = (TO_DEVICE if packet.to_device else 0) | SECONDARY_FLAG | (APID_BASE + packet.type)
     primary = PRIMARY.pack(identification, (3 << 14) | (packet.sequence % SEQUENCE_MODULO), len(body) + CRC_BYTES - 1)
     return with_crc(primary + body)
 
@@ -86,16 +90,16 @@ def decode_packet(data: bytes) -> Packet | Damage:
     if length + 1 != len(data) - PRIMARY.size:
         return Damage.TOO_SHORT
     kind, code, prefix, request_id, seconds, ms = SECONDARY.unpack_from(data, PRIMARY.size)
-    known = kind in PacketType.__members__.values() and (identification & 0x7FF) == APID_BASE + kind
-    if not known or identification >> 13 or not identification & 0x800 or ms > 999:
+    known = KINDS.get(kind)
+    if known is None or identification & ~TO_DEVICE != SECONDARY_FLAG | (APID_BASE + kind) or ms > 999:
         return Damage.UNKNOWN
     return Packet(
-        PacketType(kind),
+        known,
         code,
         request_id,
         data[PRIMARY.size + SECONDARY.size : -CRC_BYTES],
         prefix,
-        bool(identification & 0x1000),
+        bool(identification & TO_DEVICE),
         sequence & 0x3FFF,
         seconds + ms / 1000,
     )

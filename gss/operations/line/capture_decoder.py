@@ -15,7 +15,7 @@ from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import Packet, PacketType
 from gss.device.session_counters import count_line
 from gss.device.session_events import DeviceEvent, DirectionCounters, HelloReceived, Stage, Telemetry
-from gss.device.session_reading import read_event, read_hello, read_report, read_telemetry
+from gss.device.session_reading import TelemetryReader, read_event, read_hello, read_report
 from gss.domain.errors import BadInput, CorruptData
 from gss.operations.line.raw_capture import SENT, Record
 
@@ -49,7 +49,7 @@ class CaptureDecoder:
     """
 
     def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
-        self._dictionary = dictionary
+        self._dictionary, self._reader = dictionary, TelemetryReader(dictionary)
         self._down = LineReceiver(from_device=True, framing=framing)
         self._up = LineReceiver(from_device=False, framing=framing)
         self.foreign = self.undecodable = self.transfer_packets = 0
@@ -102,10 +102,10 @@ class CaptureDecoder:
         return said
 
     def _telemetry(self, packet: Packet) -> list[Item]:
-        definition = self._dictionary.packet_of_code(packet.code)
-        if definition is None:
+        telemetry = self._reader.read(packet)
+        if telemetry is None:
             raise CorruptData("unknown telemetry code", got=str(packet.code))
-        return [read_telemetry(packet, definition)]
+        return [telemetry]
 
     def _event(self, packet: Packet) -> list[Item]:
         definition = self._dictionary.event_of_code(packet.code)

@@ -54,21 +54,25 @@ class ClockTracker:
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._least: deque[tuple[float, float]] = deque()
+        """The sample of the smallest difference, then that of the smallest among those behind it, and on."""
         self._late: list[tuple[float, float]] = []
 
     def restart(self) -> None:
         """The device's clock was set or its owner changed: what was known is void."""
         self._samples.clear()
+        self._least.clear()
         self._late.clear()
 
     def add(self, received_s: float, device_s: float) -> None:
         """One packet."""
         sample = (received_s, device_s)
-        known = self._fit() if self._samples else None
-        if known is None:
-            self._samples.append(sample)
+        if not self._samples:
+            self._keep(sample)
             return
-        excess_s = known.device_of(received_s) - device_s  # positive: later than expected
+        (point_s, point_device_s), slope = self._line()
+        expected_s = point_device_s + (received_s - point_s) * (1 - (slope or 0.0))
+        excess_s = expected_s - device_s  # positive: later than expected
         if excess_s < -JUMP_S:
             self.restart()
         elif excess_s > JUMP_S:
@@ -77,41 +81,55 @@ class ClockTracker:
                 return
             late = self._late[:]
             self.restart()
-            self._samples.extend(late)
+            for one in late:
+                self._keep(one)
             return
         self._late.clear()
+        self._keep(sample)
+
+    def _keep(self, sample: tuple[float, float]) -> None:
+        """The smallest difference is known without looking through all: packets may come by the thousand in a second."""
+        if len(self._samples) == KEPT and self._least[0] is self._samples[0]:
+            self._least.popleft()
         self._samples.append(sample)
+        while self._least and _difference(self._least[-1]) > _difference(sample):
+            self._least.pop()
+        self._least.append(sample)
 
     def estimate(self) -> Correlation | None:
         """What is known; None before enough has come."""
         return self._fit() if len(self._samples) >= LEAST_SAMPLES else None
 
-    def _fit(self) -> Correlation:
-        samples = list(self._samples)
-        differences = [received - device for received, device in samples]
+    def _line(self) -> tuple[tuple[float, float], float | None]:
+        """The sample that the clocks are laid through, and the slope of the differences; None while the span is too short."""
+        samples = self._samples
         span_s = samples[-1][0] - samples[0][0]
-        smallest = min(range(len(samples)), key=differences.__getitem__)
-        slope, point = None, smallest
-        if span_s >= SPAN_FOR_DRIFT_S:
-            middle_s = samples[0][0] + span_s / 2
-            older = [k for k, s in enumerate(samples) if s[0] < middle_s]
-            newer = [k for k, s in enumerate(samples) if s[0] >= middle_s]
-            a, point = (min(half, key=differences.__getitem__) for half in (older, newer))
-            between_s = samples[point][0] - samples[a][0]
-            if between_s >= SPAN_FOR_DRIFT_S / 4:
-                slope = (differences[point] - differences[a]) / between_s
-        excess = [
-            d - differences[point] - (slope or 0.0) * (s[0] - samples[point][0])
-            for d, s in zip(differences, samples, strict=True)
-        ]
-        jitter_s = statistics.median(map(abs, excess))
-        at_s = samples[point][0]
+        if span_s < SPAN_FOR_DRIFT_S:
+            return self._least[0], None
+        middle_s = samples[0][0] + span_s / 2
+        older = min((s for s in samples if s[0] < middle_s), key=_difference)
+        newer = min((s for s in samples if s[0] >= middle_s), key=_difference)
+        between_s = newer[0] - older[0]
+        if between_s < SPAN_FOR_DRIFT_S / 4:
+            return newer, None
+        return newer, (_difference(newer) - _difference(older)) / between_s
+
+    def _fit(self) -> Correlation:
+        samples, (point, slope) = list(self._samples), self._line()
+        at_s, device_s = point
+        excess = [_difference(s) - _difference(point) - (slope or 0.0) * (s[0] - at_s) for s in samples]
+        jitter_s, span_s = statistics.median(map(abs, excess)), samples[-1][0] - samples[0][0]
         return Correlation(
             utc_s=at_s,
-            device_s=samples[point][1],
+            device_s=device_s,
             drift=None if slope is None else -slope,
             uncertainty_s=LEAST_DELAY_S + jitter_s,
             drift_uncertainty=UNKNOWN_DRIFT if slope is None else max(LEAST_DRIFT, 2 * jitter_s / span_s),
             samples=len(samples),
             span_s=span_s,
         )
+
+
+def _difference(sample: tuple[float, float]) -> float:
+    """Received less device time: the clocks' offset and the packet's delay."""
+    return sample[0] - sample[1]

@@ -63,6 +63,7 @@ class AlarmService:
         self._contact: tuple[int | None, datetime] = (None, now())
         self._lock = threading.RLock()
         telemetry.judged_hooks.append(self.judged)
+        telemetry.board.followed = lambda: self._open
 
     def start(self) -> None:
         """Take up the alarms that the last server left open; what was out goes on counting as out."""

@@ -16,7 +16,7 @@ from gss.operations.telemetry.archive import Archive
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.rollups import Rollups
 from gss.operations.telemetry.telemetry_board import FieldValue, Judgement, TelemetryBoard
-from gss.operations.telemetry.value_words import plain
+from gss.operations.telemetry.value_words import plain, plain_values
 from gss.store import telemetry as store
 from gss.store.engine import Database
 
@@ -113,6 +113,7 @@ class TelemetryService:
 
 def stored_values(packet: Telemetry) -> dict[str, Any]:
     """A packet as its row keeps it: engineering values by name, each list under its name."""
-    values = {name: plain(value) for name, value in packet.values.items()}
-    lists = {name: [{k: plain(v) for k, v in item.items()} for item in items] for name, items in packet.lists.items()}
-    return {**values, **lists}
+    stored = plain_values(packet.values)
+    for name, items in packet.lists.items():
+        stored[name] = [plain_values(item) for item in items]
+    return stored

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -17,6 +19,7 @@ from gss.operations.telemetry.value_words import plain
 
 ITERATION_PAGES = ("attitude", "timing")
 AT_REST = Persistence()
+LARGEST = sys.float_info.max
 Key = tuple[str, str]
 """(packet, field)."""
 RuleOf = Callable[[str, TelemetryField], Rule]
@@ -49,6 +52,28 @@ class Judgement:
     judged: bool = True
 
 
+@dataclass(slots=True)
+class _Watched:
+    """A field with limits. ``calm``: a further sample from ``low`` to ``high`` changes nothing that is known of it, which is so
+    for nearly every sample of nearly every field; NaN and infinities are in no range. ``unknown``: nor does a further NaN."""
+
+    key: Key
+    field: TelemetryField
+    rule: Rule
+    low: float
+    high: float
+    calm: bool = False
+    unknown: bool = False
+
+    @classmethod
+    def by(cls, packet: str, field: TelemetryField, rule: Rule) -> _Watched:
+        """Under a rule."""
+        lows = [low for _, (low, _) in rule.limits.levels if low is not None]
+        highs = [high for _, (_, high) in rule.limits.levels if high is not None]
+        bounds = max(lows, default=-LARGEST), min(highs, default=LARGEST)
+        return cls((packet, field.name), field, rule, max(bounds[0], -LARGEST), min(bounds[1], LARGEST))
+
+
 class TelemetryBoard:
     """Keeps the newest packet of each kind and the run of every field with limits. Any thread may ask."""
 
@@ -59,22 +84,60 @@ class TelemetryBoard:
         self._samples: dict[Key, State] = {}
         self._unjudged: set[Key] = set()
         self._unfair: tuple[Any, ...] = ()
+        self._watched: dict[str, list[_Watched]] = {}
+        self._was_iterating = False
         self._lock = threading.RLock()
+        self.followed: Callable[[], Container[Key]] = tuple
+        """Fields whose judgements are wanted while they are calm, too."""
 
     def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
-        """Make a packet the latest of its kind and judge each of its fields that has limits."""
-        definition = self._dictionary.packet(packet.packet)
+        """Make a packet the latest of its kind and judge each of its fields that has limits. What was within its limits, and still
+        is, is not told unless it is ``followed``."""
         with self._lock:
             self._latest[packet.packet] = (at, packet)
             if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
                 at_rest = packet.values.get("iteration")
                 self._unfair = (at_rest, at_rest + 1) if isinstance(at_rest, int) else (at_rest,)
             iterating = self._iterating()
-            found = [self._judge(packet, field, iterating) for field in definition.values]
-        return [judgement for judgement in found if judgement is not None]
+            if iterating is not self._was_iterating:
+                self._was_iterating = iterating
+                self._look_again()
+            watched = self._watched.get(packet.packet)
+            if watched is None:
+                watched = self._watched[packet.packet] = self._watch(packet.packet)
+            values, followed, found = packet.values, self.followed(), []
+            for one in watched:
+                value: Any = values.get(one.key[1], math.nan)
+                if one.calm and one.low <= value <= one.high:
+                    if one.key in followed:
+                        judged = iterating or one.field.page not in ITERATION_PAGES
+                        found.append(Judgement(packet.packet, one.field, float(value), State.OK, one.rule, judged))
+                elif one.unknown and value != value:
+                    continue
+                elif (judgement := self._judge(packet, one, iterating)) is not None:
+                    found.append(judgement)
+        return found
 
-    def _judge(self, packet: Telemetry, field: TelemetryField, iterating: bool) -> Judgement | None:
-        key, rule = (packet.packet, field.name), self._rule(packet.packet, field)
+    def _watch(self, packet: str) -> list[_Watched]:
+        """The fields of a packet that have limits, or had some that they were outside of."""
+        watched = []
+        for field in self._dictionary.packet(packet).values:
+            rule, key = self._rule(packet, field), (packet, field.name)
+            if rule.limits.any or self.counted(key) is not State.OK:
+                watched.append(_Watched.by(packet, field, rule))
+            else:
+                self._samples.pop(key, None)
+        return watched
+
+    def _look_again(self) -> None:
+        """Something changed for all fields: none is calm until its next sample was judged."""
+        for watched in self._watched.values():
+            for one in watched:
+                one.calm = one.unknown = False
+
+    def _judge(self, packet: Telemetry, one: _Watched, iterating: bool) -> Judgement | None:
+        key, field, rule = one.key, one.field, one.rule
+        one.calm = one.unknown = False
         run = self._runs.get(key, AT_REST)
         if not rule.limits.any and run.counted is State.OK:
             self._samples.pop(key, None)
@@ -83,16 +146,20 @@ class TelemetryBoard:
         if not isinstance(value, int | float):
             self._runs[key] = run.broken()  # sent as not-a-number: the device has not measured it
             self._samples.pop(key, None)
+            one.unknown = True
             return None
         sample = rule.limits.state(float(value))
         self._samples[key] = sample
         if not iterating and field.page in ITERATION_PAGES:
             self._unjudged.add(key)
-            self._runs[key] = Persistence()
+            self._runs[key] = AT_REST
+            one.calm = sample is State.OK
             return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
         self._unjudged.discard(key)
-        self._runs[key] = run = run.after(sample, rule.persistence)
-        return Judgement(packet.packet, field, float(value), run.counted, rule)
+        self._runs[key] = after = run.after(sample, rule.persistence)
+        # The next one like it leaves everything as it is, too.
+        one.calm = after is run and run.counted is sample is State.OK and rule.limits.any
+        return Judgement(packet.packet, field, float(value), after.counted, rule)
 
     def _iterating(self) -> bool:
         """Results and timing of iterations are judged only while the cycle runs and has come to a result of its own: a sensor at
@@ -107,6 +174,7 @@ class TelemetryBoard:
         """Go on from what counted before a restart."""
         with self._lock:
             self._runs[key] = Persistence(counted)
+            self._watched.clear()
 
     def clock_jumped(self, now: datetime, jump_s: float) -> None:
         """Ages are those of before: a clock that jumps makes nothing stale, and nothing fresh."""
@@ -119,6 +187,7 @@ class TelemetryBoard:
             for k, run in self._runs.items():
                 if key is None or key == f"{k[0]}.{k[1]}":
                     self._runs[k] = run.broken()
+            self._watched.clear()
 
     def counted(self, key: Key) -> State:
         """The state of a field that counts now."""

@@ -1,0 +1,123 @@
+"""A layout prepared for many payloads: a run of items of known size is unpacked at once instead of item by item.
+
+What is unusual (a wrong length, a bool that is none, an unknown choice, bytes that are no text) is left to
+:func:`gss.device.protocol.codec.decode`, which says what is wrong with it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from gss.device.dictionary import Group, Item, Layout, TelemetryField, Value
+from gss.device.protocol.codec import STRUCT, Decoded, decode
+
+BOOLS: Mapping[Any, Value] = {0: False, 1: True}
+Change = tuple[str, Callable[[Any], Value]]
+"""Name of an item, and what is made of what was unpacked; KeyError or ValueError where that cannot be."""
+
+
+class Decoder:
+    """``decode`` of one layout."""
+
+    def __init__(self, layout: Layout | Sequence[Item]) -> None:
+        self._layout = tuple(layout)
+        self._parts = [_Run(part.items, part.name) if isinstance(part, Group) else _Run(part) for part in _cut(layout)]
+        self._prepared = all(part.known for part in self._parts)
+
+    def decode(self, payload: bytes) -> Decoded:
+        """Values of a payload that must fit the layout exactly; CorruptData otherwise."""
+        if self._prepared:
+            try:
+                return self._unpacked(payload)
+            except (struct.error, LookupError, ValueError):
+                pass
+        return decode(self._layout, payload)
+
+    def _unpacked(self, payload: bytes) -> Decoded:
+        result, at = Decoded(), 0
+        for part in self._parts:
+            if part.group:
+                count, at = payload[at], at + 1
+                end = at + count * part.size
+                rows = part.rows(payload[at:end]) if count else ()
+                if len(rows) != count:
+                    raise ValueError("too short")
+                result.lists[part.group], at = rows, end
+            else:
+                at = part.take(payload, at, result)
+        if at != len(payload):
+            raise ValueError("too long")
+        return result
+
+
+class _Run:
+    """Items one after the other, of a layout or of a list's rows. ``known``: the size of each is known before it is read."""
+
+    def __init__(self, items: Sequence[Item], group: str = "") -> None:
+        self.group, self._names = group, [item.name for item in items]
+        codes = [_code(item) for item in items]
+        self.known = all(codes) and len(set(self._names)) == len(items)
+        self._struct = struct.Struct(">" + "".join(codes))
+        self.size = self._struct.size
+        self._raw: list[Change] = []
+        self._named: list[Change] = []
+        for item in items:
+            if item.type == "bool":
+                self._raw.append((item.name, BOOLS.__getitem__))
+            elif item.type == "str":
+                self._raw.append((item.name, _text))
+            elif item.type == "enum":
+                names = {choice.value: choice.name for choice in reversed(item.choices)}
+                self._named.append((item.name, names.__getitem__))
+            if isinstance(item, TelemetryField) and item.type != "enum" and item.conversion.coefficients:
+                self._named.append((item.name, item.conversion.engineering))
+
+    def take(self, payload: bytes, at: int, result: Decoded) -> int:
+        """Put the items at a place into the result; the place behind them."""
+        raw: dict[str, Value] = dict(zip(self._names, self._struct.unpack_from(payload, at), strict=True))
+        for name, change in self._raw:
+            raw[name] = change(raw[name])
+        result.raw.update(raw)
+        for name, change in self._named:
+            raw[name] = change(raw[name])
+        result.values.update(raw)
+        return at + self.size
+
+    def rows(self, piece: bytes) -> tuple[dict[str, Value], ...]:
+        """The rows of a list."""
+        changes, names = (*self._raw, *self._named), self._names
+        found = []
+        for values in self._struct.iter_unpack(piece):
+            row: dict[str, Value] = dict(zip(names, values, strict=True))
+            for name, change in changes:
+                row[name] = change(row[name])
+            found.append(row)
+        return tuple(found)
+
+
+def _cut(layout: Layout | Sequence[Item]) -> Iterator[Group | list[Item]]:
+    """Lists by themselves, and the items between them together."""
+    run: list[Item] = []
+    for entry in layout:
+        if isinstance(entry, Group):
+            if run:
+                yield run
+                run = []
+            yield entry
+        else:
+            run.append(entry)
+    if run:
+        yield run
+
+
+def _code(item: Item) -> str:
+    """As struct has it; "" for what says its length itself."""
+    if item.type in STRUCT:
+        return STRUCT[item.type].format.lstrip(">")
+    return f"{item.size}s" if item.type in ("bytes", "str") and item.size else ""
+
+
+def _text(data: bytes) -> str:
+    return data.rstrip(b"\0").decode()

@@ -1,0 +1,74 @@
+"""Decoding with a prepared layout is decoding, for good payloads and for bad ones."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+
+from gss.device.dictionary import Group, Item, Layout
+from gss.device.dictionary_file import load_dictionary
+from gss.device.protocol.codec import Decoded, decode
+from gss.device.protocol.decoder import Decoder
+from gss.domain.errors import CorruptData
+
+DICTIONARY = load_dictionary()
+LAYOUTS: dict[str, Layout] = {
+    **{f"command {c.name}": tuple(c.arguments) for c in DICTIONARY.commands},
+    **{f"telemetry {p.name}": p.fields for p in DICTIONARY.telemetry},
+    **{f"service {s.name}": s.fields for s in DICTIONARY.services},
+}
+WIDTH = {"u8": 1, "u16": 2, "u32": 4, "i8": 1, "i16": 2, "i32": 4, "f32": 4, "f64": 8, "bool": 1, "enum": 1}
+
+
+def payload_of(layout: Layout, rng: random.Random) -> bytes:
+    """Bytes of about the right length, mostly with bools, choices and texts that can be."""
+    parts: list[bytes] = []
+    for entry in layout:
+        if isinstance(entry, Group):
+            count = rng.randrange(4)
+            parts += [bytes([count]), *(bytes_of(item, rng) for _ in range(count) for item in entry.items)]
+        else:
+            parts.append(bytes_of(entry, rng))
+    whole = b"".join(parts)
+    if rng.random() < 0.3:
+        whole = rng.choice([whole[:-1], whole + b"\0", whole[: len(whole) // 2], whole[1:]])
+    return whole
+
+
+def bytes_of(item: Item, rng: random.Random) -> bytes:
+    """The bytes of an item; one in two hundred is any byte where it should not be."""
+    wild = rng.random() < 0.005
+    if item.type == "bool" and not wild:
+        return bytes([rng.randrange(2)])
+    if item.type == "enum" and not wild:
+        return bytes([rng.choice(item.choices).value])
+    if item.type == "str" and not wild:
+        return "ä b"[: rng.randrange(4)].encode()[: item.size].ljust(item.size, b"\0")
+    if item.type == "text":
+        return bytes([2]) + (b"\xff\xfe" if wild else b"ok")
+    return rng.randbytes(WIDTH.get(item.type, item.size or 5))
+
+
+def told(make: Any) -> tuple[Any, ...]:
+    """Everything that a decoding gives: values with their types and order, or the whole refusal. NaN equals itself as text."""
+    try:
+        found: Decoded = make()
+    except CorruptData as error:
+        return (str(error), error.expected, error.got)
+    return tuple(repr(part) for part in (found.raw, found.values, found.lists))
+
+
+@pytest.mark.parametrize("name", sorted(LAYOUTS))
+def test_a_prepared_layout_decodes_as_the_layout_does(name: str) -> None:
+    """The same values of the same types in the same order, and where a payload does not fit, the same words about it."""
+    layout, rng = LAYOUTS[name], random.Random(name)
+    decoder = Decoder(layout)
+    answers = set()
+    for _ in range(60):
+        payload = payload_of(layout, rng)
+        expected = told(lambda p=payload: decode(layout, p))
+        assert told(lambda p=payload: decoder.decode(p)) == expected
+        answers.add(expected)
+    assert len(answers) > 1 or not layout
