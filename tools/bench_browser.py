@@ -16,7 +16,6 @@ from tools.soak import wait_for_rest
 
 SEED = 1
 BROWSERS = 10
-VIEWER = "/api/rerun/"
 FIRST_VIEW = """() => {
   const paint = performance.getEntriesByName('first-contentful-paint')[0];
   const bytes = (e) => e.transferSize;

@@ -22,7 +22,6 @@ from tools.bench_tables import Table, Value
 
 SEED = 1
 STEP_S = 0.001
-BLOCK_BYTES = 4096
 PATIENCE_S = 40.0
 
 

@@ -35,12 +35,6 @@ def latest(session: Session) -> Frame | None:
     return session.scalar(select(Frame).order_by(Frame.id.desc()).limit(1))
 
 
-def by_number(session: Session, contact_id: int | None, number: int) -> Frame | None:
-    """The device's frame of that number in that contact."""
-    query = select(Frame).where(Frame.contact_id == contact_id, Frame.number == number).order_by(Frame.id.desc())
-    return session.scalar(query.limit(1))
-
-
 def page(
     session: Session,
     limit: int,

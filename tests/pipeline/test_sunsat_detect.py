@@ -34,10 +34,6 @@ PARAMETERS = default_parameters(PROFILE)
 NO_STARS = load_stars(3.0).take(np.zeros(0, np.intp))
 
 
-def _blank(level: float = 0.0) -> np.ndarray:
-    return np.full((60, 80), level)
-
-
 def test_every_constant_has_a_source() -> None:
     """Each field of the parameters, or the name under which the document has it, is in SOURCES."""
     renamed = {"uncertain_reach_mm": "uncertain_mm2", "residual_tolerances": "residual_tolerance_rad"}

@@ -12,7 +12,6 @@ import numpy as np
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.rotation import rotation_x, rotation_y, rotation_z
 
-B1950_JYEAR = 2000.0 + (2433282.42345905 - 2451545.0) / 365.25
 # FK5 at J2000 from FK4 without E-terms at B1950, for places of J1950, and its change per Julian century (Murray 1989).
 FK5_FROM_FK4 = np.array(
     [

@@ -10,7 +10,6 @@ from gss.catalogue_tools.design.camera import DesignCamera
 
 PLANCK_J_S, LIGHT_M_S = 6.62607015e-34, 2.99792458e8
 SNR10_W_CM2, WAVELENGTH_M = 25e-9, 535e-9
-SHEET_SNR = 10.0
 
 
 @dataclass(frozen=True)

@@ -150,5 +150,3 @@ BASE_FROM_SUN = {
     "anti_sun": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
     "sun_pointing": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
 }
-# Orbit axes from axes with +x to the satellite, +y along its velocity and +z along the orbit normal.
-BASE_FROM_ORBIT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])

@@ -139,11 +139,6 @@ class Screened:
         return np.asarray(np.any(list(self.reasons.values()), axis=0))
 
     @property
-    def false_triples(self) -> Array:
-        """(n,) expected number of wrong second and third stars."""
-        return self.companions * self.third
-
-    @property
     def counts(self) -> dict[str, int]:
         """How many by reason; a star may have several."""
         named = {name: int(np.count_nonzero(mask)) for name, mask in self.reasons.items()}

@@ -157,10 +157,6 @@ class Environment:
         """From the boresight to the Sun's centre."""
         return self._from_boresight_rad(self.bodies(time_s).sun.icrs, time_s)
 
-    def moon_angle_rad(self, time_s: float) -> float:
-        """From the boresight to the Moon's centre."""
-        return self._from_boresight_rad(self.bodies(time_s).moon.icrs, time_s)
-
     def earth_angle_rad(self, time_s: float) -> float:
         """From the boresight to the Earth's limb; negative: the boresight meets the Earth."""
         nadir, earth_rad = self.earth_disc(time_s)

@@ -20,7 +20,6 @@ from gss.device.simulator.machine import Device
 from gss.domain.errors import BadInput, Conflict
 
 READ_BYTES = 4096
-BACKLOG_BYTES = 4096
 GIVE_UP_S = 1.0
 BURST_S = 0.02
 

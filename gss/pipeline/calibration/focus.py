@@ -12,8 +12,6 @@ from gss.domain.errors import BadInput
 from gss.pipeline.calibration.robust import fit_linear
 
 MONITEQ_GOOD = (2.0, 2.5)  # pixel over σ, with a window of three pixels
-WIDTH_SIGMAS = 4.0  # Huffman's width of a spot in σ
-NOISE_FACTOR_N3 = 8.6
 WINDOWS = (3, 5, 7, 9)
 WIDEST_PX = 1000.0
 FARTHEST = 1e6

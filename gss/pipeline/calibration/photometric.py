@@ -29,7 +29,6 @@ ILLUMINANCE_V0_LUX = 2.65e-6
 FEWEST_STARS = 15
 BAR_MAG = 0.1  # Jacobs 1995 Fig. 6-9
 LINEAR = 0.02
-VIGNETTING_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)

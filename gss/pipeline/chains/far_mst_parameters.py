@@ -116,7 +116,6 @@ class FarMstParameters:
 THRESHOLD_SIGMA = 2.0
 PREFILTER_PX = 5
 HINT_ERROR_RAD = float(np.radians(5.0))
-DOCUMENT_COUNTS = {"§4.1": 9, "§4.2.2": 13}
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> FarMstParameters:

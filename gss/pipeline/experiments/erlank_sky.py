@@ -27,8 +27,6 @@ TOLERANCE_RAD = 0.001
 VOTE_MARGIN = 1
 ASSISTED_RAD = float(np.radians(35.0))
 HINT_ERROR_RAD = float(np.radians(5.0))
-# 405 stars have 11 486 pairs within about 43° (errata); the field's diagonal has nearly twice as many.
-PAPER_PAIRS = 11_486
 
 
 def simulated_camera() -> Camera:
