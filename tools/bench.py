@@ -20,7 +20,7 @@ for _variable in (
 ):
     os.environ[_variable] = "1"  # before numpy is imported
 
-import argparse  # noqa: E402
+import argparse  # noqa: E402 - here and below: after the threads are limited
 import json  # noqa: E402
 import sys  # noqa: E402
 from collections.abc import Callable, Sequence  # noqa: E402

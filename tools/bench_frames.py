@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def finding(quick: bool) -> list[Table]:
         finder(frames[0].pixels)
     for frame in frames:
         for name, finder in finders.items():
-            duration_ms, places = timed_ms(lambda f=finder, p=frame.pixels: f(p))  # type: ignore[misc]
+            duration_ms, places = timed_ms(partial(finder, frame.pixels))
             spent[name].append(duration_ms)
             found[name].append(places)
     ours_ms = float(np.median(spent["reference, known camera"]))
@@ -106,7 +107,7 @@ def _ours(sigma_px: float | None, *, fast: bool) -> Finder:
 
 
 def _sep_finders() -> dict[str, Finder]:
-    import sep  # type: ignore[import-not-found, unused-ignore]
+    import sep  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
 
     def extract(pixels: NDArray[np.uint8]) -> tuple[Any, Any]:
         image = pixels.astype(np.float32)
@@ -172,12 +173,9 @@ def chains(quick: bool) -> list[Table]:
     for pixels, truth in _frames_of(known, 3 if quick else 200):
         solves: dict[str, Callable[[], SolveResult]] = {}
         for suffix, fast in loops.items():
-            solves["cubestar" + suffix] = lambda p=pixels, f=fast: cubestar.solve(  # type: ignore[misc]
-                p, known.camera, bank, parameters, fast=f
-            )
-            solves["reference" + suffix] = lambda p=pixels, f=fast: reference.solve_known(  # type: ignore[misc]
-                p, known.camera, known.sensor, sky, fast=f
-            )
+            ours = partial(cubestar.solve, pixels, known.camera, bank, parameters, fast=fast)
+            free = partial(reference.solve_known, pixels, known.camera, known.sensor, sky, fast=fast)
+            solves |= {"cubestar" + suffix: ours, "reference" + suffix: free}
         for name, solve in solves.items():
             if not results[name]:
                 solve()

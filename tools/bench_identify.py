@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +55,7 @@ def _near_table(optics: Optics, count: int) -> Table:
                 rotation_from_vector(turn / np.linalg.norm(turn) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
             )
             hint = Hint(prior, PRIOR_OFF_RAD)
-            duration_ms, result = timed_ms(
-                lambda c=centroids, h=hint: reference.solve_centroids(c, camera, known, hint=h)  # type: ignore[misc]
-            )
+            duration_ms, result = timed_ms(partial(reference.solve_centroids, centroids, camera, known, hint=hint))
             answers.append((duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]))
         few = sum(scene.true_stars < FEWEST for scene in scenes)
         spent = spread([ms for ms, _ in answers[1:]])
@@ -186,7 +185,7 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
         )
         if not result:
             return duration_ms, None
-        ra_rad, dec_rad = np.radians([result.ra_deg, result.dec_deg])  # type: ignore[union-attr]
+        ra_rad, dec_rad = np.radians([result.ra_deg, result.dec_deg])  # type: ignore[union-attr]  # its truth says so
         flat = np.cos(dec_rad)
         return duration_ms, np.array([flat * np.cos(ra_rad), flat * np.sin(ra_rad), np.sin(dec_rad)])
 
@@ -195,7 +194,7 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
 
 def _cedar(sky: Sky, optics: Optics) -> Solver:
     """The peer takes square pixels only: rows are stretched for it. Its data base holds the same stars."""
-    import tetra3  # type: ignore[import-not-found, unused-ignore]
+    import tetra3  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
 
     logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)
     wide_deg, high_deg = (float(a) for a in np.degrees(optics.fov_rad))

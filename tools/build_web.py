@@ -19,9 +19,6 @@ except ImportError:  # run as a script outside a build
     BuildHookInterface = object
 
 ROOT = Path(__file__).resolve().parent.parent
-WEB = ROOT / "web"
-BUILT = ROOT / "gss" / "web"
-STAMP = BUILT / ".built-from"
 FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "latin-600", "greek-400"))
 
 
@@ -94,7 +91,7 @@ def _environment(npm: list[str]) -> dict[str, str]:
     return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
 
 
-class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]
+class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # object outside a build
     """Build the pages into wheel and sdist; an sdist brings them built and needs no npm."""
 
     def dependencies(self) -> list[str]:

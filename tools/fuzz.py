@@ -111,7 +111,7 @@ def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseExce
         signal.alarm(LONGEST_S)
         try:
             target.fuzz_one(data)
-        except Exception as error:
+        except Exception as error:  # anything but our own errors is what is looked for
             keep(data, error)
         finally:
             signal.alarm(0)

@@ -89,7 +89,7 @@ def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **environment}
     )
-    assert process.stdout is not None  # noqa: S101
+    assert process.stdout is not None  # noqa: S101 - a pipe was asked for
     patience = threading.Timer(START_S, process.kill)
     patience.start()
     try:

@@ -1,5 +1,8 @@
 """The inner loops of detection for numba. Each does what the numpy function of the same place does; a test holds them together."""
 
+# numba compiles the loops for the types that come; they carry none of their own.
+# mypy: allow-untyped-defs
+
 from __future__ import annotations
 
 import math
@@ -29,7 +32,7 @@ def binomial(image: NDArray[Any]) -> NDArray[Any]:
 
 
 @njit(cache=True)
-def _binomial_whole(image, out):  # type: ignore[no-untyped-def]
+def _binomial_whole(image, out):
     rows, cols = image.shape
     line = np.empty(cols + 4, np.uint16)
     for r in range(rows):
@@ -49,7 +52,7 @@ def _binomial_whole(image, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _binomial_float(image, out):  # type: ignore[no-untyped-def]
+def _binomial_float(image, out):
     """Sums in the order of the numpy way: pairs of neighbours four times along rows, then along columns."""
     rows, cols = image.shape
     across = np.empty((rows, cols), np.float32)
@@ -82,7 +85,7 @@ def clip(ordered: NDArray[Any], count: Rows) -> tuple[Array, Array]:
 
 
 @njit(cache=True, fastmath={"reassoc"})
-def _clip(ordered, count, mean_out, spread_out):  # type: ignore[no-untyped-def]
+def _clip(ordered, count, mean_out, spread_out):
     off = np.empty(ordered.shape[1])
     for i in range(len(ordered)):
         n = count[i]
@@ -120,7 +123,7 @@ def above(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, 
 
 
 @njit(cache=True)
-def _above(smooth, lowest, tile):  # type: ignore[no-untyped-def]
+def _above(smooth, lowest, tile):
     rows, cols = smooth.shape
     blocks = -(-cols // BLOCK)
     hit = np.empty((rows, blocks), np.bool_)
@@ -136,7 +139,7 @@ def _above(smooth, lowest, tile):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _hits(smooth, lowest, tile, hit):  # type: ignore[no-untyped-def]
+def _hits(smooth, lowest, tile, hit):
     rows, cols = smooth.shape
     out = np.empty(BLOCK * int(hit.sum()), np.intp)
     n = 0
@@ -158,7 +161,7 @@ def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) ->
 
 
 @njit(cache=True)
-def _settle(dx, dy, value, weight, inverse, x, y):  # type: ignore[no-untyped-def]
+def _settle(dx, dy, value, weight, inverse, x, y):
     xx, xy, yy = inverse[0, 0], inverse[0, 1], inverse[1, 1]
     k = len(dx)
     g, gx, gy = np.empty(k), np.empty(k), np.empty(k)
@@ -214,7 +217,7 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
 
 
 @njit(cache=True)
-def _lit(flat, limit):  # type: ignore[no-untyped-def]
+def _lit(flat, limit):
     size = len(flat)
     out = np.empty(1024, np.intp)
     n = 0
@@ -243,7 +246,7 @@ def components(lit: Rows, columns: int) -> tuple[int, NDArray[np.int32]]:
 
 
 @njit(cache=True)
-def _components(lit, columns, label):  # type: ignore[no-untyped-def]
+def _components(lit, columns, label):
     n = len(lit)
     parent = np.arange(n)
     up = 0
@@ -266,7 +269,7 @@ def _components(lit, columns, label):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _root(parent, i):  # type: ignore[no-untyped-def]
+def _root(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -274,7 +277,7 @@ def _root(parent, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _join(parent, i, j):  # type: ignore[no-untyped-def]
+def _join(parent, i, j):
     """The earlier root wins, so that a component's number is that of its first pixel."""
     a, b = _root(parent, i), _root(parent, j)
     if a < b:

@@ -35,7 +35,7 @@ def dump(url: str, file: Path, cancelled: Callable[[], bool] = lambda: False) ->
             _copy_sqlite(Path(make_url(url).database or ""), file, cancelled)
         else:
             _run("pg_dump", url, ["--no-owner", "--no-privileges", "--file", str(file)])
-    except BaseException:
+    except BaseException:  # also Ctrl-C: half a copy must not be left
         file.unlink(missing_ok=True)
         raise
 

@@ -62,7 +62,7 @@ def server(tmp_path_factory: pytest.TempPathFactory, signed_in: SignIn) -> Itera
     async def requests_only(scope: Any, receive: Any, send: Any) -> None:
         """schemathesis stops an application after each test; ours is started and stopped once, by the TestClient."""
         if scope["type"] == "lifespan":
-            raise NotImplementedError
+            raise NotImplementedError  # how an application says that it has no lifespan
         await app(scope, receive, send)
 
     with TestClient(app, base_url=ADDRESS) as client, get_client(requests_only) as session:

@@ -155,7 +155,7 @@ class Loader:
     def _chunk(self, session: Session, v: Mapping[str, Value]) -> None:
         receiver = session.receiver
         assert receiver is not None  # noqa: S101 - the caller has checked it
-        index, data = int(v["index"]), bytes(v["data"])  # type: ignore[arg-type]
+        index, data = int(v["index"]), bytes(v["data"])  # type: ignore[arg-type]  # bytes decode to bytes
         if receiver.accept(index, int(v["serial"]), len(data)) and not session.committed:
             at = index * session.chunk_bytes
             if not session.area:

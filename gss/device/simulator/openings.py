@@ -47,7 +47,7 @@ class Openings:
     def upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
         """The session of an OPEN_UPLOAD, with what is held of an earlier attempt."""
         kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
-        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]
+        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
             area = self._writer.check(v, target, size)
             return self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from gss.device.dictionary import Dictionary
 from gss.device.protocol.codec import check_arguments, decode, fixed_bytes
@@ -48,7 +49,7 @@ class Schedule:
     # --- commands -----------------------------------------------------------------------------------------------
 
     def schedule(self, a: Arguments, request_id: int) -> Returns:
-        at_s, length, payload = float(a["at_s"]), int(a["length"]), bytes(a["payload"])  # type: ignore[arg-type]
+        at_s, length, payload = float(a["at_s"]), int(a["length"]), bytes(a["payload"])  # type: ignore[arg-type]  # bytes decode to bytes
         self._check(int(a["command_code"]), payload[:length])
         if at_s <= self._time_s():
             raise Refusal("out_of_range", f"it is {self._time_s():.1f} s already, asked for {at_s:.1f} s")
@@ -111,7 +112,7 @@ class Schedule:
                 entry.request_id,
                 entry.command_code,
                 bytes.fromhex(entry.payload),
-                lambda stage, reason, detail, e=entry: self._ended(e, stage, reason, detail),  # type: ignore[misc]
+                partial(self._ended, entry),
             )
 
     def _ended(self, entry: ScheduleEntry, stage: str, reason: str, detail: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from gss.catalogue_tools.onboard import HEADER_BYTES, SECTIONS_VERSION, read_header
 from gss.device.dictionary import Value
 from gss.device.protocol.codec import Decoded, decode
+from gss.device.protocol.packet import Packet
 from gss.device.protocol.windows import decode_windows
 from gss.device.session_events import TransferUpdate
 from gss.device.session_transfer import Part
@@ -167,8 +168,8 @@ def check_results(probe: Probe, findings: Findings) -> None:
         findings.check("5.7", "beyond the end", beyond.is_("failed", "out_of_range"), beyond.text)
 
 
-def _last(probe: Probe, packets: object, name: str) -> Decoded | None:
-    came = probe.telemetry(packets, name)  # type: ignore[arg-type]
+def _last(probe: Probe, packets: tuple[Packet, ...], name: str) -> Decoded | None:
+    came = probe.telemetry(packets, name)
     return came[-1] if came else None
 
 

@@ -39,7 +39,7 @@ def check_downloads(probe: Probe, findings: Findings) -> None:
     with findings.trying("6.5", "catalogue"):
         active = next(b for b in probe.banks() if b["active"])
         done = probe.device.download("catalogue", bank_number(probe.dictionary, str(active["bank"])), _silent)
-        told = bytes(active["sha256"])  # type: ignore[arg-type]
+        told = bytes(active["sha256"])  # type: ignore[arg-type]  # bytes fields decode to bytes
         right = hashlib.sha256(done.data).digest() == told and len(done.data) == active["size_bytes"]
         findings.check("6.5", "active catalogue: hash as in bank_info", right, f"{len(done.data)} B")
     refusals: tuple[tuple[str, dict[str, Value]], ...] = (

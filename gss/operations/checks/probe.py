@@ -166,7 +166,7 @@ class Probe:
 
     def _report(self, packet: Packet, after_s: float) -> Report:
         fields, command = self.dictionary.service("REPORT").fields, self.dictionary.command_of_code(packet.code)
-        done = packet.payload[:1] == encode([fields[0]], {"stage": "completed"})  # type: ignore[list-item]
+        done = packet.payload[:1] == encode([fields[0]], {"stage": "completed"})  # type: ignore[list-item]  # an item of a service is an Item
         returns = command.returns if done and command else ()
         try:
             v = decode((*fields, *returns), packet.payload).values

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -128,7 +129,7 @@ class SolverCache:
         sky = self.sky(year)
         if self._files is None:
             return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: build_level(sky, radius_rad))
-        files = self._once(("figure files", year), lambda f=self._files: f.levels(sky))  # type: ignore[misc]
+        files = self._once(("figure files", year), partial(self._files.levels, sky))
         return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
 
     def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:

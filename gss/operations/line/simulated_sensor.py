@@ -53,8 +53,8 @@ class SimulatedSensor:
         return self._process.pid
 
     def _start(self) -> subprocess.Popen[str]:
-        pipe = subprocess.PIPE
-        return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=self._log, text=True)  # noqa: S603
+        pipe, log = subprocess.PIPE, self._log
+        return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=log, text=True)  # noqa: S603 - our own
 
     def url(self) -> str:
         """Address of its line, as soon as it says READY; GssError when it ends before. From then on it is watched."""

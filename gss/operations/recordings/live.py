@@ -84,7 +84,7 @@ class LiveRecordings:
             for frame_id in reversed(ids):
                 self._recordings.frame(recorder, frame_id)
             return recorder.take(), live
-        except BaseException:
+        except BaseException:  # whatever ended it: nobody else would give the place back
             self._room.release()
             raise
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
+from functools import partial
 from heapq import merge
 
 from gss.domain.stars import StarTable
@@ -58,7 +59,7 @@ class Recordings:
             taken = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
         every = -(-len(taken) // MOST_PICTURES)
         for k, (moment, frame_id) in enumerate(taken):
-            yield moment, 0, lambda i=frame_id, seen=k % every == 0: self.frame(recorder, i, seen)  # type: ignore[misc]
+            yield moment, 0, partial(self.frame, recorder, frame_id, k % every == 0)
 
     def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:
         """One stored frame with its solutions."""
@@ -71,10 +72,10 @@ class Recordings:
         with self._database.unit_of_work() as session:
             lines = events.between(session, scope.start, scope.end, MOST_LINES)
             sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MOST_LINES)
-        steps: list[Step] = [(e.at, 2, lambda e=e: recorder.event(e)) for e in lines]  # type: ignore[misc]
-        steps += [(c.finished or c.created, 1, lambda c=c: recorder.command(c)) for c in sent]  # type: ignore[misc]
+        steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in lines]
+        steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in sent]
         rows = list(telemetry.rows(self._database, "housekeeping", PLOTTED, scope.start, scope.end))
         for row in rows[:: -(-len(rows) // MOST_PACKETS) or 1]:
             values = dict(zip(PLOTTED, row.values, strict=True))
-            steps.append((row.received, 3, lambda at=row.received, v=values: recorder.telemetry(at, v)))  # type: ignore[misc]
+            steps.append((row.received, 3, partial(recorder.telemetry, row.received, values)))
         yield from sorted(steps, key=lambda s: s[:2])

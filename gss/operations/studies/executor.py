@@ -87,7 +87,7 @@ class LocalExecutor:
                     running = deque(pool.submit(work, item, _silent) for item in open_items)
                     while True:
                         while len(running) < AHEAD * self.workers and (more := next(rest, _END)) is not _END:
-                            open_items.append(more)  # type: ignore[arg-type]
+                            open_items.append(more)  # type: ignore[arg-type]  # it is not _END, which mypy does not see
                             running.append(pool.submit(work, open_items[-1], _silent))
                         if not running:
                             return

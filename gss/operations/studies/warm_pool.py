@@ -41,7 +41,7 @@ class WarmPool:
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
-        except BaseException:
+        except BaseException:  # also when the generator above is closed or the job cancelled
             self._drop(pool)
             raise
         finally:

@@ -103,7 +103,7 @@ class Thinner:
             low, high = held
             if y < low[1]:  # type: ignore[operator]  # where y is a number, what is held is one: see the branch above
                 low = (t, y)
-            if y > high[1]:  # type: ignore[operator]
+            if y > high[1]:  # type: ignore[operator]  # as above
                 high = (t, y)
             self._bins[b] = (low, high)
 
