@@ -17,7 +17,7 @@ export const door = {
   refused: (): void => undefined,
   back: (): Promise<void> => Promise.resolve(),
 };
-const OPEN = ['/session', '/session/password', '/setup', '/password-links'];
+const OPEN = ['/session', '/session/password', '/setup', '/password-links', '/password-links/check'];
 
 function problemOf(status: number, body: unknown): T.Problem {
   const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
@@ -61,16 +61,17 @@ async function answer<R>(path: string, init?: RequestInit): Promise<R> {
 }
 
 export const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
-export const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> =>
-  answer<R>(path, {
-    method: 'POST',
-    headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' },
-    body: body === undefined ? null : JSON.stringify(body),
-    signal: signal ?? null,
-  });
+/** What browsers keep of a page that is gone, with room to spare. */
+const KEPT = 32_768;
+/** How a change is sent. It leaves even when its page is left or closed in the same moment: whoever pressed ABORT has sent it. */
+function change(method: string, body?: unknown): RequestInit {
+  const text = body === undefined ? null : JSON.stringify(body);
+  return { method, headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' }, body: text, keepalive: (text?.length ?? 0) < KEPT };
+}
+export const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> => answer<R>(path, { ...change('POST', body), ...(signal && { signal, keepalive: false }) });
 
 export const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
-  answer<R>(path, { method, headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' }, body: body === undefined ? null : JSON.stringify(body) });
+  answer<R>(path, change(method, body));
 
 export interface RawImage {
   columns: number;
@@ -106,6 +107,7 @@ export const api = {
   changePassword: (old: string, fresh: string) => send<T.SessionInfo>('PUT', '/session/password', { old, new: fresh }),
   setUp: (token: string, name: string, password: string) => post<T.SessionInfo>('/setup', { token, name, password }),
   welcome: (token: string, password: string) => post<T.SessionInfo>('/password-links', { token, password }),
+  checkLink: (kind: 'setup' | 'password', token: string) => post<null>('/password-links/check', { kind, token }),
   link: () => get<T.Link>('/link'),
   openLink: (url: string) => post<T.Link>('/link/open', { url }),
   closeLink: () => post<T.Link>('/link/close'),
@@ -175,6 +177,8 @@ export const api = {
   checkStack: (id: number) => post<T.StackCheck>(`/stacks/${id}/check`),
   runStack: (id: number, confirm: string[]) => post<T.StackRun>(`/stacks/${id}/run`, { confirm }),
   stackRuns: () => get<T.StackRun[]>('/stack-runs?limit=20'),
+  checkSteps: (steps: T.StackIn['steps']) => post<T.StackCheck>('/stacks/check', { steps }),
+  goOn: (run: number, skip: string, confirm: string[]) => post<T.StackRun>(`/stack-runs/${run}/go-on`, { skip, confirm }),
   runAction: (id: number, action: 'pause' | 'resume' | 'stop') => post<T.StackRun>(`/stack-runs/${id}/${action}`),
   schedule: () => get<T.Schedule>('/schedule'),
   refreshSchedule: () => post<T.Command>('/schedule/refresh'),
@@ -209,6 +213,11 @@ export const api = {
   steerReplay: (body: { speed?: number | null; paused?: boolean; at?: string }) => send<T.Replay>('PUT', '/replay', body),
   endReplay: () => send<T.Replay>('DELETE', '/replay'),
   contacts: () => get<T.Contact[]>('/contacts'),
+  contactPage: async (limit: number, offset: number): Promise<{ total: number; contacts: T.Contact[] }> => {
+    const response = await fetched(`/contacts${query({ limit, offset })}`);
+    const contacts = (await response.json()) as T.Contact[];
+    return { total: Number(response.headers.get('X-Total') ?? contacts.length), contacts };
+  },
   sky: (mag = 4.5, at?: string) => get<T.Sky>(`/sky${query({ mag, at })}`),
   profiles: () => get<T.Profile[]>('/profiles'),
   designCameras: () => get<T.DesignCameras>('/design/cameras'),

@@ -92,6 +92,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/password-links/check": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Check Link
+         * @description Can a one-time link still be used? Refused and braked just as its use is, and nothing is used up.
+         */
+        post: operations["check_link_api_password_links_check_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/users": {
         parameters: {
             query?: never;
@@ -736,6 +756,27 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/stack-runs/{run_id}/go-on": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Go On
+         * @description Take the last run, which failed, up again at the step that failed: once more, or past it with a reason. A command of unknown
+         *     fate keeps its id.
+         */
+        post: operations["go_on_api_stack_runs__run_id__go_on_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/health": {
         parameters: {
             query?: never;
@@ -807,7 +848,8 @@ export interface paths {
         put?: never;
         /**
          * Open Link
-         * @description Use another port. What is wrong with it is said at once, and the present one stays.
+         * @description Use another port. What is wrong with it is said at once, and the present one stays. Other machines are an admin's, unless they
+         *     are on the list of the settings or the line was open before.
          */
         post: operations["open_link_api_link_open_post"];
         delete?: never;
@@ -2641,7 +2683,7 @@ export interface paths {
         };
         /**
          * List Contacts
-         * @description Newest first.
+         * @description A page, newest first. The header X-Total says how many there are.
          */
         get: operations["list_contacts_api_contacts_get"];
         put?: never;
@@ -4420,7 +4462,8 @@ export interface components {
         };
         /**
          * ChainRecordOut
-         * @description Results of one chain and version over the stored frames; medians over the solved ones.
+         * @description Results of one chain and version over the stored frames; medians over the solved ones. ``solved_interval``: of the share of
+         *     frames, 95 % (Wilson); ``wrong_most``: the most that the share of wrong ones among ``judged`` solutions may be, likewise.
          */
         ChainRecordOut: {
             /** Chain */
@@ -4431,10 +4474,19 @@ export interface components {
             frames: number;
             /** Solved */
             solved: number;
+            /** Solved Interval */
+            solved_interval: [
+                number,
+                number
+            ];
             /** Verdicts */
             verdicts: {
                 [key: string]: number;
             };
+            /** Judged */
+            judged: number;
+            /** Wrong Most */
+            wrong_most: number;
             /** Median Error Axis Arcsec */
             median_error_axis_arcsec: number | null;
             /** Median Rms Px */
@@ -5916,6 +5968,19 @@ export interface components {
             persistence: number;
         };
         /**
+         * GoOnIn
+         * @description How a failed run goes on: ``skip`` is the reason for passing the step that failed, "" tries it again.
+         */
+        GoOnIn: {
+            /** Confirm */
+            confirm?: string[];
+            /**
+             * Skip
+             * @default
+             */
+            skip: string;
+        };
+        /**
          * GridLineOut
          * @description One line of the RA/Dec grid across the frame, as pixel points.
          */
@@ -5981,13 +6046,18 @@ export interface components {
         /**
          * JobOut
          * @description A job. ``state``: queued, running, done, failed, cancelled. ``attempts``: servers that died over it since it last came
-         *     further. ``can_start_again``: it has ended, and its stored request is enough to do it anew.
+         *     further. ``can_start_again``: it has ended, and its stored request is enough to do it anew. ``user``: who started it and may
+         *     end it, beside all who have ``permission``.
          */
         JobOut: {
             /** Id */
             id: number;
             /** Kind */
             kind: string;
+            /** User */
+            user: string;
+            /** Permission */
+            permission: string;
             /** Title */
             title: string;
             /** State */
@@ -6179,6 +6249,19 @@ export interface components {
             x: number[];
             /** Y */
             y: (number | null)[];
+        };
+        /**
+         * LinkCheckBody
+         * @description A one-time link that somebody opened.
+         */
+        LinkCheckBody: {
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "setup" | "password";
+            /** Token */
+            token: string;
         };
         /**
          * LinkOpenIn
@@ -6977,7 +7060,7 @@ export interface components {
         };
         /**
          * RunStepOut
-         * @description A step of a run. ``state``: waiting, delay, condition, sending, stopped, or the result of its command.
+         * @description A step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command.
          */
         RunStepOut: {
             /** Command */
@@ -9040,6 +9123,118 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["SessionOut"];
                 };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unauthorized */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Length Required */
+            411: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Request Entity Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Too Many Requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    check_link_api_password_links_check_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LinkCheckBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description Bad Request */
             400: {
@@ -13186,6 +13381,122 @@ export interface operations {
             cookie?: never;
         };
         requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StackRunOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unauthorized */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Length Required */
+            411: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Request Entity Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Too Many Requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    go_on_api_stack_runs__run_id__go_on_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GoOnIn"];
+            };
+        };
         responses: {
             /** @description Successful Response */
             200: {
@@ -24698,6 +25009,7 @@ export interface operations {
         parameters: {
             query?: {
                 limit?: number;
+                offset?: number;
             };
             header?: never;
             path?: never;

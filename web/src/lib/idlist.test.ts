@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { parseIds, writeIds } from './idlist';
+import { idsOf, parseIds, writeIds } from './idlist';
 
 describe('lists of frame numbers', () => {
   it('are read as written', () => {
@@ -7,6 +7,10 @@ describe('lists of frame numbers', () => {
     expect(parseIds('')).toEqual([]);
     expect(() => parseIds('a')).toThrow('not a number');
     expect(() => parseIds('9-3')).toThrow('not a range');
+  });
+  it('come along in a link, and a broken link names none', () => {
+    expect(idsOf('3-5,9')).toEqual([3, 4, 5, 9]);
+    expect(idsOf('all of them')).toEqual([]);
   });
   it('are written short and come back', () => {
     expect(writeIds([5, 3, 4, 9])).toBe('3-5, 9');

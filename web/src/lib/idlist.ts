@@ -11,6 +11,11 @@ export function parseIds(text: string): number[] {
   return [...out].sort((x, y) => x - y);
 }
 
+/** Frames that another page chose, as its link names them; none where it names no such list. */
+export function idsOf(text: string): number[] {
+  try { return parseIds(text); } catch { return []; }
+}
+
 /** The shortest way to write them. */
 export function writeIds(ids: readonly number[]): string {
   const sorted = [...new Set(ids)].sort((a, b) => a - b);

@@ -1,7 +1,7 @@
 /** Everything one can go to: pages, commands, frames, catalogues, contacts, telemetry points, alarms, help. */
 import { api } from '../api/client';
 import type { Catalogue, Contact, Frame } from '../api/types';
-import { best } from '../lib/fuzzy';
+import { rank } from '../lib/rank';
 import { clock, day } from '../lib/format';
 import { lampOf, type LampState } from '../lib/lamp';
 import { PAGES } from './keys';
@@ -52,7 +52,7 @@ class Places {
   /** The best places for a few letters; a number alone is first of all a frame. */
   find(query: string, most: number): Place[] {
     const asked = query.trim();
-    const hits = best(asked, this.all, (p) => `${p.text} ${p.kind} ${p.note}`, most);
+    const hits = rank(asked, this.all, most);
     if (!/^\d{1,15}$/.test(asked)) return hits;
     const known = this.all.find((p) => p.text === `Frame ${asked}`);
     const frame = known ?? { kind: 'frame', text: `Frame ${asked}`, note: 'by its number', run: to(`/frames/${asked}`) };

@@ -1,0 +1,34 @@
+import { describe, expect, it } from 'vitest';
+import { rank } from './rank';
+
+const place = (kind: string, text: string, note = ''): { kind: string; text: string; note: string } => ({ kind, text, note });
+const PLACES = [
+  place('catalogue', 'alarm-night 25', '184 stars, 2026-11-21'),
+  place('catalogue', '25', 'all large rings, mean 3, 2026-11-21'),
+  place('telemetry', 'Sensor temperature', 'sensor_temperature, housekeeping'),
+  place('alarm', 'Sensor temperature', 'above 45'),
+  place('command', 'SET_EXPOSURE', 'how long the sensor is exposed'),
+  place('command', 'TAKE_IMAGE', 'expose and keep a frame'),
+  place('page', 'Alarms', 'Telemetry, Monitor'),
+  place('page', 'Telemetry', 'g t'),
+];
+const found = (query: string): string[] => rank(query, PLACES, 9).map((p) => `${p.kind} ${p.text}`);
+
+describe('the order of places', () => {
+  it('puts pages and commands before catalogues of the same name', () => {
+    expect(found('alarm')).toEqual(['page Alarms', 'catalogue alarm-night 25', 'alarm Sensor temperature']);
+  });
+  it('puts a name that begins so before a note that does', () => {
+    expect(found('sensor').slice(0, 3)).toEqual(['alarm Sensor temperature', 'telemetry Sensor temperature', 'command SET_EXPOSURE']);
+  });
+  it('takes initials as a proper hit', () => {
+    expect(found('ti')[0]).toBe('command TAKE_IMAGE');
+  });
+  it('leaves scattered letters out while something is hit, and shows them when nothing is', () => {
+    expect(found('alarm')).not.toContain('catalogue 25');
+    expect(found('sestp').length).toBeGreaterThan(0);
+  });
+  it('keeps the given order when nothing is asked', () => {
+    expect(rank('', PLACES, 2)).toEqual(PLACES.slice(0, 2));
+  });
+});

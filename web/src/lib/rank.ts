@@ -1,0 +1,34 @@
+/** Order of what the palette finds: how well the name is hit comes first, then what kind of place it is. */
+import { fuzzy } from './fuzzy';
+
+export interface Named { kind: string; text: string; note: string }
+
+const ORDER = ['page', 'command', 'alarm', 'telemetry', 'help', 'frame', 'contact', 'catalogue'];
+/** A letter found where a word goes on; less says that the letters are scattered. */
+const RUN = 5;
+
+/** 2: the name itself begins with it or has its initials. 1: the kind or the note does. 0: letters here and there. */
+function band(query: string, place: Named, whole: number): number {
+  const enough = RUN * query.replace(/\s+/g, '').length;
+  const strong = (score: number, text: string): boolean => score * (1 + text.length / 200) >= enough;
+  if (strong(fuzzy(query, place.text), place.text)) return 2;
+  return strong(whole, words(place)) ? 1 : 0;
+}
+
+const words = (p: Named): string => `${p.text} ${p.kind} ${p.note}`;
+const kindOf = (p: Named): number => (ORDER.indexOf(p.kind) + 1 || ORDER.length + 1);
+
+/** The best places for a few letters; scattered letters only count while nothing is hit properly. */
+export function rank<T extends Named>(query: string, places: readonly T[], most: number): T[] {
+  if (!query) return places.slice(0, most);
+  const hits = places
+    .map((place, i) => ({ place, i, score: fuzzy(query, words(place)) }))
+    .filter((h) => h.score > 0)
+    .map((h) => ({ ...h, band: band(query, h.place, h.score) }));
+  const best = Math.max(0, ...hits.map((h) => h.band));
+  return hits
+    .filter((h) => best === 0 || h.band > 0)
+    .sort((a, b) => b.band - a.band || kindOf(a.place) - kindOf(b.place) || b.score - a.score || a.i - b.i)
+    .slice(0, most)
+    .map((h) => h.place);
+}
