@@ -16,9 +16,9 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-def iso_z(moment: datetime) -> str:
-    """A moment as ISO 8601 with milliseconds and Z."""
-    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+def iso_z(moment: datetime, timespec: str = "milliseconds") -> str:
+    """A moment as ISO 8601 with milliseconds, or as finely as said, and Z."""
+    return moment.astimezone(UTC).isoformat(timespec=timespec).replace("+00:00", "Z")
 
 
 monotonic_s: Monotonic = time.monotonic

@@ -7,13 +7,24 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, select, text
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from gss.store import paging
 from gss.store.models import AuditRow
 
+GUARDS = {
+    "sqlite": ("audit_no_update", "audit_no_delete", "audit_no_replace"),
+    "postgresql": ("audit_no_change", "audit_no_truncate"),
+}
+"""Triggers that refuse to change the record, made by migration 0004."""
+IN_FORCE = {
+    "sqlite": "SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'audit' AND sql LIKE '%RAISE(ABORT%'"
+    " AND (sql NOT LIKE '% WHEN %' OR name = 'audit_no_replace')",
+    "postgresql": "SELECT tgname FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid WHERE tgrelid = 'audit'::regclass"
+    " AND tgenabled IN ('O', 'A') AND tgqual IS NULL AND prosrc LIKE '%RAISE EXCEPTION%'",
+}
 
 
 @dataclass(frozen=True)
@@ -67,3 +78,10 @@ def page(session: Session, wanted: AuditFilter, limit: int, before: int | None =
 def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
     """All that fit, oldest first, read in batches."""
     return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)
+
+
+def missing_guards(session: Session) -> list[str]:
+    """Which of the triggers that refuse changes are gone, switched off, or refuse nothing."""
+    kind = session.get_bind().dialect.name
+    there = set(session.scalars(text(IN_FORCE[kind])))
+    return [name for name in GUARDS[kind] if name not in there]

@@ -8,11 +8,12 @@ import threading
 from datetime import UTC, datetime
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import text, update
 from sqlalchemy.exc import DBAPIError
 
-from gss.operations.accounts.audit import AuditService
-from gss.store.audit import AuditFilter
+from gss.operations.accounts.audit import FIELDS, AuditService, hash_of
+from gss.store.audit import AuditFilter, add, last
+from gss.store.models import AuditRow
 
 
 def now() -> datetime:
@@ -77,8 +78,45 @@ def test_a_cut_end_shows_against_a_hash_noted_elsewhere(audit, database):
         sqlite = database.engine.dialect.name == "sqlite"
         connection.execute(text("DROP TRIGGER audit_no_delete" if sqlite else "DROP TRIGGER audit_no_change ON audit"))
         connection.execute(text("DELETE FROM audit WHERE seq = 5"))
-    assert audit.verify().problem == ""
+    assert "does not refuse changes" in audit.verify().problem
     assert "cut off" in audit.verify(noted).problem
+
+
+def test_a_guard_that_was_taken_away_is_missed(audit, database):
+    """Dropped, switched off, or put back in a form that refuses nothing: the record is not what it was, even while no row was
+    changed yet."""
+    sqlite = database.engine.dialect.name == "sqlite"
+    assert audit.verify().problem == ""
+    weak = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
+    never = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit WHEN 0 BEGIN SELECT RAISE(ABORT, 'no'); END"
+    steps = [["DROP TRIGGER audit_no_delete"], [weak], ["DROP TRIGGER audit_no_delete", never]]
+    if not sqlite:
+        steps = [["ALTER TABLE audit DISABLE TRIGGER audit_no_change"], ["DROP TRIGGER audit_no_change ON audit"]]
+    for step in steps:
+        with database.engine.begin() as connection:
+            for statement in step:
+                connection.execute(text(statement))
+        name = "audit_no_delete" if sqlite else "audit_no_change"
+        assert audit.verify().problem == f"the database does not refuse changes of the record any more: {name}"
+
+
+def test_the_hash_holds_the_whole_time_and_older_rows_still_verify(audit, database):
+    """A row of before has milliseconds in its hash and stays whole; of a new one not even a microsecond can be changed."""
+    sqlite = database.engine.dialect.name == "sqlite"
+    with database.unit_of_work() as session:
+        older = AuditRow(**{f: getattr(last(session), f) for f in FIELDS})
+    older.seq, older.previous = 6, older.hash
+    older.hash = hash_of(older, "milliseconds")
+    with database.unit_of_work() as session:
+        add(session, older)
+    assert hash_of(older) != older.hash
+    audit.record("ann", "x.y", "after", "done")
+    assert (audit.verify().problem, audit.verify().rows) == ("", 7)
+    with database.engine.begin() as connection:
+        connection.execute(text("DROP TRIGGER audit_no_update" if sqlite else "DROP TRIGGER audit_no_change ON audit"))
+        later = now().replace(microsecond=123457)
+        connection.execute(update(AuditRow).where(AuditRow.seq == 7).values(at=later))
+    assert audit.verify().problem == "row 7 was changed"
 
 
 def test_several_writers_make_one_chain(database):
@@ -114,4 +152,4 @@ def test_the_record_is_filtered_paged_and_exported(audit):
     assert len(lines[5]["detail"]) == 2000
     rows = list(csv.DictReader(audit.export("csv")))
     assert rows[5]["who"] == "'=HYPERLINK(1)"
-    assert rows[0]["at"] == "2026-12-01T18:00:00.123Z"
+    assert rows[0]["at"] == "2026-12-01T18:00:00.123456Z"

@@ -69,7 +69,7 @@ def check_store(database: Database, blobs: BlobStore, captures: Path, progress: 
 def _look(report: Report, name: str, look: Callable[[], None]) -> None:
     try:
         look()
-    except (CorruptData, StoreDown) as error:
+    except (CorruptData, StoreDown, OSError, ValueError) as error:
         report.findings.append(Finding(name, ERROR, str(error)))
 
 
@@ -102,7 +102,7 @@ def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progr
         except NotFound:
             missing.append(f"{reference.by}: {key[:16]}…")
             continue
-        except CorruptData:
+        except (CorruptData, OSError):
             damaged.append(f"{reference.by}: {key[:16]}…")
             continue
         if reference.size is not None and size != reference.size:
@@ -144,7 +144,7 @@ def _captures(report: Report, database: Database, folder: Path, progress: Progre
 def _audit(report: Report, database: Database) -> None:
     verdict = AuditService(database, utc_now).verify()
     bad = [verdict.problem] if verdict.problem else []
-    report.add("audit", bad, f"{verdict.rows} rows follow each other", "break in the audit record")
+    report.add("audit", bad, f"{verdict.rows} rows follow each other, none can be changed", "break in the audit record")
 
 
 class CheckStoreService:
