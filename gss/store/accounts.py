@@ -131,6 +131,12 @@ def tokens(session: Session) -> list[ApiToken]:
     return list(session.scalars(select(ApiToken).order_by(ApiToken.id.desc())))
 
 
+def tokens_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[ApiToken]:
+    """Those made under a name in a time that were not revoked yet."""
+    made = (ApiToken.created_by == maker, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
+    return list(session.scalars(select(ApiToken).where(*made)))
+
+
 def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, User | None] | None:
     """The token of that name that can still be used."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
 from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.accounts.identity import TOKEN_PREFIX, Who
@@ -91,10 +92,10 @@ class TokenService:
         return NewToken(key, row)
 
     def revoke(self, token_id: int) -> ApiToken:
-        """It is worth nothing from now on."""
+        """It is worth nothing from now on, nor is any token that was made with it."""
         with self._database.unit_of_work() as session:
             row, _ = store.token(session, token_id)
-            row.revoked = row.revoked or self._now()
+            self._revoke(session, row)
         self.changed()
         return row
 
@@ -104,9 +105,15 @@ class TokenService:
             found = store.living_token(session, name, self._now())
             if found is None:
                 raise Conflict("no living token has this name", got=name[:60])
-            found[0].revoked = self._now()
+            self._revoke(session, found[0])
         self.changed()
         return found[0]
+
+    def _revoke(self, session: Any, row: ApiToken) -> None:
+        """The name may have been another token's before, and may be one's after: only what was made in this one's time is its."""
+        row.revoked = row.revoked or self._now()
+        for child in store.tokens_made_by(session, TOKEN_PREFIX + row.name, row.created, row.revoked):
+            self._revoke(session, child)
 
     def who(self, key: str) -> Who | None:
         """Whose token that is; None where it is worth nothing."""

@@ -55,8 +55,30 @@ def test_a_revoked_token_is_worth_nothing_at_once(accounts):
     eve = accounts.users.add("eve", "admin", by="ann")
     hers = accounts.tokens.add("hers", "admin", 1, by="eve", owner_id=eve.id)
     assert accounts.who_has_token(hers.key, "a") is not None
+    accounts.users.change(eve.id, enabled=False)
+    assert accounts.who_has_token(hers.key, "a") is None
+    accounts.users.change(eve.id, enabled=True)
+    assert accounts.who_has_token(hers.key, "a") is not None
     accounts.users.change(eve.id, role="viewer")
     assert accounts.who_has_token(hers.key, "a") is None
+
+
+def test_with_a_token_those_that_it_made_are_revoked(accounts, clock):
+    """And what they made; not those of people, of other tokens, or of the next one that has the name."""
+    people = accounts.tokens.add("people", "viewer", 9, by="ann")
+    parent = accounts.tokens.add("parent", "admin", 9, by="shell:root")
+    clock.forward(60)
+    child = accounts.tokens.add("child", "admin", 8, by="token:parent")
+    grandchild = accounts.tokens.add("grandchild", "viewer", 7, by="token:child")
+    again = accounts.tokens.add("again", "viewer", 7, by="token:parents")
+    accounts.tokens.revoke_named("parent")
+    assert [accounts.who_has_token(made.key, "a") for made in (parent, child, grandchild)] == [None] * 3
+    assert all(accounts.who_has_token(made.key, "a") for made in (people, again))
+    clock.forward(60)
+    second = accounts.tokens.add("parent", "admin", 9, by="ann")
+    hers = accounts.tokens.add("hers", "viewer", 8, by="token:parent")
+    accounts.tokens.revoke(parent.row.id)
+    assert all(accounts.who_has_token(made.key, "a") for made in (second, hers))
 
 
 def test_two_living_tokens_have_two_names(accounts):
