@@ -1,8 +1,8 @@
 /** The catalogue builder's form as text, its checks, and the live preview. */
-import { api, ApiError } from '../api/client';
+import { api } from '../api/client';
 import type { CatalogueDetail, CatalogueIn, Preview, StarList } from '../api/types';
 import { short } from '../lib/format';
-import { problemText } from './live.svelte';
+import { problemText } from '../lib/problems';
 
 type Form = Required<CatalogueIn>;
 export type Law = Form['pointing'];
@@ -187,7 +187,7 @@ export class Builder {
       this.problem = '';
     } catch (e) {
       if (stop.signal.aborted) return;
-      this.problem = e instanceof ApiError ? problemText(e.problem) : String(e);
+      this.problem = problemText(e);
     } finally {
       if (!stop.signal.aborted) this.busy = false;
     }

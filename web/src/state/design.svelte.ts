@@ -1,8 +1,9 @@
 /** The camera on the drawing board: its form as text, what is changed, its address, the quick look and the full count. */
-import { api, ApiError } from '../api/client';
+import { api } from '../api/client';
 import type { Design, DesignCameras, DesignIn } from '../api/types';
 import { short } from '../lib/format';
-import { attempt, live, problemText } from './live.svelte';
+import { problemText } from '../lib/problems';
+import { attempt, live } from './live.svelte';
 
 export interface DesignField { key: string; label: string; unit: string; optional?: boolean }
 export const GROUPS: readonly { name: string; fields: readonly DesignField[] }[] = [
@@ -127,7 +128,7 @@ export class Desk {
       this.problem = '';
     } catch (e) {
       if (stop.signal.aborted) return;
-      this.problem = e instanceof ApiError ? problemText(e.problem) : String(e);
+      this.problem = problemText(e);
     } finally {
       if (!stop.signal.aborted) this.busy = false;
     }

@@ -1,8 +1,9 @@
 /** One frame on show: detail, raw pixels, histogram, chosen solution, selected star, stretch. */
-import { api, ApiError, type RawImage } from '../api/client';
+import { api, type RawImage } from '../api/client';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
+import { problemText } from '../lib/problems';
 import type { Stretch } from '../sky/stretch';
-import { live, problemText } from './live.svelte';
+import { live } from './live.svelte';
 import { view } from './view.svelte';
 
 /** The newest frame of the device; an imported one only while the device has given none. */
@@ -75,7 +76,7 @@ export class FrameView {
       if (!same) this.selected = null;
     } catch (error) {
       if (turn !== this.generation) return;
-      this.problem = error instanceof ApiError ? problemText(error.problem) : String(error);
+      this.problem = problemText(error);
     } finally {
       if (turn === this.generation) this.loading = false;
     }

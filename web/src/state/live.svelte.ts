@@ -1,7 +1,8 @@
 /** What the whole console knows: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
-import { api, ApiError } from '../api/client';
+import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
+import { problemOf, problemText } from '../lib/problems';
 import { session } from './session.svelte';
 import { Stream } from './stream';
 import { toast } from './toasts.svelte';
@@ -215,14 +216,9 @@ export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   try {
     return await run();
   } catch (error) {
-    toast('critical', error instanceof ApiError ? problemText(error.problem) : String(error), error instanceof ApiError ? error.problem.id : '');
+    toast('critical', problemText(error), problemOf(error).id);
     return null;
   }
-}
-
-export function problemText(p: T.Problem): string {
-  const parts = [p.message, p.expected && `expected ${p.expected}`, p.got && `got ${p.got}`].filter(Boolean).join(', ');
-  return p.hint ? `${parts}. ${p.hint}` : parts;
 }
 
 export async function sendCommand(name: string, args: Record<string, T.ArgumentValue> = {}, confirm = ''): Promise<T.Command | null> {

@@ -1,8 +1,9 @@
 /** The span on show and its history: following the clock, or a fixed past. Live values are added as they come. */
-import { api, ApiError } from '../api/client';
+import { api } from '../api/client';
 import type { History } from '../api/types';
+import { problemText } from '../lib/problems';
 import { happened, type Happening } from './happenings.svelte';
-import { keyOf, live, problemText } from './live.svelte';
+import { keyOf, live } from './live.svelte';
 
 export const SPANS = { Live: 180, '15 min': 900, '1 h': 3600, '6 h': 21_600, '24 h': 86_400 } as const;
 export type Span = keyof typeof SPANS;
@@ -22,7 +23,7 @@ export class TelemetryHistory {
       this.happenings = list;
       this.problem = '';
     } catch (e) {
-      if (!stop.aborted) this.problem = e instanceof ApiError ? problemText(e.problem) : String(e);
+      if (!stop.aborted) this.problem = problemText(e);
     }
   }
 
