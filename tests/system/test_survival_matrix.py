@@ -176,6 +176,8 @@ UPLOAD_POINTS = {
     "after commit": (DOWN, "COMMITTED", 0),
 }
 DOWNLOAD_POINTS = {"opening": (UP, "OPEN_DOWNLOAD", 0), "transferring": (DOWN, "CHUNK", 120)}
+ALL_SENT = ("verifying", "before commit", "after commit")
+"""Stages at which the device holds the whole upload."""
 
 
 def hold_at(tap: Tap, point: tuple[str, str, int]) -> None:
@@ -205,27 +207,39 @@ def bank_content(folder: Path, bank: str, size: int) -> bytes:
     return cells[start : start + size]
 
 
-def test_server_killed_at_any_stage_of_an_upload(serve, sensor, tap, tmp_path):
+def held_upload(console, tap: Tap, stage: str) -> tuple[int, str]:
+    """An upload of a new catalogue that is held at a stage: id of the transfer, hash of the content."""
+    catalogue = build(console, stage, 3.0 + 0.1 * list(UPLOAD_POINTS).index(stage))
+    content = console.get(f"/catalogues/{catalogue}")["sha256"]
+    hold_at(tap, UPLOAD_POINTS[stage])
+    transfer = console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
+    tap.wait()
+    return transfer["id"], content
+
+
+def arrived(console, transfer_id: int, content: str, sensor):
+    """The upload in its good end: the content of that hash lies in flash."""
+    end = ended(console, transfer_id, "committed")
+    assert end["sha256"] == content
+    assert hashlib.sha256(bank_content(sensor.folder, "B", end["size"])).hexdigest() == content
+    return end
+
+
+def test_server_killed_at_any_stage_of_an_upload(serve, sensor, tap):
     """The next server finds the transfer paused by the restart, goes on with what the device holds, and ends committed."""
     server = serve("--device", tap.url)
     online(server.console)
-    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
-        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
-        row = server.console.get(f"/catalogues/{catalogue}")
-        hold_at(tap, point)
-        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
-        tap.wait()
+    for stage in UPLOAD_POINTS:
+        transfer, content = held_upload(server.console, tap, stage)
         server.kill()
         tap.release()
         mark = len(tap.packets)
 
         server = serve("--device", tap.url)
-        end = ended(server.console, transfer["id"], "committed")
-        assert end["sha256"] == row["sha256"], stage
+        end = arrived(server.console, transfer, content, sensor)
         assert any("the server restarted" in line for line in end["log"]), end["log"]
-        assert hashlib.sha256(bank_content(tmp_path / "sensor", "B", end["size"])).hexdigest() == row["sha256"], stage
         again = chunk_bytes(tap, UP, mark)
-        if stage in ("verifying", "before commit", "after commit"):
+        if stage in ALL_SENT:
             assert again == 0, f"{stage}: {again} B were sent although the device held all"
         elif stage == "transferring":
             assert 0 < again < end["size"], stage
@@ -262,25 +276,19 @@ def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
     assert max(commands_sent(tap).values()) == 1
 
 
-def test_sensor_killed_at_any_stage_of_an_upload(serve, sensor, tap, tmp_path):
+def test_sensor_killed_at_any_stage_of_an_upload(serve, sensor, tap):
     """Flash keeps what it holds: the transfer waits for the sensor, goes on with the rest, and ends committed."""
     server = serve("--device", tap.url)
     online(server.console)
-    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
-        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
-        row = server.console.get(f"/catalogues/{catalogue}")
-        hold_at(tap, point)
-        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
-        tap.wait()
+    for stage in UPLOAD_POINTS:
+        transfer, content = held_upload(server.console, tap, stage)
         sensor.kill()
         tap.release()
         mark = len(tap.packets)
         sensor.start()
-        end = ended(server.console, transfer["id"], "committed")
-        assert end["sha256"] == row["sha256"], stage
+        end = arrived(server.console, transfer, content, sensor)
         assert any("link lost" in line for line in end["log"]), end["log"]
-        assert hashlib.sha256(bank_content(tmp_path / "sensor", "B", end["size"])).hexdigest() == row["sha256"], stage
-        if stage in ("verifying", "before commit", "after commit"):
+        if stage in ALL_SENT:
             assert chunk_bytes(tap, UP, mark) < 0.5 * end["size"], stage
     assert max(commands_sent(tap).values(), default=0) <= 1
 
@@ -306,21 +314,16 @@ def test_sensor_killed_while_a_frame_comes_down(serve, sensor, tap):
     assert max(commands_sent(tap).values()) == 1
 
 
-def test_line_pulled_at_any_stage_of_an_upload_and_of_a_download(serve, sensor, tap, tmp_path):
+def test_line_pulled_at_any_stage_of_an_upload_and_of_a_download(serve, sensor, tap):
     """The plug out and in again: each transfer goes on by itself and ends whole; nothing is commanded twice."""
     server = serve("--device", tap.url)
     online(server.console)
-    for number, (stage, point) in enumerate(UPLOAD_POINTS.items()):
-        catalogue = build(server.console, stage, 3.0 + 0.1 * number)
-        row = server.console.get(f"/catalogues/{catalogue}")
-        hold_at(tap, point)
-        transfer = server.console.post(f"/catalogues/{catalogue}/upload", {"bank": "B"})
-        tap.wait()
+    for stage in UPLOAD_POINTS:
+        transfer, content = held_upload(server.console, tap, stage)
         mark = len(tap.packets)
         tap.pull()
-        end = ended(server.console, transfer["id"], "committed")
-        assert end["sha256"] == row["sha256"], stage
-        if stage in ("verifying", "before commit", "after commit"):
+        end = arrived(server.console, transfer, content, sensor)
+        if stage in ALL_SENT:
             assert chunk_bytes(tap, UP, mark) == 0, stage
     for stage, point in DOWNLOAD_POINTS.items():
         online(server.console)
