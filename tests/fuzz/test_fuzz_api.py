@@ -47,7 +47,13 @@ HELD = [
 ]
 LONGEST_ANSWER_S = 60
 ADDRESS = "http://localhost"
-WITHOUT_SESSION = ("/api/session", "/api/session/password", "/api/setup", "/api/password-links")
+WITHOUT_SESSION = (
+    "/api/session",
+    "/api/session/password",
+    "/api/setup",
+    "/api/password-links",
+    "/api/password-links/check",
+)
 SignIn = Callable[..., dict[str, str]]
 
 pytestmark = pytest.mark.timeout(LONGEST_ANSWER_S * 10)

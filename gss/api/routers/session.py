@@ -11,7 +11,7 @@ from fastapi import APIRouter, Request, Response
 
 from gss.api.deps import NOBODY, App, Who, need, who_of
 from gss.api.guard.keys import COOKIE, session_key
-from gss.api.schemas.accounts import PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
+from gss.api.schemas.accounts import LinkCheckBody, PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
 from gss.domain.errors import Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake
@@ -99,6 +99,14 @@ def use_password_link(app: App, request: Request, response: Response, body: Pass
     request.state.named = user.name
     address, agent = _from(request)
     return _open(request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+
+
+@router.post("/password-links/check", status_code=204, dependencies=[need(NOBODY, changes=False)])
+def check_link(app: App, request: Request, body: LinkCheckBody) -> None:
+    """Can a one-time link still be used? Refused and braked just as its use is, and nothing is used up."""
+    brake = _brake(app, request)
+    app.accounts.users.check_link(body.kind, body.token)
+    app.accounts.attempts.passed(brake)
 
 
 def _brake(app: Services, request: Request) -> list[tuple[str, Brake]]:

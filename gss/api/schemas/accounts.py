@@ -49,6 +49,13 @@ class SetUpBody(In):
     password: str = Password
 
 
+class LinkCheckBody(In):
+    """A one-time link that somebody opened."""
+
+    kind: Literal["setup", "password"]
+    token: str = Key
+
+
 class PasswordLinkBody(In):
     """A password by a one-time link."""
 

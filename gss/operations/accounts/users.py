@@ -143,6 +143,12 @@ class UserService:
         self.changed()
         return row
 
+    def check_link(self, kind: str, key: str) -> None:
+        """NotPermitted where using the link would say so; nothing is used up."""
+        self._fresh(kind, key)
+        if kind == SETUP and not self.set_up_needed():
+            raise _used_link()
+
     def _fresh(self, kind: str, key: str) -> OneTimeLink:
         """The link before anything slow is done for it; it is used up later, in one step with what it is for."""
         with self._database.unit_of_work() as session:
