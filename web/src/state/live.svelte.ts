@@ -4,6 +4,7 @@ import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
 import { session } from './session.svelte';
+import { merged, mergedBy, Told } from './snapshot';
 import { Stream } from './stream';
 import { toast } from './toasts.svelte';
 
@@ -51,6 +52,7 @@ class Live {
   filled = $state('');
   clockSkewMs = 0;
   private dictionaryTurn = 0;
+  private readonly told = new Told();
 
   /** By plain name; housekeeping wins where several packets carry the same field. */
   readonly byName = $derived(new Map([...this.values].sort((a, b) => Number(a.packet === 'housekeeping') - Number(b.packet === 'housekeeping')).map((v) => [bare(v), v])));
@@ -62,6 +64,7 @@ class Live {
   }
 
   put(kind: string, data: unknown): void {
+    this.told.note(kind, data);
     switch (kind) {
       case 'link': return this.putLink(data as T.Link);
       case 'telemetry': return this.putTelemetry(data as T.Latest);
@@ -144,23 +147,27 @@ class Live {
     if (read && turn === this.dictionaryTurn) this.dictionary = read;
   }
 
+  /** Reads everything anew. What the stream tells meanwhile is newer, and stays. */
   async load(): Promise<void> {
     this.latestDeviceFrame = null;
+    const told = this.told.begin();
+    const one = <V>(kind: string, put: (v: V) => void) => (v: V): void => { if (!told.has(kind)) put(v); };
     await Promise.allSettled([
-      api.link().then((v) => this.putLink(v)),
+      api.link().then(one('link', (v) => this.putLink(v))),
       this.loadDictionary(),
-      api.latest().then((v) => this.putTelemetry(v)),
-      api.commands(100).then((v) => { this.commands = v; }),
-      api.cycles(12).then((v) => { this.cycles = v; }),
-      api.transfers(20).then((v) => { this.transfers = v; }),
-      api.authority().then((v) => { this.authority = v; }),
-      api.alarms(true).then((v) => { this.alarms = byUrgency(v); }),
-      api.stackRuns().then((v) => { this.runs = v; }),
-      api.schedule().then((v) => { this.schedule = v; }),
-      api.tablesOnBoard().then((v) => { this.onBoardTables = v; }),
-      api.replay().then((v) => { this.replay = v; }),
-      api.jobs().then((v) => { this.jobs = v; }),
+      api.latest().then(one('telemetry', (v) => this.putTelemetry(v))),
+      api.commands(100).then((v) => { this.commands = merged('command', v, this.commands, told); }),
+      api.cycles(12).then((v) => { this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, told); }),
+      api.transfers(20).then((v) => { this.transfers = merged('transfer', v, this.transfers, told); }),
+      api.authority().then(one('authority', (v) => { this.authority = v; })),
+      api.alarms(true).then((v) => { this.alarms = byUrgency(merged('alarm', v, this.alarms, told)); }),
+      api.stackRuns().then((v) => { this.runs = merged('stack_run', v, this.runs, told); }),
+      api.schedule().then(one('schedule', (v) => { this.schedule = v; })),
+      api.tablesOnBoard().then(one('tables', (v) => { this.onBoardTables = v; })),
+      api.replay().then(one('replay', (v) => { this.replay = v; })),
+      api.jobs().then((v) => { this.jobs = merged('job', v, this.jobs, told); }),
     ]);
+    this.told.end(told);
     this.frameTick += 1;
   }
 
@@ -179,15 +186,14 @@ class Live {
           this.offlineSince = null;
           if (filled) {
             this.filled = filled.count ? `back-filled ${filled.from.slice(11, 19)}Z – ${filled.to.slice(11, 19)}Z` : 'reconnected, nothing missed';
-            void this.load();
           }
+          if (filled || !this.everOnline) void this.load();
           this.everOnline = true;
         },
-        offline: (since) => { this.online = false; this.offlineSince = since; void session.read(); },
+        offline: (since) => { this.online = false; this.offlineSince = since; if (!this.everOnline) void this.load(); void session.read(); },
       },
     );
-    void this.load();
-    stream.start();
+    stream.start(); // what is read before it listens could change unseen: everything is read when it does
     return stream;
   }
 }

@@ -1,0 +1,27 @@
+import { describe, expect, it } from 'vitest';
+import { merged, Told } from './snapshot';
+
+describe('a snapshot and the stream', () => {
+  it('keeps what the stream told while the snapshot was on its way', () => {
+    const told = new Told();
+    told.note('command', { id: 1 });
+    const during = told.begin();
+    told.note('command', { id: 9 });
+    told.note('command', { id: 11 });
+    told.note('link', { utc: '' });
+    const held = [{ id: 11, result: 'sent' }, { id: 9, result: 'completed' }, { id: 1, result: 'old' }];
+    const read = [{ id: 9, result: 'started' }, { id: 1, result: 'completed' }];
+    expect(merged('command', read, held, during)).toEqual([held[0], held[1], read[1]]);
+    expect(during.has('link')).toBe(true);
+  });
+  it('forgets when the snapshot has come', () => {
+    const told = new Told();
+    const during = told.begin();
+    told.end(during);
+    told.note('command', { id: 9 });
+    expect(during.size).toBe(0);
+  });
+  it('does not bring back a row that the stream closed', () => {
+    expect(merged('alarm', [{ id: 3 }, { id: 2 }], [], new Set(['alarm 3']))).toEqual([{ id: 2 }]);
+  });
+});
