@@ -36,6 +36,7 @@ from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_page import updated  # noqa: E402
 from tools.bench_tables import Table, machine  # noqa: E402
+from tools.bench_tasks import page_tasks  # noqa: E402
 
 SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
     "render": drawing,
@@ -49,6 +50,7 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
     "ingest": ingest,
     "api": api,
     "page_load": page_load,
+    "page_tasks": page_tasks,
 }
 
 

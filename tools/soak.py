@@ -1,7 +1,7 @@
 """Load for as long as asked: a line at 50 packets/s, ten listeners, and nothing may be late, lost, or grow.
 
-``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browser] [--data FOLDER]`` prints a line per minute and one
-JSON document at the end; its exit status says whether every limit held. ``make soak`` is a day of it.
+``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browsers N] [--data FOLDER]`` prints a line per minute and
+one JSON document at the end; its exit status says whether every limit held. ``make soak`` is a day of it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ from typing import Any
 import httpx2
 
 from tools.served import Served, processor_s, resident_bytes, served
+from tools.soak_pages import LATEST_S, watch
 from tools.stream_client import Heard, listen
 
-LATEST_S = 1.0
-"""A requirement of the product, with a hundred times what is usual on an idle machine."""
 LEAST_SHARE = 0.5
 """Of the rate: on a crowded machine the simulated sensor itself leaves packets out, which then are not lost."""
 OWN_ROW_EVERY_S = 10.0
@@ -153,15 +152,17 @@ async def soak(
     rate: float = 50.0,
     workers: int = 0,
     session: str = "",
+    pages: int = 1,
     say: Say = lambda _: None,
 ) -> Report:
-    """Listen and look for ``seconds``; the sensor sends already. ``session``: of a real browser that watches too; empty: none."""
+    """Listen and look for ``seconds``; the sensor sends already. ``session``: of ``pages`` real browsers that
+    watch too; empty: none."""
     report = Report(seconds, rate, workers, heard=[Heard() for _ in range(clients)])
     start_s = time.monotonic()
     end_s = start_s + seconds
     host, port = server.host_and_port
     listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.heard]
-    watching = asyncio.create_task(watch(server, session, end_s)) if session else None
+    watching = asyncio.create_task(watch(server, session, end_s, pages)) if session else None
     async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         least_late_s, next_word_s = float("inf"), 60.0
         while True:
@@ -213,44 +214,6 @@ def _line(report: Report) -> str:
     )
 
 
-LISTEN = """() => {
-  const heard = (window.heard = { messages: 0, dropped: 0, breaks: 0, late: 0, latest: 0 });
-  const stream = new EventSource('/api/stream');
-  stream.addEventListener('dropped', (e) => { heard.dropped += JSON.parse(e.data).dropped; });
-  stream.addEventListener('error', () => { heard.breaks += 1; });
-  stream.addEventListener('link', (e) => {
-    heard.messages += 1;
-    heard.late = (Date.now() - Date.parse(JSON.parse(e.data).utc)) / 1000;
-    heard.latest = Math.max(heard.latest, heard.late);
-  });
-}"""
-
-
-async def watch(server: Served, session: str, until_s: float) -> dict[str, Any]:
-    """The Live page in a real browser, and an event source of our own beside the page's."""
-    from playwright.async_api import async_playwright
-
-    from tools.browser import launch_options
-
-    problems: list[str] = []
-    async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(**launch_options())
-        context = await browser.new_context()
-        await context.add_cookies([{"name": "gss_session", "value": session, "url": server.address}])
-        page = await context.new_page()
-        page.on("pageerror", lambda error: problems.append(f"script: {error}"))
-        await page.goto(f"{server.address}/live")
-        await page.evaluate(LISTEN)
-        await asyncio.sleep(max(0.0, until_s - time.monotonic()))
-        heard: dict[str, Any] = await page.evaluate("() => window.heard")
-        await browser.close()
-    if heard["dropped"] or heard["breaks"]:
-        problems.append(f"{heard['dropped']} dropped, the stream broke {heard['breaks']} times")
-    if not heard["messages"] or heard["late"] >= LATEST_S:
-        problems.append(f"the last of {heard['messages']} header bars was {heard['late']:.2f} s late")
-    return {**heard, "problems": problems}
-
-
 @contextlib.contextmanager
 def loaded_server(folder: Path, rate: float, workers: int) -> Any:
     """A server whose simulated sensor sends ``rate`` housekeeping packets a second."""
@@ -280,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--clients", type=int, default=10)
     parser.add_argument("--rate", type=float, default=50.0, help="packets per second")
-    parser.add_argument("--browser", action="store_true", help="a real browser too")
+    parser.add_argument("--browsers", type=int, default=0, help="real browsers on the Live page too")
     parser.add_argument("--data", type=Path, help="keep the data folder here")
     asked = parser.parse_args(arguments)
 
@@ -290,7 +253,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="gss-soak-") as temporary:
         folder = asked.data or Path(temporary) / "data"
         with loaded_server(folder, asked.rate, asked.workers) as server:
-            session = server.sign_in() if asked.browser else ""
+            session = server.sign_in() if asked.browsers else ""
             run = soak(
                 server,
                 asked.hours * 3600,
@@ -298,6 +261,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 rate=asked.rate,
                 workers=asked.workers,
                 session=session,
+                pages=asked.browsers,
                 say=say,
             )
             report = asyncio.run(run)

@@ -1,0 +1,158 @@
+"""How long the Live page's main thread is held up while the sensor cycles at 1 Hz: every task of the browser's own trace, in
+processor time (what the page needs) and in wall time (what a crowded machine makes of it)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+
+from tools.bench_tables import Table, Value
+from tools.browser import chromium, launch_options
+from tools.served import Served, served
+from tools.soak import wait_for_rest
+
+SEED = 1
+LONG_MS = 50.0
+WARM_S = 8.0
+CATEGORIES = ["toplevel", "devtools.timeline", "disabled-by-default-devtools.timeline", "v8", "blink.user_timing"]
+TASK = "ThreadControllerImpl::RunTask"
+Event = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of a page's main thread. ``parts``: processor milliseconds by what was called in it, children not counted."""
+
+    at_ms: float
+    processor_ms: float
+    wall_ms: float
+    parts: dict[str, float]
+
+
+def page_tasks(quick: bool) -> list[Table]:
+    """Tasks of the Live page while the sensor cycles."""
+    if chromium() is None:
+        return [Table("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
+    rows = [(f"{w} x {h}", summary(traced(w, h, 5.0 if quick else 20.0))) for w, h in ((1440, 900), (1920, 1080))]
+    conditions = (
+        "Debian's chromium, headless, drawn in software, on the server's machine; the Live page for 20 s while the simulated "
+        "sensor cycles at 1 Hz and every frame comes down. Tasks of the page's main thread from the browser's own trace; long: "
+        "above 50 ms. "
+        "Processor time is what the page needs, wall time what the machine's other load makes of it."
+    )
+    return [Table("page_tasks", "The Live page at 1 Hz", conditions, SEED, rows)]
+
+
+def traced(width: int, height: int, seconds: float) -> list[Task]:
+    """The page's tasks while it follows a cycling sensor."""
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
+        wait_for_rest(server)
+        return tasks(asyncio.run(_trace(server, width, height, seconds)))
+
+
+async def _trace(server: Served, width: int, height: int, seconds: float) -> list[Event]:
+    from playwright.async_api import async_playwright
+
+    session = server.sign_in()
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(**launch_options())
+        context = await browser.new_context(viewport={"width": width, "height": height})
+        await context.add_cookies([{"name": "gss_session", "value": session, "url": server.address}])
+        page = await context.new_page()
+        await page.goto(f"{server.address}/live")
+        await page.get_by_text("SIM-0001").first.wait_for()
+        body = {"name": "START_CYCLE", "arguments": {}, "confirm": "yes"}
+        httpx2.post(f"{server.address}/api/commands", headers=server.headers, json=body, timeout=30).raise_for_status()
+        await page.locator("[data-testid=sky-image][data-ready=true]").wait_for()
+        await asyncio.sleep(WARM_S)
+        await browser.start_tracing(page=page, categories=CATEGORIES)
+        await asyncio.sleep(seconds)
+        found: list[Event] = json.loads(await browser.stop_tracing())["traceEvents"]
+        await browser.close()
+    return found
+
+
+def tasks(events: Sequence[Event]) -> list[Task]:
+    """Tasks of every renderer's main thread, in order, out of a trace's events."""
+    mains = {
+        (e["pid"], e["tid"]) for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain"
+    }
+    whole = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in mains and "tdur" in e]
+    found = []
+    for main in mains:
+        ours = sorted((e for e in whole if (e["pid"], e["tid"]) == main), key=lambda e: (e["ts"], -e["dur"]))
+        for outer, inner in _nested(ours):
+            found.append(Task(outer["ts"] / 1e3, outer["tdur"] / 1e3, outer["dur"] / 1e3, _parts(inner)))
+    return sorted(found, key=lambda task: task.at_ms)
+
+
+def _nested(events: Sequence[Event]) -> Iterable[tuple[Event, list[Event]]]:
+    """Each task that lies in no other one, with everything inside it."""
+    end, outer, inner = -1.0, None, []
+    for event in events:
+        if event["ts"] < end:
+            inner.append(event)
+        elif event["name"] == TASK:
+            if outer is not None:
+                yield outer, inner
+            end, outer, inner = event["ts"] + event["dur"], event, []
+    if outer is not None:
+        yield outer, inner
+
+
+def _parts(inner: Sequence[Event]) -> dict[str, float]:
+    own: Counter[str] = Counter()
+    stack: list[Event] = []
+    for event in inner:
+        while stack and event["ts"] >= stack[-1]["ts"] + stack[-1]["dur"]:
+            stack.pop()
+        own[_name(event)] += event["tdur"] / 1e3
+        if stack:
+            own[_name(stack[-1])] -= event["tdur"] / 1e3
+        stack.append(event)
+    return {name: ms for name, ms in own.most_common() if ms >= 0.05}
+
+
+def _name(event: Event) -> str:
+    data = event.get("args", {}).get("data") or {}
+    where = data.get("functionName") or data.get("type") or ""
+    return f"{event['name']} {where}".strip()
+
+
+def summary(found: Sequence[Task]) -> dict[str, Value]:
+    """The row of the table."""
+    processor, wall = np.array([t.processor_ms for t in found]), np.array([t.wall_ms for t in found])
+    span_ms = found[-1].at_ms - found[0].at_ms
+    return {
+        "tasks": len(found),
+        "longest_ms": float(processor.max()),
+        "long": int((processor > LONG_MS).sum()),
+        "longest_wall_ms": float(wall.max()),
+        "long_wall": int((wall > LONG_MS).sum()),
+        "busy_percent": float(100 * processor.sum() / span_ms),
+    }
+
+
+def main() -> None:
+    """The longest tasks and what they did: where to look."""
+    found = traced(1440, 900, 20.0)
+    print(summary(found))
+    for task in sorted(found, key=lambda t: -t.processor_ms)[:12]:
+        print(
+            f"{task.processor_ms:7.1f} ms processor {task.wall_ms:7.1f} ms wall at {task.at_ms - found[0].at_ms:9.0f}"
+        )
+        for name, ms in list(task.parts.items())[:8]:
+            print(f"        {ms:6.1f}  {name}")
+
+
+if __name__ == "__main__":
+    main()
