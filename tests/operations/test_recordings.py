@@ -104,6 +104,37 @@ def test_only_a_few_live_recordings_are_open_at_once(services):
             services.live_recordings.close(live)
 
 
+def test_an_opening_that_fails_keeps_nothing(services, monkeypatch):
+    """The place is free again, and nobody listens."""
+
+    def broken(*_arguments, **_named):
+        raise OSError("the disk is gone")
+
+    listening = len(services.bus._subscriptions)
+    with monkeypatch.context() as patch:
+        patch.setattr(services.recordings, "frame", broken)
+        for _ in range(AT_ONCE + 1):
+            with pytest.raises(OSError, match="disk"):
+                services.live_recordings.open(lambda: None)
+    assert len(services.bus._subscriptions) == listening
+    services.live_recordings.close(services.live_recordings.open(lambda: None)[1])
+
+
+def test_a_frame_that_was_removed_meanwhile_is_left_out(services, monkeypatch):
+    """Of those from before, as of those that come."""
+    real = services.recordings.frame
+
+    def without_the_last(recorder, frame_id, picture):
+        if frame_id == 4:
+            raise NotFound("no such frame")
+        real(recorder, frame_id, picture)
+
+    monkeypatch.setattr(services.recordings, "frame", without_the_last)
+    first, live = services.live_recordings.open(lambda: None)
+    services.live_recordings.close(live)
+    assert first[:4] == b"RRF2"
+
+
 def test_ranges_are_read_as_people_write_them():
     """Numbers and ranges, in order; anything else is refused with what was expected."""
     assert ids_of("3,5-7") == [3, 5, 6, 7]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import struct
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
+from starlette import types as asgi
 
 from gss.api.deps import EXPORT, App, Who, identity_still_valid
 from gss.api.schemas.base import LARGEST_ID
@@ -84,20 +85,32 @@ async def live_recording(request: Request, app: App, who: Who) -> StreamingRespo
     first, live = await asyncio.to_thread(app.live_recordings.open, wake)
 
     async def pieces() -> AsyncIterator[bytes]:
-        try:
-            yield _framed(first)
-            while not app.stopping.is_set() and not await request.is_disconnected():
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(news.wait(), PING_S)
-                if await asyncio.to_thread(identity_still_valid, app, who):
-                    return
-                await asyncio.sleep(GATHER_S)  # a frame and its solution come as several messages
-                news.clear()
-                yield _framed(await asyncio.to_thread(live.piece))
-        finally:
-            app.live_recordings.close(live)
+        yield _framed(first)
+        while not app.stopping.is_set() and not await request.is_disconnected():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(news.wait(), PING_S)
+            if await asyncio.to_thread(identity_still_valid, app, who):
+                return
+            await asyncio.sleep(GATHER_S)  # a frame and its solution come as several messages
+            news.clear()
+            yield _framed(await asyncio.to_thread(live.piece))
 
-    return StreamingResponse(pieces(), media_type=PIECES, headers={"Cache-Control": "no-store"})
+    return Pieces(pieces(), lambda: app.live_recordings.close(live))
+
+
+class Pieces(StreamingResponse):
+    """Closes its recording at the end, also where whoever asked is gone before the first piece."""
+
+    def __init__(self, pieces: AsyncIterator[bytes], close: Callable[[], None]) -> None:
+        super().__init__(pieces, media_type=PIECES, headers={"Cache-Control": "no-store"})
+        self._close = close
+
+    async def __call__(self, scope: asgi.Scope, receive: asgi.Receive, send: asgi.Send) -> None:
+        """Send until the pieces end or nobody takes them."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._close()
 
 
 def _framed(piece: bytes) -> bytes:

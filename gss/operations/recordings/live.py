@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from gss.domain.errors import Conflict, NotFound
@@ -47,11 +48,18 @@ class LiveRecording:
         for message in wanted:
             self._small(message)
         for frame_id in sorted(seen):
-            try:
-                self._recordings.frame(self._recorder, frame_id, picture=frame_id in pictures)
-            except NotFound:  # removed meanwhile
-                continue
+            self._frame(frame_id, picture=frame_id in pictures)
         return self._recorder.take()
+
+    def begin(self, frame_ids: Iterable[int]) -> bytes:
+        """The first piece: layout, sky, and these frames."""
+        for frame_id in frame_ids:
+            self._frame(frame_id, picture=True)
+        return self._recorder.take()
+
+    def _frame(self, frame_id: int, *, picture: bool) -> None:
+        with contextlib.suppress(NotFound):  # removed meanwhile
+            self._recordings.frame(self._recorder, frame_id, picture)
 
     def _small(self, message: Message) -> None:
         payload: Any = message.payload
@@ -76,17 +84,16 @@ class LiveRecordings:
         """The first piece with the frames before, and what follows it. Conflict when too many are open."""
         if not self._room.acquire(blocking=False):
             raise Conflict("too many live recordings are open", expected=f"at most {AT_ONCE}", hint="close another one")
-        try:
+        with contextlib.ExitStack() as unless_it_opens:
+            unless_it_opens.callback(self._room.release)
             recorder = self._recordings.recorder("gss-live", Use.LIVE)
             live = LiveRecording(recorder, self._recordings, self._bus, self._now, wake)
+            unless_it_opens.callback(live.close)
             with self._database.unit_of_work() as session:
                 ids = [f.id for f in frames.page(session, BEGIN_WITH, 0)[1]]
-            for frame_id in reversed(ids):
-                self._recordings.frame(recorder, frame_id)
-            return recorder.take(), live
-        except BaseException:  # whatever ended it: nobody else would give the place back
-            self._room.release()
-            raise
+            first = live.begin(reversed(ids))
+            unless_it_opens.pop_all()
+        return first, live
 
     def close(self, live: LiveRecording) -> None:
         """Make room."""

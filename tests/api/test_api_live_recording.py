@@ -1,0 +1,31 @@
+"""The connection of a live recording."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from starlette.requests import ClientDisconnect
+
+from gss.api.routers.rerun import Pieces
+
+
+def test_who_is_gone_before_the_first_piece_keeps_no_place() -> None:
+    """The recording is closed although nothing of it was ever asked for."""
+    closed: list[bool] = []
+
+    async def pieces() -> AsyncIterator[bytes]:
+        yield b"never taken"
+
+    async def gone(_message: Any) -> None:
+        raise OSError("gone")
+
+    async def silent() -> Any:
+        await asyncio.Event().wait()
+
+    answer = Pieces(pieces(), lambda: closed.append(True))
+    with pytest.raises(ClientDisconnect):
+        asyncio.run(answer({"type": "http", "asgi": {"spec_version": "2.4"}}, silent, gone))
+    assert closed == [True]
