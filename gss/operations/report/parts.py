@@ -24,7 +24,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Series:
-    """Numbers of a plot. ``style``: line, dots, bars (x: left edges and one last right edge) or steps."""
+    """Numbers of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
 
     label: str
     x: list[float]
