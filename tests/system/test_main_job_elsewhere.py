@@ -1,4 +1,5 @@
-"""The main job with everything outside the data folder: rows in PostgreSQL, frames and images of flash in an object store."""
+"""The main job with everything outside the data folder: rows in PostgreSQL, frames and images of flash in an object store; and
+answered by two API workers, which reach both by themselves."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ def test_the_main_job_runs_on_postgresql_and_an_object_store(
     serve: Callable[..., Any], elsewhere: dict[str, str], bucket: Any, tmp_path: Path
 ) -> None:
     """Command, frame, solve, import, build, upload; a restart finds all of it; the folder holds neither rows nor pixels."""
-    server = serve("--simulator", "cubestar", **elsewhere)
+    server = serve("--simulator", "cubestar", "--workers", "2", **elsewhere)
     console = server.console
     console.wait("the sensor's banks", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     completed(console, "TAKE_IMAGE")
