@@ -57,12 +57,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GssError as error:
         print(f"gss: {error}", file=sys.stderr)
         return BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound | Conflict) else FAILED_EXIT
-    except FileNotFoundError as error:
-        print(f"gss: {error.strerror}: {error.filename}", file=sys.stderr)
-        return FAILED_EXIT
+    except ValueError as error:
+        if getattr(error, "title", "") != "Settings":
+            raise
+        words = " ".join(str(error).split())
+        print(f"gss: a setting cannot be used: {words}. Try: docs/settings.md, gss serve --help", file=sys.stderr)
+        return BAD_INPUT_EXIT
     except BrokenPipeError:
         # The reader has gone, as `| head` does. Nothing may be written any more, not even at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED_EXIT
+    except OSError as error:
+        where = f": {error.filename}" if error.filename else ""
+        print(f"gss: {error.strerror or error}{where}", file=sys.stderr)
         return FAILED_EXIT
     except KeyboardInterrupt:
         print("gss: interrupted", file=sys.stderr)

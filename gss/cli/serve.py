@@ -34,17 +34,13 @@ def register(subparsers: Subparsers) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from gss.api.guard.perimeter import check_exposure
-    from gss.domain.errors import BadInput
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
     from gss.store.engine import sole_server
 
     names = ("host", "port", "data", "device", "simulator", "workers")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
-    try:
-        settings = Settings(**given)
-    except ValueError as error:
-        raise BadInput("a setting cannot be used", got=" ".join(str(error).split()), hint="gss serve --help") from None
+    settings = Settings(**given)
     check_exposure(settings)
     more = f" with API workers ({settings.workers})" if settings.workers else ""
     print(f"starting{more} …", file=sys.stderr, flush=True)

@@ -138,20 +138,24 @@ def backup(arguments: argparse.Namespace) -> int:
 
 def restore(arguments: argparse.Namespace) -> int:
     """Verify, put in place, tell how to go on."""
+    from gss.domain.errors import BadInput, CorruptData
     from gss.operations.clock import utc_now
     from gss.operations.upkeep.restore import KEYS_ENDED
     from gss.operations.upkeep.restore import restore as put_back
     from gss.settings import Settings
 
     settings = Settings()
-    done = put_back(
-        arguments.backup.resolve(),
-        arguments.into,
-        utc_now,
-        database_url=settings.database,
-        blobs_url=settings.blobs,
-        tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
-    )
+    try:
+        done = put_back(
+            arguments.backup.resolve(),
+            arguments.into,
+            utc_now,
+            database_url=settings.database,
+            blobs_url=settings.blobs,
+            tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
+        )
+    except CorruptData as error:  # what was given cannot be used
+        raise BadInput(error.message, expected=error.expected, got=error.got, hint=error.hint) from error
     print(f"{done.folder}: backup {done.manifest.name} of GSS {done.manifest.version}, {done.files} files")
     print(KEYS_ENDED)
     print(f"Start it with: gss serve --data {done.folder}")

@@ -85,7 +85,8 @@ class JobService:
         self._kinds: dict[str, Resumable] = {}
         self._stopping = False
         self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
-        """By kind: what of a stored request is asked anew when its job is started again, because it may be out of force."""
+        """By kind: what of a stored request is asked anew when its job is started again, or goes on after a crash, because it may
+        be out of force."""
         self.room: Callable[[str], None] = lambda _what: None
         """Asked before a job is queued; raises where there is no room for what it makes."""
 
@@ -105,7 +106,9 @@ class JobService:
                 self._fail(job.id, f"the server stopped {deaths} times over it; it is not tried again by itself")
             else:
                 where = "goes on where it was" if job.checkpoint else "starts anew"
-                self._update(job.id, state="queued", attempts=deaths, text=f"the server restarted; it {where}")
+                text = f"the server restarted; it {where}"
+                request = {**job.request, **self._fresh(job.kind)}
+                self._update(job.id, state="queued", attempts=deaths, text=text, request=request)
                 self._queue(job.id, self._kinds[job.kind])
 
     def stop(self) -> None:
@@ -142,8 +145,11 @@ class JobService:
                 got=f"{old.kind}, {old.state}",
             )
         asker = {"user": user} if "user" in old.request else {}
-        fresh = self.renewals.get(old.kind, dict)()
-        return self.begin(old.kind, old.title, {**old.request, **fresh, **asker})
+        return self.begin(old.kind, old.title, {**old.request, **self._fresh(old.kind), **asker})
+
+    def _fresh(self, kind: str) -> dict[str, Any]:
+        """What of a stored request may be out of force, as it is now."""
+        return self.renewals.get(kind, dict)()
 
     def cancel(self, job_id: int) -> Job:
         """Ask a job to end; it does at its next report of progress."""

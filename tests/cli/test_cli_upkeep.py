@@ -59,3 +59,20 @@ def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp
     assert "_" not in out.replace("GSS_CAPTURE_KEEP_MB", "")
     assert main(["check", "store", "--data", str(tmp_path / "nowhere")]) == 2
     assert main(["restore", str(tmp_path / "nowhere"), "--into", str(tmp_path / "x")]) == 2
+
+
+def test_what_cannot_be_is_one_line_and_no_traceback(folder, tmp_path, capsys, monkeypatch):
+    """An empty seal, a file where a folder should be, a setting that is none: exit code 2 where the input is at fault."""
+    assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--json"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    (tmp_path / "safe" / made["name"] / "manifest.sha256").write_text("")
+    assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
+    (tmp_path / "file").write_text("x")
+    assert main(["audit", "export", "--data", str(folder), "--out", str(tmp_path)]) == 1
+    assert main(["backup", "--data", str(tmp_path / "file")]) != 0
+    monkeypatch.setenv("GSS_PORT", "many")
+    assert main(["check", "store", "--data", str(folder)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("gss: ") for line in lines)
+    assert "GSS_PORT" in lines[3] or "port" in lines[3]

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
@@ -58,22 +59,37 @@ def read_manifest(folder: Path) -> Manifest:
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotFound("this is no backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
     data = (folder / MANIFEST).read_bytes()
-    if hashlib.sha256(data).hexdigest() != (folder / SEAL).read_text().split()[0]:
+    if (folder / SEAL).read_bytes().split()[:1] != [hashlib.sha256(data).hexdigest().encode()]:
         raise CorruptData("the backup's manifest was changed", expected="the hash beside it", got=str(folder))
     try:
         record = json.loads(data)
         if record.get("format") != FORMAT:
-            raise BadInput("a backup of another format", expected=FORMAT, got=str(record.get("format")))
+            raise BadInput("a backup of another format", expected=FORMAT, got=str(record.get("format"))[:40])
         made = Manifest(**record)
-    except (ValueError, TypeError, AttributeError) as error:
-        raise CorruptData("the backup's manifest cannot be read", got=str(error)) from None
+        _check_kinds(made)
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise CorruptData("the backup's manifest cannot be read", got=str(error)[:200]) from None
     # These names become paths.
     keys = [*made.blobs, made.database_sha256, *made.captures.values()]
     if made.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
         raise CorruptData("the backup's manifest names what is no hash", got=str(folder))
-    if not all(CAPTURE.fullmatch(name) for name in made.captures):
-        raise CorruptData("the backup's manifest names what is no capture", got=str(folder))
+    if not NAME.fullmatch(made.name) or not all(CAPTURE.fullmatch(name) for name in made.captures):
+        raise CorruptData("the backup's manifest names what is no capture, or no backup", got=str(folder))
+    if not set(made.captures.values()) <= set(made.blobs):
+        raise CorruptData("the backup's manifest names captures that it has not", got=str(folder))
     return made
+
+
+def _check_kinds(made: Manifest) -> None:
+    """TypeError or ValueError where JSON held something else than a manifest writes."""
+    words = (made.name, made.created, made.version, made.schema, made.kind, made.database_sha256)
+    numbers, tables = (made.database_bytes, *made.blobs.values()), (made.blobs, made.captures)
+    texts = (*words, *made.captures.values())
+    if not all(isinstance(v, str) for v in texts) or not all(isinstance(v, int) and v >= 0 for v in numbers):
+        raise TypeError("a text or a number is of another kind")
+    if not all(isinstance(table, dict) for table in tables):
+        raise TypeError("a table is of another kind")
+    datetime.fromisoformat(made.created)
 
 
 def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = lambda: None) -> str:

@@ -53,6 +53,10 @@ def restore(
     into = into.resolve()
     if into.exists() and (not into.is_dir() or any(into.iterdir())):
         raise Conflict("restoring writes over nothing", expected="an empty or new folder", got=str(into))
+    home = source.resolve()
+    home = home.parent if home.is_dir() and (home.parent / POOL).is_dir() else home
+    if home in (into, *into.parents):
+        raise Conflict("a backup is not restored among the backups", expected="a folder elsewhere", got=str(into))
     with _opened(source, into.parent, tell) as folder:
         manifest = read_manifest(folder)
         if manifest.schema not in known_schemas():
@@ -80,7 +84,7 @@ def restore(
             if into.exists():
                 into.rmdir()
             draft.rename(into)
-        except BaseException:
+        except BaseException:  # also Ctrl-C: a half restored store must not be left
             shutil.rmtree(draft, ignore_errors=True)
             raise
     return Restored(manifest, into, len(manifest.blobs))

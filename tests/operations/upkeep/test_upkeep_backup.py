@@ -213,6 +213,42 @@ def test_a_manifest_or_tar_that_names_paths_is_refused(store, clock, tmp_path):
             restore(folder, tmp_path / "new", clock)
 
 
+def test_a_seal_or_manifest_of_anything_is_refused_in_words(store, clock, tmp_path):
+    """Empty, no text, no JSON, too deep, or values of another kind: our own errors, never one of Python's."""
+    store.fill()
+    made = store.backups.make()
+    folder = tmp_path / "backups" / made.name
+    manifest, seal = folder / "manifest.json", folder / "manifest.sha256"
+    whole, sealed = manifest.read_bytes(), seal.read_bytes()
+    for damaged in (b"", b"   \n", b"\xff\xfe", sealed[:10]):
+        seal.write_bytes(damaged)
+        with pytest.raises(CorruptData):
+            restore(folder, tmp_path / "new", clock)
+    record = json.loads(whole)
+    fields = ("name", "created", "version", "schema", "kind", "database_bytes", "database_sha256", "blobs", "captures")
+    other = [{name: value} for name in fields for value in (None, [], {"a": 1}, "\n", -1, ["x"])]
+    bytes_of = [json.dumps(record | change).encode() for change in other if change != {"version": "\n"}]
+    bytes_of += [b"", b"[]", b"7", b"\xff", b"[" * 100_000]
+    bytes_of.append(json.dumps(record | {"captures": {"contact-9-1.raw": "a" * 64}}).encode())
+    for data in bytes_of:
+        manifest.write_bytes(data)
+        seal.write_text(hashlib.sha256(data).hexdigest())
+        with pytest.raises((CorruptData, BadInput)):
+            restore(folder, tmp_path / "new", clock)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
+    """Not into itself, a folder in it, or beside it: what looks for backups there would find a data folder."""
+    store.fill()
+    made = store.backups.make()
+    backups = tmp_path / "backups"
+    for into in (backups / made.name, backups / made.name / "sub", backups / "new", backups):
+        with pytest.raises(Conflict):
+            restore(backups / made.name, into, clock)
+    assert sorted(p.name for p in backups.iterdir()) == sorted([made.name, "blobs"])
+
+
 @pytest.mark.parametrize("when", ["copying", "0 of", "3 of", "sealing"])
 def test_killed_while_it_is_made_there_is_no_backup_and_the_next_one_cleans_up(store, clock, tmp_path, when):
     """Under its own name it is there only when it is whole."""

@@ -18,7 +18,7 @@ from gss.operations.upkeep.forecast import forecast
 from gss.operations.upkeep.retention import DailyRetention, Policy, RetentionService
 from gss.store import upkeep
 from gss.store.engine import Database, open_engine
-from gss.store.models import Calibration, Frame, Solution, TelemetryPacket
+from gss.store.models import Calibration, Frame, Job, Solution, TelemetryPacket
 
 
 def pixels_left(database) -> list[int]:
@@ -222,3 +222,22 @@ def test_started_again_a_removal_and_a_backup_follow_the_policy_in_force(store):
     removal = store.end(store.jobs.again(strict.id, user="bob"))
     assert (removal.request, removal.result["removed"]["frames"]) == ({"policy": asdict(Policy()), "user": "bob"}, 0)
     assert store.end(store.jobs.again(once.id, user="bob")).request == {"keep": 0, "user": "bob"}
+
+
+def test_resumed_after_a_crash_a_removal_follows_the_policy_in_force(store, clock, tmp_path):
+    """A policy that was taken back while the server was down removes nothing through the job that it left."""
+    for _ in range(3):
+        store.add_frame(b"x" * 10, age_days=9)
+    begun = Policy(frames_days=1, keep_frames=0)
+    row = Job(
+        kind="retention", title="t", state="running", text="", created=clock(), result={}, done=0, total=0, attempts=0
+    )
+    row.request = {"policy": asdict(begun), "user": "ann"}
+    row.checkpoint = {"at": clock().isoformat(), "pending": [], "removed": dict.fromkeys(room.FIGURES, 0)}
+    with store.database.unit_of_work() as session:
+        session.add(row)
+    store.retention.choose(Policy(), user="ann")
+    store.jobs.start()
+    ended = store.end(row)
+    assert (ended.state, ended.result["removed"]["frames"]) == ("done", 0)
+    assert len(pixels_left(store.database)) == 3
