@@ -66,6 +66,7 @@ from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard, DiskWatch
 from gss.operations.upkeep.health import HealthService
 from gss.operations.upkeep.metrics import Metrics
+from gss.operations.upkeep.page_check import PageCheck
 from gss.operations.upkeep.retention import DailyRetention, RetentionService
 from gss.operations.upkeep.upkeep import Upkeep
 from gss.settings import Settings
@@ -130,6 +131,7 @@ class Services:
         self.stack_runs.start()
         self.alarms.start()
         self.upkeep.retention.start()
+        self.upkeep.pages.start()
         self.link.start()
         self.status.start()
         self.telemetry.rollups.start()
@@ -179,7 +181,9 @@ def make_upkeep(
     )
     metrics = Metrics()
     metrics.collect.append(health.samples)
-    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks)
+    pages = PageCheck(database, bus)
+    health.pages = lambda: pages.state
+    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks, pages)
 
 
 def build(settings: Settings, *, ready: bool = False) -> Services:

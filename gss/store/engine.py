@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -113,6 +114,22 @@ def _check_pages(url: str) -> None:
         return
     engine = open_engine(url)
     try:
+        found = damaged_pages(engine)
+    finally:
+        engine.dispose()
+    if found:
+        raise CorruptData("the database is damaged", got=found, hint=DAMAGED_HINT)
+
+
+def is_large(engine: Engine) -> bool:
+    """Is it an SQLite file that was not looked at before the start, because that would take too long?"""
+    path = Path(engine.url.database or "")
+    return engine.dialect.name == "sqlite" and path.is_file() and path.stat().st_size > QUICK_CHECK_BYTES
+
+
+def damaged_pages(engine: Engine) -> str:
+    """What is wrong with the pages of an SQLite file; "" where nothing is. StoreDown where it cannot be read now."""
+    try:
         with engine.connect() as connection:
             found = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
     except OperationalError as error:
@@ -121,10 +138,7 @@ def _check_pages(url: str) -> None:
         ) from error
     except DatabaseError as error:
         found = [str(error.orig)]
-    finally:
-        engine.dispose()
-    if found != ["ok"]:
-        raise CorruptData("the database is damaged", got="; ".join(found)[:300], hint=DAMAGED_HINT)
+    return "" if found == ["ok"] else "; ".join(found)[:300]
 
 
 SERVER_LOCK = 0x6773_7301
@@ -133,20 +147,17 @@ SERVER_LOCK = 0x6773_7301
 
 @contextmanager
 def sole_server(url: str) -> Iterator[None]:
-    """While it is entered no other server runs on this PostgreSQL database, whatever its data folder; Conflict where one does.
-    An SQLite database lies in the data folder, which has a lock of its own. A server that dies gives the lock back."""
+    """While it is entered no other server runs on this database, whatever its data folder; Conflict where one does. A server that
+    dies gives the lock back."""
     if url.startswith("sqlite"):
-        yield
+        with _sole_file(make_url(url).database or ""):
+            yield
         return
     engine = open_engine(url)
     try:
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             if not connection.scalar(select(func.pg_try_advisory_lock(SERVER_LOCK))):
-                raise Conflict(
-                    "another server runs on this database",
-                    expected="one server",
-                    hint="stop it, or use another database",
-                )
+                raise _second_server()
             yield
     except OperationalError as error:
         cause = str(error.orig).strip().splitlines()[0]
@@ -155,6 +166,31 @@ def sole_server(url: str) -> Iterator[None]:
         ) from None
     finally:
         engine.dispose()
+
+
+@contextmanager
+def _sole_file(name: str) -> Iterator[None]:
+    """The same for SQLite's file, by the lock of a file beside it: SQLite itself uses locks of its own."""
+    if not name or name == ":memory:":
+        yield
+        return
+    path = Path(name).resolve()
+    try:
+        file = path.with_name(f"{path.name}.server").open("w")
+    except OSError as error:
+        raise StoreDown("the database's folder cannot be written", got=str(error)) from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise _second_server(str(path)) from None
+        yield
+
+
+def _second_server(got: str = "") -> Conflict:
+    return Conflict(
+        "another server runs on this database", expected="one server", got=got, hint="stop it, or use another database"
+    )
 
 
 def _is_damage(error: DatabaseError) -> bool:

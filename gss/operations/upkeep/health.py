@@ -73,6 +73,8 @@ class HealthService:
         self._started_s = monotonic_s()
         self.drops: list[Callable[[], tuple[str, int]]] = [lambda: ("solve", frames.skipped)]
         self.clients: Callable[[], int] = lambda: 0
+        self.streams_refused: Callable[[], int] = lambda: 0
+        self.pages: Callable[[], str] = str
 
     def look(self) -> Health:
         """Everything now; a check that fails itself is a finding of its own."""
@@ -99,7 +101,8 @@ class HealthService:
             return Check("database", "critical", None, text)
         with self._database.unit_of_work() as session:
             size = store.database_bytes(session)
-        return Check("database", "ok", size, megabytes(size))
+        pages = f"; {self.pages()}" if self.pages() else ""
+        return Check("database", "ok", size, megabytes(size) + pages)
 
     def _disk_check(self) -> Check:
         found = self._disk.look()
@@ -192,6 +195,7 @@ class HealthService:
         yield _gauge("gss_queue_depth", "What waits in a queue.", self._frames.waiting(), queue="solve")
         yield _gauge("gss_queue_depth", "What waits in a queue.", self._jobs.waiting(), queue="jobs")
         yield _gauge("gss_stream_clients", "Open event streams.", self.clients())
+        yield _counter("gss_streams_refused_total", "Event streams over the limit.", self.streams_refused())
         disk = self._disk.look()
         yield _gauge("gss_disk_free_bytes", "Room on the disk of the data folder.", disk.free_bytes)
         with self._database.unit_of_work() as session:

@@ -11,6 +11,7 @@ from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.forecast import Forecast, forecast
 from gss.operations.upkeep.health import HealthService
 from gss.operations.upkeep.metrics import Metrics
+from gss.operations.upkeep.page_check import PageCheck
 from gss.operations.upkeep.retention import RetentionService
 from gss.store import frames
 from gss.store import upkeep as store
@@ -30,6 +31,7 @@ class Upkeep:
     health: HealthService
     metrics: Metrics
     clocks: ClockWatch
+    pages: PageCheck
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
         """Retention never takes the pixels of a favourite."""

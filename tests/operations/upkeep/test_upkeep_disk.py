@@ -26,6 +26,8 @@ from gss.operations.line.raw_capture import RECEIVED, RawCapture, Retention, cap
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep.disk import DiskGuard, DiskWatch
+from gss.operations.upkeep.page_check import PageCheck
+from gss.store import engine
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, migrate, open_engine
 
@@ -237,3 +239,26 @@ def test_a_page_that_is_damaged_while_the_server_runs_is_told(database, bus, tmp
     with pytest.raises(CorruptData, match="damaged"):
         bus.after(0, 1000)
     assert "malformed" in database.damage
+
+
+def test_pages_of_a_large_file_are_read_beside_the_work(database, bus, tmp_path, monkeypatch):
+    """Above the size at which the start leaves it out; damage is told on the health page and on the record."""
+    monkeypatch.setattr(engine, "QUICK_CHECK_BYTES", 1 << 30)
+    small = PageCheck(database, bus)
+    small.start()
+    assert small.state == ""
+    monkeypatch.setattr(engine, "QUICK_CHECK_BYTES", 0)
+    for k in range(300):
+        bus.record("x", "ok", f"line {k} " + "." * 200)
+    whole = PageCheck(database, bus)
+    whole.start()
+    whole.wait()
+    assert (whole.state, database.damage) == ("its pages were read after the start", "")
+    database.close()
+    damage(tmp_path / "gss.db", "telemetry_packets")
+    migrate(f"sqlite:///{tmp_path / 'gss.db'}")
+    check = PageCheck(database, bus)
+    check.start()
+    check.wait()
+    assert database.damage
+    assert "the database is damaged" in bus.after(0, 1000)[-1].text
