@@ -34,6 +34,11 @@ class Settings(BaseSettings):
     device: str = Field(
         default="", description="Port of the sensor to open at start: a tty, socket:// or rfc2217:// URL."
     )
+    link_allow: str = Field(
+        default="",
+        description="Hosts and networks besides this machine on which operators may open a line, with commas between; "
+        "admins may open any.",
+    )
     framing: Literal["cobs", "slip"] = Field(
         default="cobs", description="How packets are framed on the line: cobs or slip, as the sensor does."
     )
@@ -62,6 +67,12 @@ class Settings(BaseSettings):
     )
     public_names: str = Field(
         default="", description="Host names under which browsers know this server, with commas between."
+    )
+    streams_each: int = Field(
+        default=20, ge=1, description="Event streams (open pages) of one user or token at a time, in each process."
+    )
+    streams_most: int = Field(
+        default=500, ge=1, description="Event streams of everybody together at a time, in each process."
     )
     session_idle_minutes: float = Field(
         default=480, gt=0, le=44_640, description="A session ends when nothing was asked for so long."

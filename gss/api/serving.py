@@ -10,10 +10,13 @@ from gss.api.guard.perimeter import public_names
 from gss.operations.accounts.users import SETUP_LASTS, Link
 from gss.settings import Settings
 
+PATIENT = "gss.api.patience:PatientHttp"
+
 
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
-    """TLS, and nothing of X-Forwarded-*: uvicorn would believe any program of this machine, the perimeter knows whom to believe."""
-    options: dict[str, Any] = {"proxy_headers": False, "server_header": False}
+    """An end of patience, TLS, and nothing of X-Forwarded-*: uvicorn would believe any program of this machine, the perimeter knows
+    whom to believe."""
+    options: dict[str, Any] = {"http": PATIENT, "proxy_headers": False, "server_header": False}
     if settings.tls_certificate:
         options |= {"ssl_certfile": settings.tls_certificate, "ssl_keyfile": settings.tls_key}
     return options

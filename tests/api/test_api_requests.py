@@ -215,6 +215,15 @@ def test_a_port_that_cannot_be_opened_is_told_at_once(client, url):
     assert reply.json()["message"]
 
 
+def test_another_machine_is_an_admins_to_open(clients):
+    """What the words of a refused connection would tell of other machines' ports an operator does not hear."""
+    refused = clients["operator"].post("/api/link/open", json={"url": "socket://192.0.2.1:22"})
+    tried = clients["operator"].post("/api/link/open", json={"url": "socket://127.0.0.1:9"})
+    assert (refused.status_code, "by an admin only" in refused.json()["message"]) == (403, True)
+    assert tried.status_code == 503
+    assert clients["admin"].post("/api/link/open", json={"url": "socket://127.0.0.2:9"}).status_code == 503
+
+
 def test_the_stream_opens_with_the_state_and_resumes_after_a_number(client):
     """Server-sent events: the header first; recorded events after Last-Event-ID come again."""
     imported(client, png_of(np.zeros((8, 8), np.uint8)), "event.png")

@@ -201,6 +201,7 @@ def test_the_start_tells_one_address() -> None:
     assert address_of(tls, 8443) == "https://gss.example.org:8443"
     assert address_of(Settings(host="::1"), 8181) == "http://[::1]:8181"
     assert uvicorn_options(tls) == {
+        "http": "gss.api.patience:PatientHttp",
         "proxy_headers": False,
         "server_header": False,
         "ssl_certfile": "c",

@@ -35,8 +35,9 @@ class Record:
             return
         who: Who | None = state["who"]
         action, detail = _action(route), state["detail"]
-        if denied and who is None:
-            skipped = None if status == 429 else self._strangers.seen(f"{state['address']} {action}")
+        if denied and (who is None or status == 429):
+            knocking = f"{who.name if who else state['address']} {action}"
+            skipped = None if who is None and status == 429 else self._strangers.seen(knocking)
             if skipped is None:
                 return
             detail = f"{detail}; {skipped} more like this were not written" if skipped else detail
@@ -53,7 +54,7 @@ class Record:
 
 class Strangers:
     """Denials of people who are not signed in: one row a minute for each address and thing, with a count of the others; none for
-    those whom a brake stopped. Anybody who can reach the port could fill the disk otherwise."""
+    those whom a brake stopped. Of people who are signed in and ask too often one by name. The disk could be filled otherwise."""
 
     MOST = 2000
 

@@ -33,8 +33,8 @@ def read_counters(app: App) -> CountersOut:
 
 @router.post("/link/open", dependencies=[need("link.open")])
 def open_link(app: App, who: Who, body: LinkOpenIn, deed: Deed) -> LinkOut:
-    """Use another port. What is wrong with it is said at once, and the present one stays. Other machines are an admin's, unless they
-    are on the list of the settings or the line was open before."""
+    """Use another port. What is wrong with it is said at once, and the present one stays. Another machine's is an admin's to open,
+    unless it is on the list of the settings or was open before."""
     deed(f"from {_port(app)} to {body.url}")
     app.authority.check(who.name)
     if who.role != "admin" and not _is_known(app, body.url):

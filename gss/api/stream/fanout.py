@@ -10,8 +10,11 @@ from typing import Any
 
 from pydantic_core import to_json
 
+from gss.domain.errors import TooOften
+
 MAILBOX = 2000
 MAILBOX_BYTES = 16 << 20
+AGAIN_S = 10.0
 FIRST = "link"
 """The state that a new listener gets before anything else."""
 
@@ -41,7 +44,8 @@ def unnumbered(message: Wire) -> bytes:
 class Listener:
     """One connection's mailbox. A connection that takes too slowly loses the oldest messages; they are counted."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "") -> None:
+        self.name = name
         self.ready = asyncio.Event()
         self.closed = False
         self._waiting: deque[Wire] = deque()
@@ -73,10 +77,13 @@ class Listener:
 
 
 class Fanout:
-    """Hands each message to every listener and keeps the newest state that a new one begins with."""
+    """Hands each message to every listener and keeps the newest state that a new one begins with. ``each``, ``most``: listeners
+    of one name, and of all together; 0 is any number."""
 
-    def __init__(self, state: Callable[[], Wire] | None = None) -> None:
-        self.state = state
+    def __init__(self, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0) -> None:
+        self.state, self._each, self._most = state, each, most
+        self.refused = 0
+        """Streams that were not opened because there were too many."""
         """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
         self.newest: Wire | None = None
         self.dropped = 0
@@ -87,13 +94,28 @@ class Fanout:
     def __len__(self) -> int:
         return len(self._listeners)
 
-    def join(self) -> Listener:
-        """A new mailbox; of a server that stops one that is closed already."""
-        listener = Listener()
+    def join(self, name: str = "") -> Listener:
+        """A new mailbox of somebody, nobody's counts for none; of a server that stops one that is closed already. TooOften where
+        there are as many as may be."""
+        limits = (("one user or token", self._each, self._of(name)), ("everybody", self._most, len(self._listeners)))
+        for whom, most, there in limits:
+            if name and most and there >= most:
+                self.refused += 1
+                raise TooOften(
+                    "too many event streams are open",
+                    expected=f"at most {most} of {whom}",
+                    got=str(there),
+                    hint="close pages or programs that are not needed; GSS_STREAMS_EACH, GSS_STREAMS_MOST",
+                    retry_after_s=AGAIN_S,
+                )
+        listener = Listener(name)
         if self._closed:
             listener.close()
         self._listeners.add(listener)
         return listener
+
+    def _of(self, name: str) -> int:
+        return sum(listener.name == name for listener in self._listeners)
 
     def leave(self, listener: Listener) -> None:
         """Close a mailbox."""

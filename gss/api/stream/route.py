@@ -12,7 +12,9 @@ from starlette.types import Receive, Scope, Send
 
 from gss.api import present
 from gss.api.deps import App, identity_still_valid, who_of
+from gss.api.errors import problem
 from gss.api.stream.fanout import Fanout, Listener, unnumbered, wire
+from gss.domain.errors import TooOften
 from gss.wiring import Services
 
 router = APIRouter(tags=["stream"])
@@ -31,20 +33,28 @@ Valid = Callable[[], str]
 
 
 class EventStream(Response):
-    """One listener's connection. ``after``: recorded events since this number come first; None: none of them."""
+    """One listener's connection. ``after``: recorded events since this number come first; None: none of them. ``name``: whose,
+    where they are counted."""
 
     media_type = "text/event-stream"
 
     def __init__(
-        self, services: Services, fanout: Fanout, after: int | None = None, valid: Valid | None = None
+        self, services: Services, fanout: Fanout, after: int | None = None, valid: Valid | None = None, name: str = ""
     ) -> None:
         super().__init__()
+        self._name = name
         self._services, self._fanout, self._seq, self._valid = services, fanout, after, valid
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send until the connection, the session or the server ends."""
+        try:
+            listener = self._fanout.join(self._name)
+        except TooOften as error:
+            scope["state"]["detail"] = error.message
+            refusal = problem(429, error.message, error.expected, error.got, error.hint, None, error.retry_after_s)
+            await refusal(scope, receive, send)
+            return
         await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
-        listener = self._fanout.join()
         watch = asyncio.create_task(_hang_up_when_gone(receive, listener))
         try:
             await self._catch_up(send)
@@ -111,7 +121,9 @@ class EventStream(Response):
 @router.get("/stream", response_class=EventStream, status_code=200)
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
     """Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first."""
-    return EventStream(app, request.app.state.fanout, resumed_after(last_event_id or ""), _valid(request, app))
+    who = who_of(request.scope)
+    after, valid = resumed_after(last_event_id or ""), _valid(request, app)
+    return EventStream(app, request.app.state.fanout, after, valid, who.name if who else "")
 
 
 def resumed_after(number: str) -> int | None:

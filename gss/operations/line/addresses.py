@@ -1,0 +1,46 @@
+"""On which addresses of the network an operator may open a line: the words of a refused connection would tell which ports of any
+other machine are open."""
+
+from __future__ import annotations
+
+from ipaddress import ip_address, ip_network
+from urllib.parse import urlsplit
+
+from gss.domain.errors import NotPermitted
+
+
+def is_allowed(url: str, allowed: str) -> bool:
+    """A device of this machine, this machine itself, or a host that is on the list: names and networks with commas between. A name
+    counts as it is written: what it stands for may change."""
+    if "://" not in url:
+        return True
+    try:
+        host = (urlsplit(url).hostname or "").lower()
+    except ValueError:
+        return False
+    words = [word.strip().lower() for word in allowed.split(",") if word.strip()]
+    return host == "localhost" or host in words or _is_in(host, ["127.0.0.0/8", "::1", *words])
+
+
+def _is_in(host: str, networks: list[str]) -> bool:
+    try:
+        address = ip_address(host)
+    except ValueError:
+        return False
+    for network in networks:
+        try:
+            if address in ip_network(network, strict=False):
+                return True
+        except ValueError:
+            continue  # a name
+    return False
+
+
+def not_allowed(url: str) -> NotPermitted:
+    """The refusal as an operator can use it."""
+    return NotPermitted(
+        "this address may be opened by an admin only",
+        expected="a device of this machine, a port of it, a host of GSS_LINK_ALLOW, or a line that was open before",
+        got=url[:200],
+        hint="ask an admin to open it once",
+    )

@@ -1,0 +1,122 @@
+"""Half-sent requests over a real socket: whoever does not go on gives the connection back, whoever listens keeps it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+import uvicorn
+from uvicorn.server import ServerState
+
+from gss.api import patience
+from gss.api.serving import uvicorn_options
+from gss.settings import Settings
+
+Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
+
+
+async def application(scope: Any, receive: Any, send: Any) -> None:
+    """Takes the body, then answers; /stream goes on answering for longer than anybody's patience lasts."""
+    more = True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return
+        more = message["more_body"]
+    await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"3")]})
+    for _ in range(3):
+        if scope["path"] == "/stream":
+            await asyncio.sleep(patience.HEAD_WITHIN_S + patience.BODY_GOES_ON_WITHIN_S)
+        await send({"type": "http.response.body", "body": b".", "more_body": True})
+    await send({"type": "http.response.body", "body": b""})
+
+
+def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]], Awaitable[None]]) -> None:
+    """Let ``visit`` connect to a server as the settings want it."""
+
+    async def run() -> None:
+        config = uvicorn.Config(application, lifespan="off", log_config=None, **uvicorn_options(Settings()))
+        config.load()
+        state = ServerState()
+        server = await asyncio.get_running_loop().create_server(
+            lambda: config.http_protocol_class(config=config, server_state=state, app_state={}), "127.0.0.1", 0
+        )
+        port = server.sockets[0].getsockname()[1]
+        async with asyncio.timeout(20), server:
+            await visit(lambda: asyncio.open_connection("127.0.0.1", port))
+
+    asyncio.run(run())
+
+
+@pytest.fixture(autouse=True)
+def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tenths of a second instead of tens."""
+    for name, value in (("HEAD_WITHIN_S", 0.15), ("BODY_GOES_ON_WITHIN_S", 0.2), ("LOOK_EVERY_S", 0.03)):
+        monkeypatch.setattr(patience, name, value)
+
+
+@pytest.mark.parametrize(
+    "begin",
+    [
+        b"",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nX: ",
+        b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 60000\r\n\r\n{",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\nGET / HTTP/1.1\r\nX: ",
+    ],
+)
+def test_a_request_that_does_not_go_on_loses_its_connection(begin: bytes) -> None:
+    """Nothing at all, half a head, the beginning of a body, half a head after a request that was answered."""
+
+    async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
+        reader, writer = await connect()
+        writer.write(begin)
+        with_answer = b"".join([piece async for piece in pieces(reader)])
+        assert with_answer.count(b"200 OK") == begin.count(b"\r\n\r\nGET")
+        writer.close()
+
+    with_server(visit)
+
+
+def test_a_head_must_end_in_time_however_often_a_byte_of_it_comes() -> None:
+    """A byte now and then keeps no connection."""
+
+    async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
+        reader, writer = await connect()
+        writer.write(b"GET / HTTP/1.1\r\nX: ")
+        with contextlib.suppress(ConnectionError):
+            while not reader.at_eof():
+                writer.write(b"x")
+                await writer.drain()
+                await asyncio.sleep(0.02)
+        writer.close()
+
+    with_server(visit)
+
+
+def test_a_stream_and_a_slow_body_last_as_long_as_they_like() -> None:
+    """An answer that takes longer than every limit comes to its end; so does a body whose pieces keep coming."""
+
+    async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
+        reader, writer = await connect()
+        writer.write(b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert (await reader.readuntil(b"...")).startswith(b"HTTP/1.1 200")
+        writer.write(b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 12\r\n\r\n")
+        for _ in range(12):
+            await asyncio.sleep(0.04)
+            writer.write(b"x")
+        assert (await reader.readuntil(b"...")).startswith(b"HTTP/1.1 200")
+        writer.close()
+
+    with_server(visit)
+
+
+async def pieces(reader: Reader) -> Any:
+    """What comes until the far end has gone, gently or not."""
+    try:
+        while piece := await reader.read(4096):
+            yield piece
+    except ConnectionError:
+        return
