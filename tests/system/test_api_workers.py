@@ -31,7 +31,7 @@ LOCAL = (
     "/solutions/{solution}",
     "/events",
     "/telemetry/cycles",
-    "/telemetry/packets?limit=20&before_id=100",
+    "/telemetry/packets?limit=5&before_id=8",
     "/commands/facets",
     "/commands.csv?name=TAKE_IMAGE",
     "/catalogues/{catalogue}/manifest.json",
@@ -90,6 +90,7 @@ def desk(tmp_path_factory, private_folder):
     options = {"TMPDIR": str(private_folder), "GSS_SIMULATOR_BAUD": "0"}
     with served(folder, "--simulator", "cubestar", "--workers", "2", **options) as server:
         desk = Desk(server)
+        desk.wait("the workers at the door", lambda: doors(server.process.pid, server.host_and_port[1]) == 1, 150)
         desk.wait("the sensor's banks", lambda: (desk.get("/link")["active_bank"] or {}).get("catalogue_id"), 150)
         yield desk
         desk.http.close()
@@ -171,7 +172,8 @@ def test_a_session_is_one_session_whichever_worker_answers(desk):
 
 def test_a_killed_worker_loses_nothing(desk):
     """kill -9 of both in the middle of commands and streams: what was acknowledged is there once, the streams come back and miss no
-    recorded event, other workers take their place, and it is told. Without the link process no worker stays."""
+    recorded event, other workers take their place, and it is told. While none is there ABORT gets through. Without the link process
+    no worker stays."""
     console = desk
     host, port = console.address.removeprefix("http://").split(":")
     heard = [Heard() for _ in range(8)]
@@ -213,12 +215,49 @@ def test_a_killed_worker_loses_nothing(desk):
     assert {(h.jumps, h.dropped, h.seq) for h in heard} == {(0, 0, last)}
     assert any("API worker" in e["text"] and "signal 9" in e["text"] for e in console.get("/events", limit=1000))
 
-    left = list(workers_of(desk.server).values())
+    left = abort_gets_through_while_no_worker_is_alive(console)
     desk.server.process.kill()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while any(_alive(pid) for pid in left) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not [pid for pid in left if _alive(pid)]
+
+
+def abort_gets_through_while_no_worker_is_alive(console: Desk) -> set[int]:
+    """Both are killed and the next two held still before they have loaded: the link process answers at the public door itself, with
+    the same guard. The two that come next."""
+    before = set(workers_of(console.server).values())
+    for pid in before:
+        os.kill(pid, signal.SIGKILL)
+
+    def next_two() -> set[int]:
+        now = set(workers_of(console.server).values()) - before
+        return now if len(now) == 2 else set()
+
+    held: set[int] = console.wait("their replacements", next_two, 60)
+    for pid in held:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        abort = httpx2.post(f"{console.address}/api/commands/abort", headers=console.headers, timeout=60)
+        stranger = httpx2.get(f"{console.address}/api/link", timeout=60)
+        assert (abort.status_code, stranger.status_code) == (201, 401)
+        assert doors(console.server.process.pid, console.server.host_and_port[1]) == 2
+    finally:
+        for pid in held:
+            os.kill(pid, signal.SIGCONT)
+    return held
+
+
+def doors(pid: int, port: int) -> int:
+    """How many handles of the listening socket on a port a process has: one is the workers' own, a second one it answers on."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{port:04X}"))
+    handles = list(Path(f"/proc/{pid}/fd").iterdir())
+    found = 0
+    for handle in handles:
+        with contextlib.suppress(OSError):
+            found += os.readlink(handle) == f"socket:[{inode}]"
+    return found
 
 
 def _alive(pid: int) -> bool:

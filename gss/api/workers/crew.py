@@ -57,7 +57,7 @@ class Worker:
     process: subprocess.Popen[str]
     since_s: float
     restarts: int = 0
-    wait_s: float = field(default=FIRST_WAIT_S, repr=False)
+    wait_s: float = field(default=0.0, repr=False)
 
 
 class Crew:
@@ -127,7 +127,7 @@ class Crew:
             if worker.process.stdin:
                 worker.process.stdin.close()
             lived_s = monotonic_s() - worker.since_s
-            worker.wait_s = FIRST_WAIT_S if lived_s > STEADY_S else min(LONGEST_WAIT_S, 2 * worker.wait_s)
+            worker.wait_s = 0.0 if lived_s > STEADY_S else min(LONGEST_WAIT_S, max(FIRST_WAIT_S, 2 * worker.wait_s))
             cause = f"signal {-code}" if code < 0 else f"code {code}"
             self._tell("warning", f"API worker {worker.number} ended ({cause}); it is started again")
             if self._stopping.wait(worker.wait_s):

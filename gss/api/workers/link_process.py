@@ -1,7 +1,8 @@
-"""The link process when API workers stand in front of it: it serves a private socket and keeps its crew."""
+"""The link process when API workers stand in front of it: it serves a private socket, keeps its crew, and stands in for it."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import signal
 import socket
@@ -14,6 +15,7 @@ from fastapi import FastAPI
 
 from gss.api.serving import say_stopping
 from gss.api.workers.crew import Crew, Order, private_socket
+from gss.api.workers.stand_in import StandIn
 from gss.api.workers.upstream import PrivateDoor
 from gss.settings import Settings
 from gss.wiring import Services
@@ -33,8 +35,9 @@ def serve_behind_workers(
 
         crew = Crew(order, settings.workers, tell)
         services.workers = crew.states
+        door = PrivateDoor(app, services, app.state.fanout)
         config = uvicorn.Config(
-            PrivateDoor(app, services, app.state.fanout),
+            door,
             log_level="warning",
             timeout_graceful_shutdown=GRACE_S,
             server_header=False,
@@ -42,7 +45,7 @@ def serve_behind_workers(
         )
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                LinkServer(config, services, crew).run(sockets=[private])
+                LinkServer(config, services, crew, StandIn(app, listener, door, options)).run(sockets=[private])
         finally:
             crew.stop()
 
@@ -50,15 +53,17 @@ def serve_behind_workers(
 class LinkServer(uvicorn.Server):
     """Lets the crew begin when it answers itself, and goes only after the crew has gone: no request is cut in between."""
 
-    def __init__(self, config: uvicorn.Config, services: Services, crew: Crew) -> None:
+    def __init__(self, config: uvicorn.Config, services: Services, crew: Crew, stand_in: StandIn) -> None:
         super().__init__(config)
-        self._services, self._crew = services, crew
+        self._services, self._crew, self._stand_in = services, crew, stand_in
         self._leaving: threading.Thread | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, then open the door to the public."""
         await super().startup(sockets)
         if self.started:
+            self._loop = asyncio.get_running_loop()
+            await self._stand_in.watch(self.server_state)
             self._crew.go()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -72,5 +77,6 @@ class LinkServer(uvicorn.Server):
         self._leaving.start()
 
     def _leave(self, sig: int, frame: FrameType | None) -> None:
+        self._loop.call_soon_threadsafe(self._stand_in.end)
         self._crew.stop()
         super().handle_exit(sig, frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -24,15 +25,28 @@ class PrivateDoor:
 
     def __init__(self, app: ASGIApp, services: Services, fanout: Fanout) -> None:
         self._app, self._services, self._fanout = app, services, fanout
+        self.workers = 0
+        """How many take the stream: they answer, or are about to."""
+        self.changed: Callable[[], None] = lambda: None
+        """Called when that number changed."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
         elif scope["path"] == STREAM:
-            await EventStream(self._services, self._fanout)(scope, receive, send)
+            await self._stream(scope, receive, send)
         else:
             await self._app(peer_of(scope), receive, send)
+
+    async def _stream(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self.workers += 1
+        self.changed()
+        try:
+            await EventStream(self._services, self._fanout)(scope, receive, send)
+        finally:
+            self.workers -= 1
+            self.changed()
 
 
 class Upstream:

@@ -1,0 +1,61 @@
+"""While no API worker is there the link process answers on the public socket itself: ABORT must get through."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from gss.api.workers.upstream import PrivateDoor
+
+
+class StandIn:
+    """Takes the workers' place at the door from the moment that the last of them has gone until the first has come.
+
+    A worker that is about to answer has fetched its stream before; the system ends that stream with the process, however it died.
+    What a connection brought is answered to its end, also where a worker is there again.
+    """
+
+    def __init__(self, app: ASGIApp, listener: socket.socket, door: PrivateDoor, options: dict[str, Any]) -> None:
+        self._config = uvicorn.Config(app, lifespan="off", log_level="warning", **options)
+        self._listener, self._door = listener, door
+        self._open: asyncio.Server | None = None
+        self._over = False
+        self._task: asyncio.Task[None] | None = None
+
+    async def watch(self, state: uvicorn.server.ServerState) -> None:
+        """From now on, on this event loop. ``state``: of the link process's server, which ends these connections with its own."""
+        self._config.load()
+        self._state, self._turn = state, asyncio.Lock()
+        self._door.changed = self._changed
+        await self._settle()
+
+    def end(self) -> None:
+        """The server stops: nobody comes in any more. On the event loop."""
+        self._over = True
+        self._changed()
+
+    def _changed(self) -> None:
+        self._task = asyncio.get_running_loop().create_task(self._settle())
+
+    async def _settle(self) -> None:
+        async with self._turn:
+            wanted = self._door.workers == 0 and not self._over
+            if wanted and self._open is None:
+                loop = asyncio.get_running_loop()
+                shared = self._listener.dup()  # closing ours leaves the workers' open
+                self._open = await loop.create_server(
+                    self._protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog
+                )
+            elif not wanted and self._open is not None:
+                self._open.close()
+                self._open = None
+
+    def _protocol(self) -> asyncio.Protocol:
+        made: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]
+            config=self._config, server_state=self._state, app_state={}
+        )
+        return made
