@@ -136,7 +136,6 @@ export const api = {
   histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
   solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),
   solution: (id: number, signal?: AbortSignal) => get<T.SolutionDetail>(`/solutions/${id}`, signal),
-  download: (slot: number) => post<T.Transfer>('/frames/download', { slot, kind: 'frame' }),
   importFrame: (file: File, profile: string) => {
     const form = new FormData();
     form.append('file', file);

@@ -18,7 +18,6 @@ class Places {
   frames = $state.raw<Frame[]>([]);
   catalogues = $state.raw<Catalogue[]>([]);
   contacts = $state.raw<Contact[]>([]);
-  extra = $state.raw<readonly (() => readonly Place[])[]>([]);
 
   /** Reads what the stream does not carry, each time the palette opens. */
   async read(): Promise<void> {
@@ -46,7 +45,6 @@ class Places {
     { kind: 'help', text: 'Documents', note: 'guide by role, reference', run: () => void window.open('/help', 'gss-help') },
     { kind: 'help', text: 'Command line', note: ':', run: () => view.open('line') },
     { kind: 'help', text: view.theme === 'dark' ? 'Light theme' : 'Dark theme', note: 'appearance', run: () => view.setTheme(view.theme === 'dark' ? 'light' : 'dark') },
-    ...this.extra.flatMap((f) => f()),
   ]);
 
   /** The best places for a few letters; a number alone is first of all a frame. */
@@ -61,8 +59,3 @@ class Places {
 }
 
 export const places = new Places();
-
-/** More places, for as long as the console runs. */
-export function addPlaces(more: () => readonly Place[]): void {
-  places.extra = [...places.extra, more];
-}
