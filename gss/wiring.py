@@ -149,6 +149,7 @@ class Services:
         self.status.stop()
         self.stack_runs.shut_down()
         self.link.stop()
+        self.transfers.stop()
         self.capture_replay.stop()
         self.replay.stop()
         self.frames.stop()
@@ -213,6 +214,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     capture_replay = CaptureReplay(
         dictionary, settings.data / "captures", telemetry.limits.rule, bus, monotonic_s, settings.framing
     )
+    telemetry.limits.changed_hooks.append(lambda key: capture_replay.board.limits_changed(key))
     transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)

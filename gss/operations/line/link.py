@@ -62,6 +62,8 @@ class LinkService:
         """Who was at the other end last; stays when the line is lost."""
         self.dictionary_acknowledged = False
         self.handlers: list[Handler] = []
+        self.rounds: list[Callable[[], None]] = []
+        """Called by the thread that reads the line each time it gets round, some hundred times a second, also without a line."""
         self._database, self._bus = database, bus
         self.captures = captures
         """Folder of the raw captures."""
@@ -165,6 +167,7 @@ class LinkService:
         while not self._stopping:
             self._round_s = self.monotonic_s()
             try:
+                self._get_round()
                 self._once()
             except Exception as error:  # the owner of the port must outlive a full disk or a locked database
                 log.exception("the contact failed")
@@ -187,7 +190,7 @@ class LinkService:
         self._stream = stream
         try:
             self._contact(stream, url)
-        except BaseException:
+        except BaseException:  # whatever ended it: the port is free for the next try
             stream.close()
             raise
         finally:
@@ -240,6 +243,7 @@ class LinkService:
                 self._record(SENT, out)
                 stream.write(out)
             self._tell([*events, *more])
+            self._get_round()
             if now_s > next_count_s:
                 next_count_s = now_s + BYTES_EVERY_S
                 try:
@@ -254,13 +258,20 @@ class LinkService:
             if isinstance(event, HelloReceived):
                 self._met(event)
         for handler in self.handlers:
-            try:
-                handler(events)
-            except (
-                Exception
-            ) as error:  # one operation's defect must not silence the line; it is told, and its cause is logged
-                log.exception("handler %r failed", handler)
-                self._complain(f"what came could not be handled: {type(error).__name__}: {error}")
+            self._guarded(handler, events)
+
+    def _get_round(self) -> None:
+        for look in self.rounds:
+            self._guarded(look)
+
+    def _guarded(self, call: Callable[..., None], *given: Sequence[SessionEvent]) -> None:
+        try:
+            call(*given)
+        except (
+            Exception
+        ) as error:  # one operation's defect must not silence the line; it is told, and its cause is logged
+            log.exception("handler %r failed", call)
+            self._complain(f"what came could not be handled: {type(error).__name__}: {error}")
 
     def _complain(self, text: str) -> None:
         """Tell a failure of our own; if even the record cannot be written, the log has it."""

@@ -37,6 +37,7 @@ from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.link import LinkService
 from gss.operations.line.sensor_knowledge import SensorKnowledge
 from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers.arrivals import Later
 from gss.operations.transfers.banks import BankService
 from gss.operations.transfers.device_frames import Picture, picture_of, shape_of
 from gss.operations.transfers.device_tables import FACTORY, DeviceTableService
@@ -77,6 +78,7 @@ class Reception:
         self._stored: OrderedDict[int, Frame] = OrderedDict()
         self._wanted: tuple[int, int] | None = None
         self._unfetched = ""
+        self._device_starts = 0
         self._knowledge = SensorKnowledge(link.dictionary)
         self.clock: Callable[[], Correlation | None] = lambda: None
         """How the two clocks stand; set by whoever follows them."""
@@ -105,6 +107,7 @@ class Reception:
 
     def _greet(self, hello: HelloReceived) -> None:
         """A device that restarted counts its frames anew: forget what was gathered, ask what it holds."""
+        self._device_starts += 1
         for memory in (self._records, self._stored):
             memory.clear()
         self._known.forget()
@@ -210,50 +213,56 @@ class Reception:
                 self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
             self._unfetched = error.message
 
-    def _frame_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        return {"frame_id": self._store_frame(transfer, done.data, done.frame_number, []).id}
+    def _frame_arrived(self, transfer: Transfer, done: TransferDone) -> Later:
+        return self._store_frame(transfer, done.data, done.frame_number, [])
 
     def _frame_broken(
         self, transfer: Transfer, data: bytes, held: Sequence[tuple[int, int]], update: TransferUpdate
-    ) -> dict[str, Any]:
+    ) -> Later | dict[str, Any]:
         """What a broken transfer brought is shown, once while it may go on and once when it has ended."""
         if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
             return {}
         held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in held]
-        return {"frame_id": self._store_frame(transfer, data, update.frame_number, held_bytes).id}
+        return self._store_frame(transfer, data, update.frame_number, held_bytes)
 
     def _store_frame(
         self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]
-    ) -> Frame:
+    ) -> Later:
+        """Everything that is known now goes into the row; the bytes go to their store beside the line."""
         hello, kind, facts = self._link.hello, transfer.kind, self._known.facts_for(transfer, number)
         info, settings = facts.info, dict(facts.settings)
         shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
         part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
         picture = picture_of(kind, data, shape, part, held_bytes)
-        frame = self._frames.add_from_device(
-            picture.pixels,
-            {
-                "contact_id": self._link.contact_id or transfer.contact_id,
-                "number": number or None,
-                "slot": int(transfer.target),
-                "name": _name(kind, number),
-                "taken": self._taken(info),
-                "bits": shape.bits,
-                "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
-                "profile": hello.profile if hello and kind != "thumbnail" else None,
-                "mode": str(info["mode"]) if "mode" in info else None,
-                "complete": picture.complete,
-                "rows_held": [list(rows) for rows in picture.rows_held],
-                "truth": facts.truth,
-                "bank_sha256": settings.pop("bank_sha256", None),
-                "parameters": settings | _part_of(kind, picture),
-            },
+        values = {
+            "contact_id": self._link.contact_id or transfer.contact_id,
+            "number": number or None,
+            "slot": int(transfer.target),
+            "name": _name(kind, number),
+            "taken": self._taken(info),
+            "bits": shape.bits,
+            "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
+            "profile": hello.profile if hello and kind != "thumbnail" else None,
+            "mode": str(info["mode"]) if "mode" in info else None,
+            "complete": picture.complete,
+            "rows_held": [list(rows) for rows in picture.rows_held],
+            "truth": facts.truth,
+            "bank_sha256": settings.pop("bank_sha256", None),
+            "parameters": settings | _part_of(kind, picture),
+        }
+        started = self._device_starts
+        return self._transfers.later(
+            lambda: self._frames.add_from_device(picture.pixels, values),
+            lambda frame: self._frame_stored(kind, number, frame, fresh=started == self._device_starts),
         )
-        if kind == "frame" and frame.complete:
+
+    def _frame_stored(self, kind: str, number: int, frame: Frame, *, fresh: bool) -> dict[str, Any]:
+        """``fresh``: the device has not restarted since it came, so that its number is still its own."""
+        if kind == "frame" and frame.complete and fresh:
             remember(self._stored, number, frame)
             if number in self._records:
                 self._lay_beside(frame, self._records[number])
-        return frame
+        return {"frame_id": frame.id}
 
     def _taken(self, info: Mapping[str, Any]) -> Any:
         """The device's mid-exposure time put on the ground's clock, by the correlation of the clocks, or before there is one by the
@@ -287,9 +296,10 @@ class Reception:
             except GssError as error:
                 self._bus.record("transfer", "watch", f"bank {info['bank']} was not read back: {error}")
 
-    def _bank_arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        catalogue = self._banks.adopt(done.data)
-        return {"catalogue_id": catalogue.id} if catalogue else {}
+    def _bank_arrived(self, transfer: Transfer, done: TransferDone) -> Later:
+        return self._transfers.later(
+            lambda: self._banks.adopt(done.data), lambda kept: {"catalogue_id": kept.id} if kept else {}
+        )
 
     def _bank_sent(self, transfer: Transfer, _done: TransferDone) -> dict[str, Any]:
         self._bus.record(

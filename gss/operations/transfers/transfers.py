@@ -16,6 +16,7 @@ from gss.domain.errors import Conflict, GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.line.link import LinkService
+from gss.operations.transfers.arrivals import Later, Storing, Writer
 from gss.operations.transfers.transfer_parts import PartStore
 from gss.operations.transfers.transfer_rows import TransferRows, TransferView, begin, words_of
 from gss.store import transfers as store
@@ -25,6 +26,8 @@ from gss.store.models import Transfer
 
 PUBLISH_EVERY_S = 0.25
 KEEP_PART_EVERY_S = 2.0
+STORE_WITHIN_S = 5.0
+"""So long the end of the server waits for what is being stored; a part of it is kept, and it comes down again otherwise."""
 
 RESTARTED = "the server restarted"
 ENDS = tuple(map(TransferState, ("verified", "committed", "active", "failed", "aborted")))
@@ -32,8 +35,9 @@ BROKEN = (TransferState.FAILED, TransferState.LINK_LOST, TransferState.ABORTED)
 AT_REST = (*ENDS, TransferState.PAUSED)
 RESUMABLE = ("paused", "link_lost", "failed", "aborted")
 
-DoneHook = Callable[[Transfer, TransferDone], dict[str, Any]]
-BrokenHook = Callable[[Transfer, bytes, Sequence[tuple[int, int]], TransferUpdate], dict[str, Any]]
+Links = dict[str, Any] | Later
+DoneHook = Callable[[Transfer, TransferDone], Links]
+BrokenHook = Callable[[Transfer, bytes, Sequence[tuple[int, int]], TransferUpdate], Links]
 
 
 class TransferService:
@@ -54,6 +58,9 @@ class TransferService:
         self.broken_hooks: dict[str, BrokenHook] = {}
         self.room: Callable[[str], None] = lambda _what: None
         """Asked before anything comes down or goes up; raises where there is no room for it."""
+        self.writer = Writer(link.monotonic_s, self._held_up)
+        self._storing: list[Storing] = []
+        link.rounds.append(self.settle)
 
     def start(self) -> None:
         """Transfers that the last server left open come back paused and go on when the device has answered; what an
@@ -70,6 +77,11 @@ class TransferService:
                 self._rows.note(row.id, state="failed", reason=reason, finished=self._now())
                 continue
             self._rows.note(row.id, state="paused", reason="" if by_operator else RESTARTED)
+
+    def stop(self) -> None:
+        """After the line was closed: what came is stored, as far as its store lets us."""
+        self.writer.finish(STORE_WITHIN_S)
+        self.settle()
 
     # --- orders -------------------------------------------------------------------------------------------------
 
@@ -150,8 +162,12 @@ class TransferService:
             return [TransferView(row, self._live.get(row.id)) for row in store.newest(session, limit)]
 
     def busy(self, direction: Direction) -> bool:
-        """Is one of that direction under way?"""
-        return any(update.direction is direction and update.state not in AT_REST for update in self._live.values())
+        """Is one of that direction under way? One that is only being stored leaves the line free, until too many are."""
+        stored = {one.row.id for one in self._storing}
+        return (direction is Direction.DOWN and self.writer.full) or any(
+            update.direction is direction and update.state not in AT_REST and row_id not in stored
+            for row_id, update in self._live.items()
+        )
 
     def in_use(self, kind: str, sha256: str) -> None:
         """The device works with that content now: the upload that brought it counts as active, others as committed."""
@@ -223,10 +239,41 @@ class TransferService:
             self._deliver(self._row_of[done.transfer_id], done)
         for update in known:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
-                self._update(self._row_of[update.transfer_id], update)
+                storing = self._stored_later(update.transfer_id)
+                if storing is None:
+                    self._update(self._row_of[update.transfer_id], update)
+                else:
+                    storing.held.append(update)
         for done in arrived:
-            self._parts.drop(self._row_of[done.transfer_id])
-            self._forget(self._row_of[done.transfer_id], done.transfer_id)
+            if self._stored_later(done.transfer_id) is None:
+                self._end(done.transfer_id)
+
+    def settle(self) -> None:
+        """Called by the thread that reads the line as it gets round: what is stored by now is told to be over."""
+        for one in [storing for storing in self._storing if storing.later.job.done()]:
+            self._storing.remove(one)
+            try:
+                self._link_to(one.row, one.later.result)
+            finally:
+                for update in one.held:
+                    self._update(one.row.id, update)
+                if one.transfer_id is not None:
+                    self._end(one.transfer_id)
+
+    def later(self, work: Callable[[], Any], links: Callable[[Any], dict[str, Any]]) -> Later:
+        """For hooks: have content stored beside the line; ``links`` of what ``work`` gave is asked when it is."""
+        return Later(self.writer.submit(work), links)
+
+    def _stored_later(self, transfer_id: int) -> Storing | None:
+        return next((one for one in self._storing if one.transfer_id == transfer_id), None)
+
+    def _end(self, transfer_id: int) -> None:
+        row_id = self._row_of[transfer_id]
+        self._parts.drop(row_id)
+        self._forget(row_id, transfer_id)
+
+    def _held_up(self) -> None:
+        self._bus.record("transfer", "warning", "the line waits: what came down is not stored as fast as it comes")
 
     def _update(self, row_id: int, update: TransferUpdate) -> None:
         before = self._live.get(row_id)
@@ -274,15 +321,9 @@ class TransferService:
 
     def _deliver(self, row_id: int, done: TransferDone) -> None:
         row = self.get(row_id).row
-        try:
-            hook = self.done_hooks.get((done.direction, done.kind))
-            links = hook(row, done) if hook else {}
-            if links:
-                self._rows.note(row_id, **links)
-        except GssError as error:
-            text = f"{row.subject} came, but cannot be used: {error}"
-            self._bus.record("transfer", "warning", text, transfer_id=row_id)
-            self._rows.note(row_id, text)
+        hook = self.done_hooks.get((done.direction, done.kind))
+        if hook is not None:
+            self._link_to(row, lambda: hook(row, done), done.transfer_id)
 
     def _broken(self, row: Transfer, update: TransferUpdate) -> None:
         hook = self.broken_hooks.get(row.kind)
@@ -290,8 +331,20 @@ class TransferService:
             return
         with self._link.lock:
             data, held = self._link.session.partial(update.transfer_id)
-        links = hook(row, data, held, update)
-        if links:
+        self._link_to(row, lambda: hook(row, data, held, update))
+
+    def _link_to(self, row: Transfer, ask: Callable[[], Links], transfer_id: int | None = None) -> None:
+        """Put into the row what its content became, now or when it is stored."""
+        try:
+            links = ask()
+        except GssError as error:
+            text = f"{row.subject} came, but cannot be used: {error}"
+            self._bus.record("transfer", "warning", text, transfer_id=row.id)
+            self._rows.note(row.id, text)
+            return
+        if isinstance(links, Later):
+            self._storing.append(Storing(row, links, transfer_id))
+        elif links:
             self._rows.note(row.id, **links)
 
     def _forget(self, row_id: int, session_id: int) -> None:

@@ -1,0 +1,90 @@
+"""What came down the line is stored by a thread of its own, in the order of its arrival: a slow store makes no telemetry late."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, field
+from typing import Any
+
+from gss.device.session_events import TransferUpdate
+from gss.operations.clock import Monotonic
+from gss.store.models import Transfer
+
+MOST_WAITING = 4
+"""So many frames may wait for their store; then no other is begun, and what comes all the same holds the line up."""
+
+
+class Writer:
+    """Does one piece of work after the other. ``held_up``: is told each time that the line has to wait for it."""
+
+    def __init__(self, monotonic_s: Monotonic, held_up: Callable[[], None], most: int = MOST_WAITING) -> None:
+        self._monotonic_s, self._held_up, self._most = monotonic_s, held_up, most
+        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(most)
+        self._open: set[Future[Any]] = set()
+        self._thread: threading.Thread | None = None
+        self.waits = 0
+        """How often the line had to wait since the server started."""
+        self.waited_s = 0.0
+        """And how long in all."""
+
+    @property
+    def full(self) -> bool:
+        """Does as much wait as may?"""
+        return self._jobs.full()
+
+    def submit(self, work: Callable[[], Any]) -> Future[Any]:
+        """Have it done; what came is never dropped: where too much waits, so does the caller."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="writer", daemon=True)
+            self._thread.start()
+        job: Future[Any] = Future()
+        self._open.add(job)
+        job.add_done_callback(self._open.discard)
+        try:
+            self._jobs.put_nowait((job, work))
+        except queue.Full:
+            self.waits += 1
+            self._held_up()
+            since_s = self._monotonic_s()
+            self._jobs.put((job, work))
+            self.waited_s += self._monotonic_s() - since_s
+        return job
+
+    def finish(self, within_s: float) -> None:
+        """Wait until all is done, but not for a store that hangs."""
+        wait(list(self._open), within_s)
+
+    def _run(self) -> None:
+        while True:
+            job, work = self._jobs.get()
+            try:
+                job.set_result(work())
+            except BaseException as error:  # whoever asks for the result gets it
+                job.set_exception(error)
+
+
+@dataclass(frozen=True)
+class Later:
+    """The links of a transfer, known when its content is stored. ``links`` makes them of what ``job`` gave, in the thread that
+    reads the line."""
+
+    job: Future[Any]
+    links: Callable[[Any], dict[str, Any]]
+
+    def result(self) -> dict[str, Any]:
+        """The links; raises what storing raised."""
+        return self.links(self.job.result())
+
+
+@dataclass
+class Storing:
+    """A transfer whose content is being stored. ``transfer_id``: the session's, None where the transfer goes on or ended without
+    it; ``held``: what became of it meanwhile, which is told afterwards."""
+
+    row: Transfer
+    later: Later
+    transfer_id: int | None
+    held: list[TransferUpdate] = field(default_factory=list)
