@@ -14,7 +14,7 @@ export class ApiError extends Error {
 /** What the session lends to every request, and whom a 401 is told (state/session.svelte.ts fills it in). */
 export const door = {
   mark: '1',
-  refused: (): void => undefined,
+  refused: (): Promise<void> => Promise.resolve(),
   back: (): Promise<void> => Promise.resolve(),
 };
 const OPEN = ['/session', '/session/password', '/setup', '/password-links', '/password-links/check'];
@@ -46,7 +46,7 @@ async function fetched(path: string, init?: RequestInit): Promise<Response> {
   }
   if (response.ok) return response;
   if (response.status === 401 && !OPEN.includes(path)) {
-    door.refused();
+    await door.refused();
     if (init?.method === undefined) {
       await Promise.race([door.back(), gone(init?.signal)]);
       return fetched(path, init);

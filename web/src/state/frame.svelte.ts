@@ -17,7 +17,7 @@ async function newest(): Promise<number | null> {
 const LIVE_WITHIN_MS = 10_000;
 
 export class FrameView {
-  detail = $state<FrameDetail | null>(null);
+  detail = $state.raw<FrameDetail | null>(null);
   image = $state.raw<RawImage | null>(null);
   histogram = $state.raw<Histogram | null>(null);
   solution = $state.raw<SolutionDetail | null>(null);
@@ -80,6 +80,13 @@ export class FrameView {
     } finally {
       if (turn === this.generation) this.loading = false;
     }
+  }
+
+  /** What is being read is wanted no more: what stands stays. */
+  stop(): void {
+    this.generation += 1;
+    this.again = false;
+    this.loading = false;
   }
 
   private readPixels(id: number): Promise<[RawImage, Histogram]> {

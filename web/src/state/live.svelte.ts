@@ -20,26 +20,27 @@ export function keyOf(v: { name: string; packet: string }): string {
 const SPARK_POINTS = 60;
 const HISTORY = 300;
 
+/* Everything is replaced as a whole and never changed in place: states are raw, or each field of each row would be watched. */
 class Live {
-  link = $state<T.Link | null>(null);
-  dictionary = $state<T.Dictionary | null>(null);
-  values = $state<T.Value[]>([]);
-  sparks = $state<Record<string, (number | null)[]>>({});
-  commands = $state<T.Command[]>([]);
-  authority = $state<T.Authority | null>(null);
+  link = $state.raw<T.Link | null>(null);
+  dictionary = $state.raw<T.Dictionary | null>(null);
+  values = $state.raw<T.Value[]>([]);
+  sparks = $state.raw<ReadonlyMap<string, readonly (number | null)[]>>(new Map());
+  commands = $state.raw<T.Command[]>([]);
+  authority = $state.raw<T.Authority | null>(null);
   /** Open alarms: outside their limits now first, the worst of them first. */
-  alarms = $state<T.AlarmRow[]>([]);
-  runs = $state<T.StackRun[]>([]);
-  schedule = $state<T.Schedule | null>(null);
-  onBoardTables = $state<T.OnBoardTable[]>([]);
+  alarms = $state.raw<T.AlarmRow[]>([]);
+  runs = $state.raw<T.StackRun[]>([]);
+  schedule = $state.raw<T.Schedule | null>(null);
+  onBoardTables = $state.raw<T.OnBoardTable[]>([]);
   limitsTick = $state(0);
-  replay = $state<T.Replay | null>(null);
-  replayValues = $state<T.Value[]>([]);
-  replayLog = $state<{ at: string; text: string; level: string }[]>([]);
-  cycles = $state<T.Cycle[]>([]);
-  transfers = $state<T.Transfer[]>([]);
-  jobs = $state<T.Job[]>([]);
-  lastEvent = $state<T.EventRow | null>(null);
+  replay = $state.raw<T.Replay | null>(null);
+  replayValues = $state.raw<T.Value[]>([]);
+  replayLog = $state.raw<{ at: string; text: string; level: string }[]>([]);
+  cycles = $state.raw<T.Cycle[]>([]);
+  transfers = $state.raw<T.Transfer[]>([]);
+  jobs = $state.raw<T.Job[]>([]);
+  lastEvent = $state.raw<T.EventRow | null>(null);
   latestFrameId = $state<number | null>(null);
   /** The newest frame that the stream announced from the device: nobody need ask for its id. */
   latestDeviceFrame: number | null = null;
@@ -101,10 +102,12 @@ class Live {
 
   private putTelemetry(latest: T.Latest): void {
     this.values = latest.values;
+    const sparks = new Map(this.sparks);
     for (const v of latest.values) {
       const now = typeof v.value === 'number' && v.state !== 'stale' ? v.value : null;
-      this.sparks[keyOf(v)] = [...(this.sparks[keyOf(v)] ?? []), now].slice(-SPARK_POINTS);
+      sparks.set(keyOf(v), [...(sparks.get(keyOf(v)) ?? []).slice(1 - SPARK_POINTS), now]);
     }
+    this.sparks = sparks;
   }
 
   private putAlarm(alarm: T.AlarmRow): void {

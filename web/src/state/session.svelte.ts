@@ -11,6 +11,7 @@ class Session {
   endedAt = $state<number | null>(null);
   problem = $state('');
   private waiting: (() => void)[] = [];
+  private turn = 0;
 
   readonly signedIn = $derived(this.info?.signed_in ?? false);
   readonly name = $derived(this.info?.name ?? '');
@@ -45,19 +46,25 @@ class Session {
     } else this.over(info);
   }
 
-  private over(info: SessionInfo | null): void {
-    if (this.info?.signed_in && this.endedAt === null) this.endedAt = Date.now();
-    if (this.info?.signed_in) return;
-    this.info = info ?? this.info;
+  private over(info: SessionInfo): void {
+    if (!this.info?.signed_in) this.info = info;
+    else if (this.endedAt === null) this.endedAt = Date.now();
   }
 
-  /** Asks the server; says what is wrong where it does not answer. */
+  /** Asks the server; says what is wrong where it does not answer. An answer that somebody's signing in overtook says nothing. */
   async read(): Promise<void> {
+    const turn = this.turn;
     try {
-      this.put(await api.session());
+      const info = await api.session();
+      if (turn === this.turn) this.put(info);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : String(error);
     }
+  }
+
+  private enter(info: SessionInfo): void {
+    this.turn += 1;
+    this.put(info);
   }
 
   /** Settles when somebody is signed in; reads that were refused go on then, changes never do. */
@@ -67,15 +74,15 @@ class Session {
   }
 
   async signIn(name: string, password: string): Promise<void> {
-    this.put(await api.signIn(name, password));
+    this.enter(await api.signIn(name, password));
   }
 
   async setUp(token: string, name: string, password: string): Promise<void> {
-    this.put(await api.setUp(token, name, password));
+    this.enter(await api.setUp(token, name, password));
   }
 
   async welcome(token: string, password: string): Promise<void> {
-    this.put(await api.welcome(token, password));
+    this.enter(await api.welcome(token, password));
   }
 
   /** A fresh page: nothing of this person stays in memory. */
@@ -84,9 +91,9 @@ class Session {
     location.assign('/live');
   }
 
-  /** The server answered 401. */
-  refused(): void {
-    this.over(null);
+  /** The server answered 401; that answer may be older than a new sign-in: it is asked whether the session is over. */
+  refused(): Promise<void> {
+    return this.read();
   }
 }
 
