@@ -1,29 +1,32 @@
-"""A real browser on a real server with a simulated sensor. Pictures go to the test's folder, and to docs/pictures with
-GSS_DOCS_PICTURES=1."""
+"""A real browser on a real server with a simulated sensor.
+
+The files of one process share both, as long as they leave the device as they found it;
+a file that does not says ``OWN_SERVER = True``.
+With GSS_DOCS_PICTURES=1 pictures are taken: those that a document shows go to docs/pictures, the others to the test's folder.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
+import httpx2
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
-FLAGS = [
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
+from tools.browser import launch_options
+
+HERE = Path(__file__).parent
 PATIENCE_MS = 30_000
 expect.set_options(timeout=PATIENCE_MS)
 # The Rerun viewer tries outside hosts for fonts and telemetry; the content policy stops it and the browser says so.
@@ -36,53 +39,193 @@ EXPECTED_ERRORS = (
     "net::ERR_BLOCKED_BY_CSP",
     "wasm",
 )
+COUNT_REQUESTS = """(() => {
+  const ask = window.fetch;
+  window.asked = 0;
+  window.fetch = (...what) => {
+    window.asked += 1;
+    const answer = ask(...what);
+    const ended = () => { window.asked -= 1; };
+    answer.then(ended, ended);
+    return answer;
+  };
+})();"""
+PAINTED = (
+    "() => document.fonts.ready.then(() => new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r))))"
+)
+AT_REST = """() => {
+  if (window.asked) { window.quiet = undefined; return false; }
+  return performance.now() - (window.quiet ??= performance.now()) > 200;
+}"""
+
+# --- what is shared -----------------------------------------------------------------------------------------------
+
+_open = ExitStack()
+_held: dict[str, Any] = {}
 
 
-@pytest.fixture(scope="module")
-def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The server's data folder."""
-    folder: Path = tmp_path_factory.mktemp("data")
-    return folder
+def _shared(name: str, make: Callable[[], AbstractContextManager[Any]]) -> Any:
+    if name not in _held:
+        _held[name] = _open.enter_context(make())
+    return _held[name]
 
 
-@pytest.fixture(scope="module")
-def headers(data_folder: Path, signed_in: Callable[..., dict[str, str]]) -> dict[str, str]:
-    """Of requests of an admin, for what a test does past the page."""
-    return signed_in(data_folder)
+def _close() -> None:
+    _held.clear()
+    _open.close()
 
 
-@pytest.fixture(scope="module")
-def address(data_folder: Path, headers: dict[str, str]) -> Iterator[str]:
-    """``gss serve`` with a simulated CubeStar at 3 MBd and stars of Orion, and an admin; its address."""
-    assert headers
-    command = [
-        sys.executable,
-        "-m",
-        "gss",
-        "serve",
-        "--port",
-        "0",
-        "--data",
-        str(data_folder),
-        "--simulator",
-        "cubestar",
-    ]
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
+    """Nothing is shared with another folder: a synchronous browser leaves an event loop running in this thread."""
+    del item
+    yield
+    if nextitem is None or HERE not in nextitem.path.parents:
+        _close()
+
+
+def pytest_sessionfinish() -> None:
+    """Also after an interruption."""
+    _close()
+
+
+@dataclass(frozen=True)
+class Served:
+    """A running server. ``headers``: of requests of an admin, for what a test does past the page."""
+
+    address: str
+    folder: Path
+    headers: dict[str, str]
+
+    def ask(self, method: str, path: str, body: Any = None) -> Any:
+        """Past the page."""
+        reply = httpx2.request(method, f"{self.address}/api{path}", headers=self.headers, json=body, timeout=30)
+        return reply.raise_for_status().json()
+
+    def until(self, path: str, done: Callable[[Any], Any], seconds: float = 90) -> Any:
+        """Ask until something is found."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if found := done(self.ask("GET", path)):
+                return found
+            time.sleep(0.2)
+        raise AssertionError(f"{path} never said so within {seconds} s")
+
+    def tidy(self) -> None:
+        """For whoever comes next: nobody holds authority and the sensor rests."""
+        if self.ask("GET", "/link")["cycle_running"]:
+            self.ask("POST", "/commands", {"name": "STOP_CYCLE", "arguments": {}})
+        httpx2.post(f"{self.address}/api/authority/release", headers=self.headers)  # also where nobody holds it
+
+
+@contextmanager
+def _server(factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
+    """``gss serve`` with a simulated CubeStar at 3 MBd and stars of Orion, and an admin."""
+    folder = factory.mktemp("data")
+    headers = signed_in(folder)
+    command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), "--simulator", "cubestar"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     line = next(line for line in process.stdout if "http://" in line)
-    yield line[line.index("http://") :].strip()
-    process.send_signal(signal.SIGINT)
-    process.wait(timeout=20)
-    process.stdout.close()
+    try:
+        yield Served(line[line.index("http://") :].strip(), folder, headers)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=PATIENCE_MS / 1000)
+        process.stdout.close()
+
+
+@contextmanager
+def _chromium() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(**launch_options())
+        yield browser
+        browser.close()
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def served(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    signed_in: Callable[..., dict[str, str]],
+) -> Iterator[Served]:
+    """The server of this file."""
+    make = partial(_server, tmp_path_factory, signed_in)
+    if getattr(request.module, "OWN_SERVER", False):
+        with make() as own:
+            yield own
+        return
+    shared: Served = _shared("server", make)
+    yield shared
+    shared.tidy()
+
+
+@pytest.fixture(scope="module")
+def data_folder(served: Served) -> Path:
+    """The server's data folder."""
+    return served.folder
+
+
+@pytest.fixture(scope="module")
+def headers(served: Served) -> dict[str, str]:
+    """Of requests of an admin, for what a test does past the page."""
+    return served.headers
+
+
+@pytest.fixture(scope="module")
+def address(served: Served) -> str:
+    """Where the server listens."""
+    return served.address
+
+
+@pytest.fixture(scope="module")
+def browser() -> Browser:
     """Debian's chromium, headless."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
-        yield browser
-        browser.close()
+    shared: Browser = _shared("browser", _chromium)
+    return shared
+
+
+# --- pages --------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Watched:
+    """A page, what its console complained of, and what it asked of others than its server."""
+
+    page: Page
+    errors: list[str] = field(default_factory=list)
+    strangers: list[str] = field(default_factory=list)
+
+    def look(self) -> None:
+        """Nothing of either sort."""
+        assert self.errors == []
+        assert self.strangers == []
+
+
+@contextmanager
+def _watched(browser: Browser, address: str, cookie: str | None, **size: int) -> Iterator[Watched]:
+    context = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900, **size})  # type: ignore[typeddict-item]
+    if cookie:
+        context.add_cookies(
+            [{"name": "gss_session", "value": cookie, "url": address, "httpOnly": True, "sameSite": "Strict"}]
+        )
+    context.add_init_script(COUNT_REQUESTS)
+    watched = Watched(context.new_page())
+    watched.page.set_default_timeout(PATIENCE_MS)
+
+    def on_console(message: ConsoleMessage) -> None:
+        if message.type == "error" and not any(word in message.text for word in EXPECTED_ERRORS):
+            watched.errors.append(message.text)
+
+    def on_request(request: Request) -> None:
+        if not request.url.startswith((address, "data:", "blob:")) and not request.failure:
+            watched.strangers.append(request.url)
+
+    watched.page.on("console", on_console)
+    watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
+    watched.page.on("requestfinished", on_request)
+    yield watched
+    context.close()
 
 
 @pytest.fixture
@@ -94,46 +237,96 @@ def cookie(headers: dict[str, str]) -> str | None:
 @pytest.fixture
 def page(browser: Browser, address: str, cookie: str | None) -> Iterator[Page]:
     """A page on which an admin is signed in, that fails its test on a console error or on any request that leaves the origin."""
-    context = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900})
-    if cookie:
-        morsel = {"name": "gss_session", "value": cookie, "url": address, "httpOnly": True, "sameSite": "Strict"}
-        context.add_cookies([morsel])
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    errors: list[str] = []
-    strangers: list[str] = []
+    with _watched(browser, address, cookie) as watched:
+        yield watched.page
+    watched.look()
 
-    def on_console(message: ConsoleMessage) -> None:
-        if message.type == "error" and not any(word in message.text for word in EXPECTED_ERRORS):
-            errors.append(message.text)
 
-    def on_request(request: Request) -> None:
-        if not request.url.startswith((address, "data:", "blob:")) and not request.failure:
-            strangers.append(request.url)
+@pytest.fixture(scope="module")
+def lasting(browser: Browser, address: str, headers: dict[str, str]) -> Iterator[Watched]:
+    """One page for all tests of a file, at the smallest desk's size."""
+    with _watched(browser, address, headers["Cookie"].split("=", 1)[1], width=1280, height=800) as watched:
+        yield watched
 
-    page.on("console", on_console)
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("requestfinished", on_request)
-    yield page
-    context.close()
-    assert errors == []
-    assert strangers == []
+
+@pytest.fixture(scope="session")
+def painted() -> Callable[[Page], None]:
+    """Waits until the page has painted what the last event changed."""
+    return lambda page: page.evaluate(PAINTED)
+
+
+@pytest.fixture(scope="session")
+def at_rest() -> Callable[[Page], None]:
+    """Waits until the page has asked nothing for a fifth of a second, and has painted it."""
+
+    def wait(page: Page) -> None:
+        page.wait_for_function(AT_REST)
+        page.evaluate(PAINTED)
+
+    return wait
 
 
 @pytest.fixture
-def picture(page: Page, root: Path, tmp_path: Path) -> Callable[[str], None]:
-    """Takes a picture of the page."""
-    folder = root / "docs" / "pictures" if os.environ.get("GSS_DOCS_PICTURES") else tmp_path
+def new_frame(served: Served) -> Callable[[Page], int]:
+    """Takes an image on the Live page and waits until it and its ground result are shown; its number."""
 
-    def take(name: str) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.wait_for_timeout(400)
-        page.screenshot(path=folder / f"{name}.png")
+    def take(page: Page) -> int:
+        newest = served.ask("GET", "/frames?limit=1&source=device")["frames"]
+        before = newest[0]["id"] if newest else 0
+        page.goto("/live")
+        expect(page.get_by_test_id("link-state")).to_contain_text("up")
+        page.get_by_test_id("cmd-TAKE_IMAGE").click()
+        image = page.locator("[data-testid=sky-image][data-ready=true]")
+        page.wait_for_function(
+            "(before) => Number(document.querySelector('[data-testid=sky-image]')?.dataset.frame) > before", arg=before
+        )
+        expect(image).to_be_visible()
+        number = int(image.get_attribute("data-frame") or 0)
+        expect(page.get_by_test_id("attitude")).to_contain_text(re.compile(rf"(?<!solving )frame {number}\b"))
+        expect(page.get_by_test_id("ground-ra")).to_contain_text("°")
+        return number
 
     return take
 
 
+# --- pictures -----------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def _shown(docs: Path) -> frozenset[str]:
+    """Names of the pictures that a document shows."""
+    texts = [page.read_text() for page in docs.rglob("*.md")]
+    return frozenset(part.split(".png", 1)[0] for text in texts for part in text.split("pictures/")[1:])
+
+
 @pytest.fixture(scope="session")
-def docs_pictures(root: Path) -> Path | None:
-    """Where the documents' pictures go; None unless they are to be taken."""
-    return root / "docs" / "pictures" if os.environ.get("GSS_DOCS_PICTURES") else None
+def pictures() -> bool:
+    """Are pictures taken?"""
+    return bool(os.environ.get("GSS_DOCS_PICTURES"))
+
+
+@pytest.fixture
+def snap(root: Path, tmp_path: Path, pictures: bool, at_rest: Callable[[Page], None]) -> Callable[[Page, str], None]:
+    """Takes a picture of a page, where pictures are taken."""
+
+    def take(page: Page, name: str) -> None:
+        if not pictures:
+            return
+        from PIL import Image
+
+        at_rest(page)
+        folder = root / "docs" / "pictures" if name in _shown(root / "docs") else tmp_path
+        file = folder / f"{name}.png"
+        page.screenshot(path=file)
+        # A palette of the picture's own: a third of the bytes, and nobody sees the difference.
+        with Image.open(file) as full:
+            small = full.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        small.save(file, optimize=True)
+
+    return take
+
+
+@pytest.fixture
+def picture(page: Page, snap: Callable[[Page, str], None]) -> Callable[[str], None]:
+    """Takes a picture of the page, where pictures are taken."""
+    return partial(snap, page)

@@ -71,7 +71,7 @@ def as_user(page, browser, address):
     contexts = []
 
     def open_link(name, role, start="/live"):
-        link = make_user(page, name, role)
+        link = open_link.links[name] = make_user(page, name, role)
         context = browser.new_context(base_url=address, viewport={"width": 1280, "height": 800})
         contexts.append(context)
         theirs = context.new_page()
@@ -83,6 +83,7 @@ def as_user(page, browser, address):
         theirs.goto(start)
         return theirs
 
+    open_link.links = {}
     yield open_link
     for context in contexts:
         context.close()
@@ -98,6 +99,9 @@ def test_a_new_user_comes_in_by_a_link_that_is_shown_once(page, as_user, picture
     expect(page.locator("[data-testid=user-row][data-user=vera]")).to_contain_text("active")
     expect(page.locator("[data-testid=session-row][data-user=vera]")).to_have_count(1)
     picture("admin-people")
+    theirs.goto("about:blank")
+    theirs.goto(as_user.links["vera"])
+    expect(theirs.get_by_test_id("link-over")).to_contain_text("cannot be used")
 
 
 @pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
@@ -134,8 +138,9 @@ def test_another_role_and_switching_off_hold_at_once(page, as_user):
     """A changed role opens what it may; switched off, the person stands before the sign-in within seconds."""
     theirs = as_user("ines", "viewer", "/frames")
     row = page.locator("[data-testid=user-row][data-user=ines]")
-    row.get_by_test_id("user-role").select_option("engineer")
-    expect(page.get_by_test_id("users")).to_be_visible()
+    with page.expect_response(lambda r: "/api/users/" in r.url and r.request.method == "PUT") as changed:
+        row.get_by_test_id("user-role").select_option("engineer")
+    assert changed.value.ok
     theirs.reload()
     expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-held", re.compile(".+"))
     row.get_by_test_id("user-off").click()

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 
 import pytest
 from playwright.sync_api import Page, expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+PASSWORD = "antares low in the south"
+SMALL = [(1024, 768), (720, 450)]
+"""A tablet, and 1440 pixels at 200 % zoom."""
 
 
 def focused(page: Page, attribute: str = "data-testid") -> str:
@@ -24,9 +29,18 @@ def tab_to(page: Page, testid: str, most: int = 80) -> None:
     raise AssertionError(f"{testid} is not reached by {most} times Tab")
 
 
-def test_from_the_palette_to_an_attitude_without_a_mouse(page):
-    """Ctrl K finds a page and a command, Enter sends it, Tab reaches the chain's steps, Space presses them."""
+def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
+    """Name, Tab, password, Enter; Ctrl K finds a page, Tab reaches the chain's steps, Space presses them."""
+    command = [sys.executable, "-m", "gss", "user", "add", "kim", "--role", "operator", "--password-stdin"]
+    subprocess.run([*command, "--data", str(data_folder)], input=f"{PASSWORD}\n", text=True, check=True)
+    page.context.clear_cookies()
     page.goto("/telemetry")
+    expect(page.get_by_test_id("sign-in-name")).to_be_focused()
+    page.keyboard.type("kim")
+    page.keyboard.press("Tab")
+    page.keyboard.type(PASSWORD)
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("user-cell")).to_contain_text("kim")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     page.keyboard.press("Control+k")
     expect(page.get_by_test_id("palette-text")).to_be_focused()
@@ -44,6 +58,11 @@ def test_from_the_palette_to_an_attitude_without_a_mouse(page):
         page.keyboard.press("Space")
         expect(page.get_by_test_id(f"cmd-{step}")).to_contain_text(words)
     expect(page.get_by_test_id("attitude")).to_contain_text("RA")
+    tab_to(page, "authority-open", most=200)
+    page.keyboard.press("Enter")
+    tab_to(page, "authority-release")
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("authority")).not_to_contain_text("you hold it")
 
 
 def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
@@ -54,6 +73,7 @@ def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
     line = page.get_by_test_id("line-text")
     expect(line).to_be_focused()
     page.keyboard.type("setexp")
+    expect(line).to_have_attribute("aria-expanded", "true")
     page.keyboard.press("Tab")
     expect(line).to_have_value("SET_EXPOSURE ")
     page.keyboard.type("9999")
@@ -127,17 +147,18 @@ def test_keys_lead_to_pages_and_do_nothing_while_typing(page):
     expect(page.get_by_test_id("keys-help")).to_have_count(0)
 
 
-@pytest.mark.parametrize("size", [(1024, 768), (720, 450)], ids=["tablet", "zoom-200"])
-def test_nothing_is_out_of_reach_on_a_small_screen(page, size):
+@pytest.mark.parametrize("path", ["/live", "/commands", "/telemetry", "/catalogues/new"])
+def test_nothing_is_out_of_reach_on_a_small_screen(page, at_rest, path):
     """A tablet, or 1440 pixels at 200 % zoom: the header folds and keeps every cell inside; what does not fit scrolls."""
-    page.set_viewport_size({"width": size[0], "height": size[1]})
-    for path in ("/live", "/commands", "/telemetry", "/catalogues/new"):
-        page.goto(path)
+    page.goto(path)
+    for size in SMALL:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        at_rest(page)
         for cell in ("identity", "link-state", "mode", "bank", "dictionary", "alarm", "utc", "authority", "abort"):
             box = page.get_by_test_id(cell).bounding_box()
             assert box is not None, cell
-            assert box["x"] >= 0, f"{path}: {cell}"
-            assert box["x"] + box["width"] <= size[0] + 1, f"{path}: {cell} ends at {box['x'] + box['width']}"
+            assert box["x"] >= 0, f"{size}: {cell}"
+            assert box["x"] + box["width"] <= size[0] + 1, f"{size}: {cell} ends at {box['x'] + box['width']}"
         reached = page.evaluate(
             """() => [...document.querySelectorAll('main button, main a, main input, main select')].filter((e) => {
               e.scrollIntoView({block: 'center', inline: 'center'});
@@ -145,4 +166,4 @@ def test_nothing_is_out_of_reach_on_a_small_screen(page, size):
               return b.width > 0 && (b.left < -1 || b.right > innerWidth + 1 || b.top < -1 || b.bottom > innerHeight + 1);
             }).map((e) => e.outerHTML.slice(0, 120))"""
         )
-        assert reached == [], path
+        assert reached == [], size

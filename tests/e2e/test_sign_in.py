@@ -73,11 +73,9 @@ def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, pic
     page.context.clear_cookies()
     page.goto("about:blank")
     page.goto(printed)
-    page.get_by_test_id("set-up-name").fill("mallory")
-    page.get_by_test_id("new-password").fill("mallory likes stars")
-    page.get_by_test_id("new-password-again").fill("mallory likes stars")
-    page.get_by_test_id("set-up-go").click()
-    expect(page.get_by_test_id("set-up-problem")).to_contain_text("cannot be used")
+    expect(page.get_by_test_id("link-over")).to_contain_text("cannot be used")
+    expect(page.get_by_test_id("link-over")).to_contain_text("ask an admin for a new one")
+    expect(page.get_by_test_id("set-up")).to_have_count(0)
 
 
 def test_signing_in_says_what_is_wrong_and_opens_the_page_that_was_asked_for(page, picture):
@@ -128,6 +126,8 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     page.get_by_test_id("command-search").fill("exposure")
     page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
     page.get_by_test_id("arg-exposure_ms").fill("321")
+    late = []
+    page.route("**/api/commands?*text=exposure", lambda route: late.append((route, route.fetch())))
     own = page.evaluate(
         """async () => {
             const who = await (await fetch('/api/session')).json();
@@ -137,6 +137,7 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
         }"""
     )
     assert own == 204
+    page.get_by_test_id("history-text").fill("exposure")
     expect(page.get_by_test_id("session-ended")).to_contain_text("Your session ended")
     expect(page.get_by_test_id("sign-in-name")).to_have_value(NAME)
     expect(page.get_by_test_id("sign-in-password")).to_be_focused()
@@ -145,8 +146,13 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     page.keyboard.press("Enter")
     expect(page.get_by_test_id("arg-exposure_ms")).to_have_value("321")
     expect(page.get_by_test_id("console-state")).to_contain_text("console connected")
+    for route, refusal in late:  # answers that are older than the new session do not end it
+        assert refusal.status == 401
+        route.fulfill(response=refusal)
+    page.unroute("**/api/commands?*text=exposure")
+    assert late
     page.get_by_test_id("command-send").click()
-    expect(page.get_by_test_id("history-row").first).to_contain_text("completed")
+    expect(page.get_by_test_id("history-row").filter(has_text="exposure 321")).to_contain_text("completed")
 
 
 def test_the_own_password_is_changed_and_signing_out_ends_it(page, picture):
