@@ -218,7 +218,8 @@ def _line(report: Report) -> str:
 def loaded_server(folder: Path, rate: float, workers: int) -> Any:
     """A server whose simulated sensor sends ``rate`` housekeeping packets a second."""
     arguments = ["--simulator", "cubestar", *(["--workers", str(workers)] if workers else [])]
-    with served(folder, *arguments, GSS_SIMULATOR_OPTIONS=f"--housekeeping-hz {rate:g}") as server:
+    options = {"GSS_SIMULATOR_OPTIONS": f"--housekeeping-hz {rate:g}", "GSS_STREAMS_EACH": "500"}
+    with served(folder, *arguments, **options) as server:
         wait_for_rest(server)
         yield server
 

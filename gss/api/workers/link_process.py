@@ -57,6 +57,7 @@ class LinkServer(uvicorn.Server):
         super().__init__(config)
         self._services, self._crew, self._stand_in = services, crew, stand_in
         self._leaving: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, then open the door to the public."""
@@ -77,6 +78,7 @@ class LinkServer(uvicorn.Server):
         self._leaving.start()
 
     def _leave(self, sig: int, frame: FrameType | None) -> None:
-        self._loop.call_soon_threadsafe(self._stand_in.end)
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._stand_in.end)
         self._crew.stop()
         super().handle_exit(sig, frame)
