@@ -195,7 +195,8 @@ def test_a_stack_is_kept_tried_run_and_followed(console):
     console.ask("DELETE", f"/stacks/{stack['id']}", 204)
     assert console.ask("POST", "/stacks/import", 201, json=file)["steps"] == stack["steps"]
     assert console.ask("GET", "/stack-runs")[0]["stack_id"] is None
-    console.ask("POST", "/stacks/import", 422, json=file | {"format": "other"})
+    for damage in ({"format": "other"}, {"version": 2}, {"steps": "all"}, {"name": 5}):
+        console.ask("POST", "/stacks/import", 422, json=file | damage)
     bad = console.ask(
         "POST",
         "/stacks",

@@ -398,6 +398,6 @@ def test_no_page_of_ours_keeps_a_secret_where_scripts_of_others_would_find_it(ro
 
 def test_json_of_the_session_is_what_the_pages_read(stranger: TestClient) -> None:
     """The contract's fields, signed in or not."""
-    fields = {"signed_in", "name", "role", "permissions", "csrf", "expires", "set_up_needed", "must_change"}
+    fields = {"signed_in", "name", "role", "permissions", "csrf", "expires", "set_up_needed"}
     assert set(stranger.get("/api/session").json()) == fields
     assert set(json.loads(json.dumps(sign_in(stranger)))) == fields

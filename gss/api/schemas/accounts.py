@@ -24,7 +24,6 @@ class SessionOut(Out):
     csrf: str = ""
     expires: Utc | None = None
     set_up_needed: bool = False
-    must_change: bool = False
 
 
 class SignInBody(In):

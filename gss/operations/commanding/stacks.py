@@ -175,17 +175,6 @@ class StackService:
         )
 
 
-def read_file(content: Mapping[str, Any]) -> tuple[str, str, list[Any]]:
-    """(name, note, steps) of an exported stack; BadInput where it is none."""
-    if content.get("format") != FORMAT or content.get("version") != VERSION:
-        got = f"{content.get('format')!r}, version {content.get('version')!r}"
-        raise BadInput("not a file of a stack", expected=f"format {FORMAT}, version {VERSION}", got=got[:120])
-    name, note, steps = content.get("name"), content.get("note", ""), content.get("steps")
-    if not isinstance(name, str) or not isinstance(note, str) or not isinstance(steps, list):
-        raise BadInput("not a file of a stack", expected="name, note and a list of steps")
-    return name, note, steps
-
-
 def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[str, Any]]:
     """The steps in full, with the arguments' defaults; BadInput names the first that is wrong."""
     if not 1 <= len(steps) <= MOST_STEPS:

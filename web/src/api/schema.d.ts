@@ -7291,11 +7291,6 @@ export interface components {
              * @default false
              */
             set_up_needed: boolean;
-            /**
-             * Must Change
-             * @default false
-             */
-            must_change: boolean;
         };
         /**
          * SetUpBody
