@@ -22,6 +22,7 @@ from tools.soak import wait_for_rest
 
 SEED = 1
 LONG_MS = 50.0
+SECONDS = 20.0
 WARM_S = 8.0
 CATEGORIES = ["toplevel", "devtools.timeline", "disabled-by-default-devtools.timeline", "v8", "blink.user_timing"]
 TASK = "ThreadControllerImpl::RunTask"
@@ -42,7 +43,10 @@ def page_tasks(quick: bool) -> list[Table]:
     """Tasks of the Live page while the sensor cycles."""
     if chromium() is None:
         return [Table("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
-    rows = [(f"{w} x {h}", summary(traced(w, h, 5.0 if quick else 20.0))) for w, h in ((1440, 900), (1920, 1080))]
+    rows = []
+    for width, height in ((1440, 900), (1920, 1080)):
+        found, frames = traced(width, height, 5.0 if quick else SECONDS)
+        rows.append((f"{width} x {height}", {"frames": frames, **summary(found)}))
     conditions = (
         "Debian's chromium, headless, drawn in software, on the server's machine; the Live page for 20 s while the simulated "
         "sensor cycles at 1 Hz and every frame comes down. Tasks of the page's main thread from the browser's own trace; long: "
@@ -52,14 +56,15 @@ def page_tasks(quick: bool) -> list[Table]:
     return [Table("page_tasks", "The Live page at 1 Hz", conditions, SEED, rows)]
 
 
-def traced(width: int, height: int, seconds: float) -> list[Task]:
-    """The page's tasks while it follows a cycling sensor."""
+def traced(width: int, height: int, seconds: float) -> tuple[list[Task], int]:
+    """The page's tasks while it follows a cycling sensor, and how many frames came meanwhile."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
-        return tasks(asyncio.run(_trace(server, width, height, seconds)))
+        events, frames = asyncio.run(_trace(server, width, height, seconds))
+    return tasks(events), frames
 
 
-async def _trace(server: Served, width: int, height: int, seconds: float) -> list[Event]:
+async def _trace(server: Served, width: int, height: int, seconds: float) -> tuple[list[Event], int]:
     from playwright.async_api import async_playwright
 
     session = server.sign_in()
@@ -72,13 +77,16 @@ async def _trace(server: Served, width: int, height: int, seconds: float) -> lis
         await page.get_by_text("SIM-0001").first.wait_for()
         body = {"name": "START_CYCLE", "arguments": {}, "confirm": "yes"}
         httpx2.post(f"{server.address}/api/commands", headers=server.headers, json=body, timeout=30).raise_for_status()
+        image = page.locator("[data-testid=sky-image]")
         await page.locator("[data-testid=sky-image][data-ready=true]").wait_for()
         await asyncio.sleep(WARM_S)
+        before = int(await image.get_attribute("data-frame") or 0)
         await browser.start_tracing(page=page, categories=CATEGORIES)
         await asyncio.sleep(seconds)
         found: list[Event] = json.loads(await browser.stop_tracing())["traceEvents"]
+        frames = int(await image.get_attribute("data-frame") or 0) - before
         await browser.close()
-    return found
+    return found, frames
 
 
 def tasks(events: Sequence[Event]) -> list[Task]:
@@ -135,6 +143,7 @@ def summary(found: Sequence[Task]) -> dict[str, Value]:
     return {
         "tasks": len(found),
         "longest_ms": float(processor.max()),
+        "p99_ms": float(np.quantile(processor, 0.99)),
         "long": int((processor > LONG_MS).sum()),
         "longest_wall_ms": float(wall.max()),
         "long_wall": int((wall > LONG_MS).sum()),
@@ -144,8 +153,8 @@ def summary(found: Sequence[Task]) -> dict[str, Value]:
 
 def main() -> None:
     """The longest tasks and what they did: where to look."""
-    found = traced(1440, 900, 20.0)
-    print(summary(found))
+    found, frames = traced(1440, 900, SECONDS)
+    print(frames, "frames", summary(found))
     for task in sorted(found, key=lambda t: -t.processor_ms)[:12]:
         print(
             f"{task.processor_ms:7.1f} ms processor {task.wall_ms:7.1f} ms wall at {task.at_ms - found[0].at_ms:9.0f}"

@@ -1,0 +1,46 @@
+"""How a browser's trace becomes the tasks of a page's main thread."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tools.bench_tasks import TASK, summary, tasks
+
+
+def event(name: str, ts: float, dur: float, tdur: float, tid: int = 7, **data: Any) -> dict[str, Any]:
+    """A complete event; times in microseconds, as traces have them."""
+    return {
+        "ph": "X", "pid": 1, "tid": tid, "name": name, "ts": ts, "dur": dur, "tdur": tdur, "args": {"data": data}
+    }  # fmt: skip
+
+
+THREAD = {"ph": "M", "pid": 1, "tid": 7, "name": "thread_name", "args": {"name": "CrRendererMain"}}
+TRACE = [
+    event("Paint", 60_500, 9_000, 3_000),
+    event(TASK, 0, 2_000, 1_000),
+    THREAD,
+    event(TASK, 50_000, 90_000, 60_000),
+    event("FunctionCall", 51_000, 80_000, 50_000, functionName="draw"),
+    event(TASK, 52_000, 1_000, 500),
+    event(TASK, 0, 500_000, 400_000, tid=8),
+]
+
+
+def test_tasks_are_those_of_the_main_thread_that_lie_in_no_other_one():
+    """Other threads and nested loops do not count; processor and wall time are told apart."""
+    found = tasks(TRACE)
+    assert [(task.at_ms, task.processor_ms, task.wall_ms) for task in found] == [(0, 1, 2), (50, 60, 90)]
+
+
+def test_what_was_called_is_charged_without_what_it_called():
+    """The drawing's own 46.5 ms are its 50 without the painting and the loop inside."""
+    parts = tasks(TRACE)[1].parts
+    assert parts == pytest.approx({"FunctionCall draw": 46.5, "Paint": 3.0, TASK: 0.5})
+
+
+def test_a_task_above_fifty_milliseconds_is_long_by_the_clock_it_exceeds():
+    """Sixty of the processor are long both ways."""
+    told = summary(tasks(TRACE))
+    assert (told["tasks"], told["long"], told["long_wall"], told["longest_ms"]) == (2, 1, 1, 60.0)
