@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { clock, counted, daysLeft, degrees, fixed, pairs, scientific, shortHash, span } from './format';
+import { bytes, clock, counted, daysLeft, degrees, fixed, pairs, scientific, shortHash, span, stored } from './format';
 
 describe('numbers', () => {
   it('writes a true minus and a thin group space', () => {
@@ -36,5 +36,9 @@ describe('times and bytes', () => {
   });
   it('counts one thing in the singular', () => {
     expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual(['1 frame', '0 frames', '1\u2009200 frames']);
+  });
+  it('writes disks in units of 1000, flash in units of 1024', () => {
+    expect([stored(0), stored(999), stored(129_400_000), stored(58_400_000_000)]).toEqual(['0 B', '999 B', '129.4 MB', '58.4 GB']);
+    expect(bytes(524_288)).toBe('512.0 KiB');
   });
 });

@@ -94,6 +94,13 @@ export function bytes(n: number): string {
   return `${fixed(n / 1024 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
 }
 
+/** Bytes on a disk, in the units of 1000 that limits of storage are set in. */
+export function stored(n: number): string {
+  const units = ['B', 'kB', 'MB', 'GB', 'TB'];
+  const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
+  return `${fixed(n / 1000 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
+}
+
 export function hex(value: number): string {
   return value.toString(16);
 }

@@ -15,6 +15,8 @@ class View {
   keys = $state<PageKey[]>([]);
   offers = $state.raw<readonly (readonly PageKey[])[]>([]);
   wide = $state(innerWidth >= 1400);
+  /** Room for one more column. */
+  vast = $state(innerWidth >= 1700);
   /** A tablet: the columns beside a page's subject are tabs. */
   narrow = $state(innerWidth < 1200);
   readonly allKeys = $derived([...this.keys, ...this.offers.flat()]);
