@@ -29,7 +29,8 @@ from gss.operations.frames.frames import FrameService
 from gss.operations.frames.place import PlaceService
 from gss.operations.frames.replay import ReplayService
 from gss.operations.frames.rerun_viewer import RerunViewer
-from gss.operations.frames.solve import Solver, SolverCache
+from gss.operations.frames.solve import Solver
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.jobs import JobService
 from gss.operations.line.contacts import ContactService
 from gss.operations.line.link import LinkService
@@ -268,6 +269,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     accounts = open_accounts(database, settings, utc_now, monotonic_s)
     commands.permits = accounts.require
     upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
+    upkeep.metrics.collect.append(transfers.writer.samples)
     jobs.room = transfers.room = frames.room = upkeep.disk.check
     telemetry.has_room = upkeep.disk.has_room_for_rows
     upkeep.clocks.jumped += [alarms.clock_jumped, schedule.clock_jumped]

@@ -92,7 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.clock import stopwatch_s
     from gss.operations.frames.figure_files import users_folder
     from gss.operations.frames.sequence import Sequencer
-    from gss.operations.frames.solve import Solver, SolverCache
+    from gss.operations.frames.solve import Solver
+    from gss.operations.frames.solver_cache import SolverCache
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")

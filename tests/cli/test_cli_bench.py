@@ -15,7 +15,7 @@ from PIL import Image
 from gss.cli import main
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.frames.solve import SolverCache
+from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.render import render
 
 SUNSAT = profile("sunsat")

@@ -14,7 +14,7 @@ from astropy.io import fits
 from gss.cli import main
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.frames.solve import SolverCache
+from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.settings import Settings

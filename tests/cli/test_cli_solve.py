@@ -22,7 +22,8 @@ from gss.cli.solve import julian_year, register
 from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
 from gss.domain.profiles import PROFILES, profile
 from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
-from gss.operations.frames.solve import CHAINS, SolverCache
+from gss.operations.frames.solve import CHAINS
+from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.render import render
 
 

@@ -13,7 +13,7 @@ from playwright.sync_api import Page, expect
 
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.frames.solve import SolverCache
+from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 

@@ -12,7 +12,8 @@ import pytest
 from gss.domain.camera import Brown
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
-from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.studies.calibrate import from_stars
 from gss.operations.studies.night_frames import Shot
 from gss.pipeline.render import render

@@ -14,7 +14,8 @@ from gss.domain.frames import cam_from_icrs, pointing_difference_rad
 from gss.domain.profiles import profile
 from gss.domain.results import Outcome
 from gss.domain.rotation import rotation_from_vector
-from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.frames.system_sequence import SystemSequencer
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded

@@ -16,7 +16,8 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.frames import cam_from_icrs
 from gss.domain.profiles import profile
 from gss.operations.frames.solution_rows import solution_values, with_overlays
-from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.studies.reprocess_worker import Order, Task, run_batch
 from gss.operations.studies.warm_pool import WarmPool
 from gss.pipeline.render import render

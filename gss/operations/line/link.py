@@ -267,9 +267,7 @@ class LinkService:
     def _guarded(self, call: Callable[..., None], *given: Sequence[SessionEvent]) -> None:
         try:
             call(*given)
-        except (
-            Exception
-        ) as error:  # one operation's defect must not silence the line; it is told, and its cause is logged
+        except Exception as error:  # one operation's defect must not silence the line: it is told and logged
             log.exception("handler %r failed", call)
             self._complain(f"what came could not be handled: {type(error).__name__}: {error}")
 

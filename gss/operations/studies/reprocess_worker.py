@@ -16,7 +16,8 @@ from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
 from gss.operations.frames.observer import Observer
 from gss.operations.frames.solution_rows import solution_values
-from gss.operations.frames.solve import Solver, SolverCache, SolveRequest
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.studies.dark_frames import DarkFrames
 from gss.store.blobs import BlobStore
 

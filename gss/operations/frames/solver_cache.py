@@ -1,0 +1,90 @@
+"""What solving needs of the sky, made once: star positions, pair tables, figures, bank-like catalogues."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.catalogue_tools.tables.distances import distance_table
+from gss.domain.camera import Camera
+from gss.domain.profiles import CameraProfile
+from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.operations.frames.figure_files import FigureFiles
+from gss.pipeline.chains import reference
+from gss.pipeline.chains.onboard import OnboardChain
+from gss.pipeline.identify.patterns import Level, build_level
+from gss.pipeline.identify.verify import Sky
+
+T = TypeVar("T")
+
+
+class SolverCache:
+    """Star positions per epoch, pair tables per camera, figures per size, bank-like catalogues per profile.
+
+    Builds each once and keeps the latest; safe to share between threads.
+    """
+
+    def __init__(self, stars: StarTable | None = None, keep: int = 40, folder: Path | None = None) -> None:
+        """``folder``: where the blind solver's dictionaries are kept for the next process; None: nowhere."""
+        self._base, self._keep = stars, keep
+        self._files = None if folder is None else FigureFiles(folder)
+        self._lock = threading.RLock()
+        self._made: dict[tuple[Any, ...], Any] = {}
+
+    def _once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
+        with self._lock:
+            if key not in self._made:
+                while len(self._made) >= self._keep:
+                    self._made.pop(next(iter(self._made)))
+                self._made[key] = make()
+            return cast(T, self._made[key])
+
+    def stars(self, epoch_jyear: float) -> StarTable:
+        """The star table at an epoch, brightest first."""
+
+        def make() -> StarTable:
+            table = propagate(self._base if self._base is not None else load_stars(), epoch_jyear)
+            return table.take(np.argsort(table.v_mag, kind="stable"))
+
+        return self._once(("stars", epoch_jyear), make)
+
+    def sky(self, epoch_jyear: float) -> Sky:
+        """The columns that identification uses."""
+        table = self.stars(epoch_jyear)
+        return Sky(table.hip, table.icrs, table.v_mag)
+
+    def known(self, camera: Camera, faint_limit_mag: float, epoch_jyear: float) -> reference.KnownSky:
+        """Stars and pair table for one camera."""
+        key = ("pairs", camera, faint_limit_mag, epoch_jyear)
+        return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
+
+    def level(self, epoch_jyear: float) -> Callable[[float], Level]:
+        """Builder of figure dictionaries that remembers them."""
+        # Figures bear the proper motion of a year; one dictionary then serves all frames of it.
+        year = float(round(epoch_jyear))
+        sky = self.sky(year)
+        if self._files is None:
+            return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: build_level(sky, radius_rad))
+        files = self._once(("figure files", year), partial(self._files.levels, sky))
+        return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
+
+    def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
+        """What a flash bank for this camera would hold: stars to its limit and their distances, not quantised."""
+
+        def make() -> OnboardCatalogue:
+            stars = self.stars(epoch_jyear).brighter_than(known.sensor.faint_limit_mag)
+            distances = distance_table(stars, 0.0, known.camera.diagonal_rad)
+            return OnboardCatalogue(stars.hip, stars.icrs, stars.v_mag, distances)
+
+        return self._once(("bank", known.camera, known.sensor.faint_limit_mag, epoch_jyear), make)
+
+    def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
+        """What a system's processor makes of such a bank."""
+        key = ("prepared", chain.name, known.camera, known.sensor, epoch_jyear)
+        return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))
