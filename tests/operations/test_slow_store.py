@@ -109,6 +109,9 @@ def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(gro
         ground.image()
         ground.wait(lambda k=k: len(ground.services.transfers._storing) == k + 1)
     assert ground.services.transfers.writer.full
+    figures = ground.services.upkeep.metrics.text()
+    assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}\n' in figures
+    assert "gss_line_waits_total 0\n" in figures
     ground.image()
     before = ground.housekeeping()
     ground.wait(lambda: ground.housekeeping() > before + 5)

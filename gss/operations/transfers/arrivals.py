@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
 from gss.device.session_events import TransferUpdate
 from gss.operations.clock import Monotonic
+from gss.operations.upkeep.metrics import Sample
 from gss.store.models import Transfer
 
 MOST_WAITING = 4
@@ -52,6 +53,13 @@ class Writer:
             self._jobs.put((job, work))
             self.waited_s += self._monotonic_s() - since_s
         return job
+
+    def samples(self) -> Iterator[Sample]:
+        """What waits here, and what has waited for it."""
+        depth = float(self._jobs.qsize())
+        yield Sample("gss_queue_depth", "What waits in a queue.", "gauge", depth, (("queue", "store"),))
+        yield Sample("gss_line_waits_total", "How often the line waited for a store.", "counter", self.waits)
+        yield Sample("gss_line_waited_seconds_total", "How long in all.", "counter", self.waited_s)
 
     def finish(self, within_s: float) -> None:
         """Wait until all is done, but not for a store that hangs."""
