@@ -25,7 +25,7 @@ from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobService, Progress, Run
 from gss.operations.line.raw_capture import capture_files
 from gss.operations.upkeep.disk import DiskGuard
-from gss.operations.upkeep.manifest import MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
+from gss.operations.upkeep.manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.dump import dump, kind_of
@@ -108,7 +108,7 @@ class BackupService:
 
     def _fill(self, draft: Path, name: str, at: datetime, progress: Progress) -> Manifest:
         kind = kind_of(self._url)
-        file = draft / {"sqlite": "gss.db", "postgresql": "gss.sql"}[kind]
+        file = draft / DATABASE[kind]
         progress(0, 0, "copying the database")
         with self._database.unit_of_work() as session:
             schema = store.schema_version(session)

@@ -123,12 +123,12 @@ def _captures(report: Report, database: Database, folder: Path, progress: Progre
     named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
     gone = sorted(set(named) - set(there))
     torn: list[str] = []
+
+    def unread(file: Path, count: int) -> None:
+        torn.append(f"{file.name}: the last {count} B are no whole record")
+
     for k, path in enumerate(there.values()):
         progress(k, len(there), f"reading captures, {k} of {len(there)}")
-
-        def unread(file: Path, count: int) -> None:
-            torn.append(f"{file.name}: the last {count} B are no whole record")
-
         for _ in read_captures([path], unread):
             pass
     short = [
