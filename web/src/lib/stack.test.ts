@@ -3,7 +3,7 @@ import type { FieldDefinition } from '../api/types';
 
 // uPlot looks at the screen when it is loaded; the arithmetic here does not.
 vi.mock('uplot', () => ({ default: class {} }));
-const { reach, reading, timeText } = await import('./stack');
+const { axisTexts, reach, reading, timeText } = await import('./stack');
 const field = (watch: [number | null, number | null]): FieldDefinition => ({ watch, warning: [null, null], critical: [null, null], decimals: 1, title: 'Sensor' }) as unknown as FieldDefinition;
 
 describe('a plot', () => {
@@ -19,6 +19,12 @@ describe('a plot', () => {
     const s = { name: 'a', packet: 'p', title: 'A', unit: 'degC', kind: 'number' as const, choices: [], samples: 3, thinned: false, t: [10, 20, 30], y: [1, 2, null] };
     expect(reading(s, field([null, null]), 25).value).toBe('2.0');
     expect(reading(s, field([null, null]), null).value).toBe('2.0');
+  });
+  it('writes its grid with the decimals of the step', () => {
+    expect(axisTexts([7, 7.25, 7.5])).toEqual(['7.00', '7.25', '7.50']);
+    expect(axisTexts([0, 0.2, 0.4])).toEqual(['0.0', '0.2', '0.4']);
+    expect(axisTexts([0, 50, 100])).toEqual(['0', '50', '100']);
+    expect(axisTexts([0, 2.5, 5])).toEqual(['0.0', '2.5', '5.0']);
   });
   it('writes times as long as the span asks for', () => {
     expect(timeText(1_800_000_000, [0, 60])).toMatch(/^\d\d:\d\d:\d\dZ$/);

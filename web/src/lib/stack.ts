@@ -54,9 +54,11 @@ export function reach(low: number | null, high: number | null, f: FieldDefinitio
   return [a >= 0 && a - air < 0 ? 0 : a - air, b + air];
 }
 
-function axisTexts(vs: number[]): string[] {
+/** As many decimals as the step of the grid has: steps of a quarter are not written as 0.3, 0.5, 0.8. */
+export function axisTexts(vs: number[]): string[] {
   const step = Math.abs((vs[1] ?? 1) - (vs[0] ?? 0));
-  return vs.map((v) => fixed(v, step >= 1 ? 0 : step >= 0.1 ? 1 : step >= 0.01 ? 2 : 3));
+  const decimals = [0, 1, 2, 3].find((d) => Math.abs(step * 10 ** d - Math.round(step * 10 ** d)) < 1e-6) ?? 3;
+  return vs.map((v) => fixed(v, step < 0.001 ? 4 : decimals));
 }
 
 export function timeText(t: number, [from, to]: readonly [number, number]): string {
@@ -72,6 +74,7 @@ function limits(u: uPlot, f: FieldDefinition | undefined, css: Css): void {
   ctx.save();
   ctx.lineWidth = ratio;
   ctx.textBaseline = 'middle';
+  ctx.textAlign = 'left'; // uPlot's own texts leave theirs
   ctx.font = `${11 * ratio}px 'IBM Plex Sans'`;
   for (const [name, pair, dash, ink] of [['crit', f?.critical, [], 'crit'], ['warn', f?.warning, [5, 4], 'warn'], ['watch', f?.watch, [2, 3], 'watch']] as const) {
     for (const v of pair ?? []) {
@@ -104,6 +107,8 @@ function hatch(u: uPlot, p: PlotParts): void {
   ctx.clip();
   ctx.strokeStyle = ctx.fillStyle = p.css('unk');
   ctx.lineWidth = ratio;
+  ctx.textAlign = 'left';
+  ctx.textBaseline = 'alphabetic';
   ctx.font = `${11 * ratio}px 'IBM Plex Sans'`;
   let written = -Infinity;
   for (const g of p.gaps()) {
