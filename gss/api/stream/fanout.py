@@ -81,10 +81,11 @@ class Fanout:
     of one name, and of all together; 0 is any number."""
 
     def __init__(self, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0) -> None:
-        self.state, self._each, self._most = state, each, most
+        self.state = state
+        """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
+        self._each, self._most = each, most
         self.refused = 0
         """Streams that were not opened because there were too many."""
-        """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
         self.newest: Wire | None = None
         self.dropped = 0
         """Messages that listeners lost because they took too slowly, since the start."""

@@ -55,7 +55,7 @@ class StandIn:
                 self._open = None
 
     def _protocol(self) -> asyncio.Protocol:
-        made: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]
+        made: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn only says that it is one
             config=self._config, server_state=self._state, app_state={}
         )
         return made
