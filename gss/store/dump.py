@@ -21,6 +21,17 @@ from gss.store.engine import open_engine
 LOOK_EVERY = 10_000
 """Steps of SQLite's machine between two looks whether somebody cancelled."""
 SQLITE, POSTGRES = "sqlite", "postgresql"
+FROM_QUERY = (
+    "PGHOST",
+    "PGPORT",
+    "PGUSER",
+    "PGPASSWORD",
+    "PGPASSFILE",
+    "PGSSLMODE",
+    "PGSSLROOTCERT",
+    "PGSSLCERT",
+    "PGSSLKEY",
+)
 
 
 def kind_of(url: str) -> str:
@@ -89,11 +100,14 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
 
 
 def _environment(url: URL) -> dict[str, str]:
-    parts = {
+    """As libpq's programs take it; what the URL's query says of socket and encryption holds for them too."""
+    parts: dict[str, object] = {name: url.query.get(name.removeprefix("PG").lower()) for name in FROM_QUERY}
+    told = {
         "PGHOST": url.host,
         "PGPORT": url.port,
         "PGUSER": url.username,
         "PGPASSWORD": url.password,
         "PGDATABASE": url.database,
     }
+    parts |= {name: value for name, value in told.items() if value}
     return {name: str(value) for name, value in parts.items() if value}

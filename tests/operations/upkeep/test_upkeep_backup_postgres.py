@@ -120,3 +120,17 @@ def test_a_server_that_is_gone_leaves_no_backup_and_no_password(filled: Any, tmp
         filled.backups.make()
     assert PASSWORD not in str(refused.value)
     assert filled.backups.every() == []
+
+
+def test_a_socket_and_encryption_in_the_url_hold_for_the_dump_too(
+    filled: Any,
+) -> None:
+    """The address may be in the query, as for a Unix socket; a host that must be encrypted is not spoken to in the clear."""
+    url = make_url(filled.backups._url)
+    port = str(url.port)
+    by_query = url.set(host=None, port=None).update_query_dict({"host": str(url.host), "port": port})
+    filled.backups._url = by_query.render_as_string(hide_password=False)
+    assert filled.backups.make().kind == "postgresql"
+    filled.backups._url = by_query.update_query_dict({"sslmode": "require"}).render_as_string(hide_password=False)
+    with pytest.raises(StoreDown, match="SSL"):
+        filled.backups.make()
