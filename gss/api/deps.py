@@ -31,18 +31,23 @@ def identity_still_valid(services: Services, who: identity.Who) -> str:
     return services.accounts.why_over(who)
 
 
-def _who(request: Request) -> identity.Who:
+def _signed_in(request: Request) -> identity.Who:
     who = who_of(request.scope)
     if who is None:
         raise NotSignedIn("nobody is signed in", hint="sign in, or send Authorization: Bearer gss_…")
     return who
 
 
+# What takes no time is asked on the event loop: the threads may all be busy, and ABORT must not wait for one.
+async def _who(request: Request) -> identity.Who:
+    return _signed_in(request)
+
+
 Who = Annotated[identity.Who, Depends(_who)]
 """Who asks, with role and permissions."""
 
 
-def _user(who: Who) -> str:
+async def _user(who: Who) -> str:
     return who.name
 
 
@@ -50,7 +55,7 @@ User = Annotated[str, Depends(_user)]
 """Name of who asks."""
 
 
-def _deed(request: Request) -> Callable[..., None]:
+async def _deed(request: Request) -> Callable[..., None]:
     def tell(*words: object) -> None:
         request.state.detail = " ".join(str(word) for word in words if word not in ("", None))
 
@@ -73,7 +78,7 @@ class Need:
 
     async def __call__(self, request: Request) -> None:
         if self.permission != NOBODY:
-            who = _who(request)
+            who = _signed_in(request)
             require(who.permissions, self.permission, who.role)
 
 
@@ -110,14 +115,14 @@ def _marks(route: object) -> list[object]:
 async def view_by_default(request: Request) -> None:
     """A route that declares nothing needs the permission to look."""
     if not needs_of(request.scope.get("route")):
-        who = _who(request)
+        who = _signed_in(request)
         require(who.permissions, VIEW, who.role)
 
 
 # --- what is asked for --------------------------------------------------------------------------------------------
 
 
-def _services(request: Request) -> Services:
+async def _services(request: Request) -> Services:
     services: Services = request.app.state.services
     return services
 

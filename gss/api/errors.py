@@ -66,7 +66,7 @@ def install(app: FastAPI) -> None:
     """Answer every error with a ProblemOut."""
 
     @app.exception_handler(GssError)
-    def known(request: Request, error: GssError) -> JSONResponse:
+    async def known(request: Request, error: GssError) -> JSONResponse:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
         deed = getattr(request.state, "detail", "")
         request.state.detail = f"{deed}: {error.message}" if deed else error.message  # for the audit record
@@ -74,15 +74,15 @@ def install(app: FastAPI) -> None:
         return problem(status, error.message, error.expected, error.got, error.hint, retry_after_s=wait_s)
 
     @app.exception_handler(RequestValidationError)
-    def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+    async def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
         return problem(422, _sentence(error.errors()), hint=SEE)
 
     @app.exception_handler(HTTPException)
-    def framework(request: Request, error: HTTPException) -> JSONResponse:
+    async def framework(request: Request, error: HTTPException) -> JSONResponse:
         return problem(error.status_code, str(error.detail), got=f"{request.method} {request.url.path}", hint=SEE)
 
     @app.exception_handler(Exception)
-    def unknown(_request: Request, error: Exception) -> JSONResponse:
+    async def unknown(_request: Request, error: Exception) -> JSONResponse:
         return problem(500, "the server has a defect; it is in the log under this id", cause=error)
 
 

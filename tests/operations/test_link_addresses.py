@@ -13,6 +13,7 @@ LIST = "serial-server.lab, 10.0.5.0/24, fd00::/8"
     ("url", "allowed"),
     [
         ("/dev/ttyUSB0", True),
+        ("SOCKET://10.0.6.1:7000", False),
         ("socket://127.0.0.1:7000", True),
         ("socket://localhost:7000", True),
         ("rfc2217://[::1]:7000", True),

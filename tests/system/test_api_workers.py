@@ -155,7 +155,7 @@ def test_a_session_is_one_session_whichever_worker_answers(desk):
         )
         codes.append(reply.status_code)
     assert codes[0] == 401
-    assert codes[-1] == 429
+    assert 429 in codes[5:]
     assert all(row["address"] != "10.9.8.7" for row in console.get("/audit"))
     cookie = {"Cookie": f"gss_session={console.server.sign_in()}"}
     csrf = httpx2.get(f"{console.address}/api/session", headers=cookie).json()["csrf"]

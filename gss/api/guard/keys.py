@@ -12,6 +12,7 @@ from starlette.types import Scope
 
 from gss.api.errors import problem
 from gss.api.guard.door import is_change, is_open
+from gss.api.urgent import ABORT, at_once
 from gss.domain.errors import GssError, TooOften
 from gss.operations.accounts.accounts import AccountService
 from gss.operations.accounts.identity import Who
@@ -19,7 +20,6 @@ from gss.operations.accounts.secrets import LONGEST, same
 
 MARK = "X-GSS"
 COOKIE = "gss_session"
-ABORT = "/api/commands/abort"
 
 
 class Keys:
@@ -63,7 +63,9 @@ class Keys:
             # Asking how long the session lasts does not make it last longer, and ABORT waits for no write.
             touch = not is_open(scope) and scope["path"] != ABORT
             ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
-        return known or await anyio.to_thread.run_sync(ask)
+        if known is not None:
+            return known
+        return await (at_once(ask) if scope["path"] == ABORT else anyio.to_thread.run_sync(ask))
 
 
 def session_key(headers: Headers) -> str:

@@ -12,6 +12,7 @@ from fastapi.responses import StreamingResponse
 from gss.api import present
 from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, need
 from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
+from gss.api.urgent import at_once
 from gss.operations.accounts.permissions import SIGNED_IN
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
@@ -94,9 +95,9 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(SIGNED_IN)])
-def abort(app: App, user: User) -> CommandOut:
+async def abort(app: App, user: User) -> CommandOut:
     """ABORT, ahead of everything."""
-    return _shown(app, app.commands.abort(user=user, source="abort"))
+    return await at_once(lambda: _shown(app, app.commands.abort(user=user, source="abort")))
 
 
 @router.post("/commands", status_code=201, dependencies=[need("command")])

@@ -8,16 +8,19 @@ from urllib.parse import urlsplit
 
 from gss.domain.errors import NotPermitted
 
+NETWORK = ("socket", "rfc2217")
+
 
 def is_allowed(url: str, allowed: str) -> bool:
     """A device of this machine, this machine itself, or a host that is on the list: names and networks with commas between. A name
     counts as it is written: what it stands for may change."""
-    if "://" not in url:
-        return True
     try:
-        host = (urlsplit(url).hostname or "").lower()
+        parts = urlsplit(url)
+        host = (parts.hostname or "").lower()
     except ValueError:
         return False
+    if parts.scheme not in NETWORK:
+        return True  # a path, or what is no line at all and is told so
     words = [word.strip().lower() for word in allowed.split(",") if word.strip()]
     return host == "localhost" or host in words or _is_in(host, ["127.0.0.0/8", "::1", *words])
 
