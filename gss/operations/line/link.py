@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 from gss.device.dictionary import Dictionary
@@ -15,7 +15,8 @@ from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import Conflict, GssError, LinkDown, StoreDown
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
-from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture, Retention
+from gss.operations.line.line_capture import LineCapture
+from gss.operations.line.raw_capture import RECEIVED, SENT, Retention
 from gss.store import devices as store
 from gss.store.engine import Database
 
@@ -65,21 +66,13 @@ class LinkService:
         self.rounds: list[Callable[[], None]] = []
         """Called by the thread that reads the line each time it gets round, some hundred times a second, also without a line."""
         self._database, self._bus = database, bus
-        self.captures = captures
-        """Folder of the raw captures."""
         self._now, self.monotonic_s = now, monotonic_s
-        self.capture_retention = retention or Retention()
+        self.capture = LineCapture(captures, retention or Retention(), now, self._complain)
         self._counted_from = self.session.counters
         self._wake = threading.Event()
         self._stopping = False
-        self._capture: RawCapture | None = None
         self._stream: ByteStream | None = None
         self._round_s = monotonic_s()
-        self.uncaptured_bytes = 0
-        """Bytes of the line that the capture could not take since the server started."""
-        self.capture_fails = ""
-        """Why the capture is not being written now; "" while it is."""
-        self._lost_from = 0
         self._reopen = False
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
 
@@ -213,8 +206,7 @@ class LinkService:
         with self._database.unit_of_work() as session:
             contact = store.open_contact(session, url, self._now(), "")
             self.contact_id = contact.id
-            self._capture = RawCapture(self.captures, contact.id, self.capture_retention)
-            contact.capture = self._capture.name
+            contact.capture = self.capture.begin(contact.id)
         self._counted_from = self.counters
         self.connected, self.reason = True, ""
         self._bus.record("link", "ok", f"line open on {url}", contact_id=self.contact_id)
@@ -234,13 +226,13 @@ class LinkService:
         while self.url == url and not self._reopen and not self._stopping:
             self._round_s = self.monotonic_s()
             data = stream.read(READ_BYTES, READ_WAIT_S)
-            self._record(RECEIVED, data)
+            self.capture.write(RECEIVED, data)
             now_s = self.monotonic_s()
             with self.lock:
                 events = list(self.session.feed(data, now_s)) if data else []
                 out, more = self.session.poll(now_s)
             if out:
-                self._record(SENT, out)
+                self.capture.write(SENT, out)
                 stream.write(out)
             self._tell([*events, *more])
             self._get_round()
@@ -306,8 +298,7 @@ class LinkService:
             events = self.session.link_lost(self.monotonic_s())
         self._tell([*events, self.counters])
         self._count_bytes(ended=True)
-        if self._capture:
-            self._capture.close()
+        self.capture.end()
         contact_id, self.contact_id, self.hello = self.contact_id, None, None
         self._bus.record("link", "watch", f"line closed: {cause}", contact_id=contact_id)
 
@@ -320,34 +311,9 @@ class LinkService:
                     self.contact_id,
                     rx_bytes=counters.received.bytes,
                     tx_bytes=counters.sent.bytes,
-                    captures=self._capture.files if self._capture else None,
+                    captures=self.capture.files,
                     ended=self._now() if ended else None,
                 )
-
-    def _record(self, direction: int, data: bytes) -> None:
-        """First of all. A disk that takes nothing more does not end the contact: the loss is counted and told, and each
-        following piece is tried again."""
-        if not data or self._capture is None:
-            return
-        try:
-            self._capture.write(self._now().timestamp(), direction, data)
-        except OSError as error:
-            if not self.capture_fails:
-                self._lost_from = self.uncaptured_bytes
-                self._complain(f"the raw capture cannot be written, its record has a hole from here on: {error}")
-            self.capture_fails = str(error)
-            self.uncaptured_bytes += len(data)
-        else:
-            if self.capture_fails:
-                self.capture_fails = ""
-                lost = self.uncaptured_bytes - self._lost_from
-                self._complain(f"the raw capture goes on; {lost} bytes of the line are not in it")
-
-    def keep_captures(self, keep_bytes: int) -> None:
-        """From now on the oldest files of the raw capture go when all together pass this."""
-        self.capture_retention = replace(self.capture_retention, keep_bytes=keep_bytes)
-        if self._capture is not None:
-            self._capture.keep_at_most(keep_bytes)
 
 
 def _less(now: DirectionCounters, then: DirectionCounters) -> DirectionCounters:

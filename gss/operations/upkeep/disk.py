@@ -88,8 +88,8 @@ class DiskWatch:
             low = self._disk.stop_bytes if found.level is State.CRITICAL else self._disk.watch_bytes
             limit = f"below {megabytes(low)} free ({found.level})"
         self._alarms.watch(DISK, found.level, round(found.free_bytes / 1e9, 3), f"Disk: {found.text}", limit)
-        lost, unstored = self._link.uncaptured_bytes, self._telemetry.unstored
-        self._lost(CAPTURE, self._link.capture_fails, lost, f"{lost} bytes of the line are not in it")
+        lost, unstored = self._link.capture.lost_bytes, self._telemetry.unstored
+        self._lost(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes of the line are not in it")
         self._lost(TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only")
 
     def _lost(self, key: Key, why: str, count: int, text: str) -> None:

@@ -110,9 +110,9 @@ class HealthService:
 
     def _captures_check(self) -> Check:
         size = sum(path.stat().st_size for path in self._captures.glob("*.raw"))
-        lost = self._link.uncaptured_bytes
-        if self._link.capture_fails:
-            return Check("captures", "critical", lost, f"not written: {self._link.capture_fails}; {lost} bytes lost")
+        lost = self._link.capture.lost_bytes
+        if self._link.capture.fails:
+            return Check("captures", "critical", lost, f"not written: {self._link.capture.fails}; {lost} bytes lost")
         text = f"{megabytes(size)}" + (f"; {lost} bytes were lost earlier" if lost else "")
         return Check("captures", "watch" if lost else "ok", size, text)
 
@@ -184,7 +184,7 @@ class HealthService:
         yield _counter("gss_link_duplicates_total", "Packets that came twice.", received.duplicates)
         yield _gauge("gss_link_up", "Is the line open?", float(self._link.connected))
         yield _counter(
-            "gss_capture_lost_bytes_total", "Bytes of the line that no capture holds.", self._link.uncaptured_bytes
+            "gss_capture_lost_bytes_total", "Bytes of the line that no capture holds.", self._link.capture.lost_bytes
         )
         yield _counter(
             "gss_telemetry_unstored_total", "Packets that are in the raw capture only.", self._telemetry.unstored

@@ -100,7 +100,7 @@ class RetentionService:
     def start(self) -> None:
         """Put the policy of the captures in force."""
         if self.policy().captures_mb:
-            self._link.keep_captures(self.policy().captures_mb << 20)
+            self._link.capture.keep_at_most(self.policy().captures_mb << 20)
 
     def policy(self) -> Policy:
         """What is in force."""
@@ -113,7 +113,7 @@ class RetentionService:
         with self._database.unit_of_work() as session:
             choices.write(session, CHOICE, asdict(policy), self._now(), user)
         if policy.captures_mb:
-            self._link.keep_captures(policy.captures_mb << 20)
+            self._link.capture.keep_at_most(policy.captures_mb << 20)
         words = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
         self._bus.record("upkeep", "watch", f"retention changed by {user}: {words or 'keep everything'}")
         return policy
@@ -124,11 +124,11 @@ class RetentionService:
 
     def capture_files(self) -> list[Path]:
         """The files of the raw capture, oldest first."""
-        return capture_files(self._link.captures)
+        return capture_files(self._link.capture.folder)
 
     def capture_bytes(self) -> int:
         """How large they may become together."""
-        return self._link.capture_retention.keep_bytes
+        return self._link.capture.retention.keep_bytes
 
     def preview(self, policy: Policy) -> Removal:
         """What a removal with ``policy`` would take now; nothing is removed."""

@@ -116,19 +116,19 @@ def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, senso
     until(lambda: link.hello and telemetry.latest_packet("housekeeping"), "the sensor")
     contact = link.contact_id
     with small_disk.full():
-        until(lambda: link.uncaptured_bytes > 2000, "bytes that did not fit")
+        until(lambda: link.capture.lost_bytes > 2000, "bytes that did not fit")
         watch.tick()
         assert [(v.title, v.level) for v in alarms.opened()] == [("Raw capture", State.CRITICAL)]
         before = telemetry.latest_packet("housekeeping").device_time_s
         until(lambda: telemetry.latest_packet("housekeeping").device_time_s > before + 2, "the line to go on")
-    until(lambda: not link.capture_fails, "the capture to go on")
+    until(lambda: not link.capture.fails, "the capture to go on")
     watch.tick()
     assert alarms.opened()[0].row.state == "cleared"
     assert link.contact_id == contact
     link.stop()
     texts = [event.text for event in bus.after(0, 500)]
     assert len([t for t in texts if "record has a hole" in t]) == 1
-    assert any(f"{link.uncaptured_bytes} bytes of the line are not in it" in t for t in texts)
+    assert any(f"{link.capture.lost_bytes} bytes of the line are not in it" in t for t in texts)
     torn: list[int] = []
     assert len(list(read_captures(capture_files(small_disk.folder), lambda _, n: torn.append(n)))) > 3
     assert torn == []
