@@ -36,6 +36,7 @@ class Ground:
     """The whole ground on a sensor in memory, with a slow store for frames. The solver is left out: it is not asked about here."""
 
     def __init__(self, folder: Path, sensor: Any) -> None:
+        self.folder, self.sensor = folder, sensor
         self.services: Services = build(Settings(data=folder))
         self.store = SlowStore(str(folder / "blobs"))
         self.services.frames._blobs = self.store
@@ -136,7 +137,7 @@ def test_a_store_that_refuses_is_told_and_ends_the_transfer(ground: Ground) -> N
 def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
     ground: Ground, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What hangs has no row and its transfer is not over: the next server brings it down again."""
+    """What hangs has no row and its transfer is not over: the next server brings it down again, once."""
     monkeypatch.setattr("gss.operations.transfers.transfers.STORE_WITHIN_S", 0.2)
     ground.image()
     ground.wait(lambda: ground.store.asked)
@@ -144,6 +145,12 @@ def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
     ground.services.transfers.stop()
     (row,) = ground.downloads()
     assert (row.finished, row.frame_id, ground.frames()) == (None, None, [])
+    following = Ground(ground.folder, ground.sensor)
+    following.store.open.set()
+    following.wait(lambda: following.downloads()[0].finished)
+    (frame,), (row,) = following.frames(), following.downloads()
+    assert (row.state, row.frame_id, frame.complete) == ("verified", frame.id, True)
+    following.stop()
 
 
 def test_what_comes_when_nothing_more_may_wait_holds_the_line_up_and_is_counted() -> None:
