@@ -190,6 +190,7 @@ def test_a_stack_is_kept_tried_run_and_followed(console):
     assert [c["name"] for c in console.ask("GET", "/commands", params={"run": run["id"]})] == ["POWER", "GET_STATUS"]
     for order in ("pause", "resume", "stop"):
         console.ask("POST", f"/stack-runs/{run['id']}/{order}", 409)
+    console.ask("POST", f"/stack-runs/{run['id']}/go-on", 409, json={"skip": "", "confirm": []})
     file = console.ask("GET", f"/stacks/{stack['id']}/stack.json")
     console.ask("POST", "/stacks/import", 409, json=file)
     console.ask("DELETE", f"/stacks/{stack['id']}", 204)

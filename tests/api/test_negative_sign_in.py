@@ -318,6 +318,19 @@ def test_the_record_says_from_what_to_what(services: Services, stranger: TestCli
     assert newest(services, "tables.create_table").detail == "parameters dark of cubestar: threshold_dn"
     stranger.post(f"/api/tables/{made['id']}/upload", json={"bank": "2"})
     assert newest(services, "tables.upload_table").detail.startswith("parameters dark to bank 2")
+    steps = [{"command": "GET_STATUS"}, {"command": "POWER", "arguments": {"state": "off"}}]
+    stack = stranger.post("/api/stacks", json={"name": "evening", "steps": steps}).json()
+    stranger.put(f"/api/stacks/{stack['id']}", json={"name": "night", "steps": steps[:1]})
+    assert newest(services, "stacks.change_stack").detail == "from evening (GET_STATUS, POWER) to night (GET_STATUS)"
+    stranger.post(f"/api/stacks/{stack['id']}/run", json={"confirm": []})
+    assert newest(services, "stacks.run_stack").detail.startswith("night (GET_STATUS): ")
+    order = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 300}, "at": "2100-01-01T00:00:00Z"}
+    stranger.post("/api/schedule", json=order)
+    said = newest(services, "schedule.schedule_command").detail
+    assert said.startswith("SET_EXPOSURE exposure_ms=300 at 2100-01-01T00:00:00")
+    stranger.post("/api/calibrations/documented", json={"profile": "cubestar"})
+    said = newest(services, "calibrations.use_documented").detail
+    assert said.startswith("cubestar from documented to documented: no calibration is in use")
     stranger.post("/api/link/open", json={"url": "carrier-pigeon://coop"})
     assert newest(services, "link.open_link").detail.startswith("from closed to carrier-pigeon://coop: ")
     stranger.post("/api/link/close")

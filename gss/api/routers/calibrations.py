@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.deps import EXPORT, App, Deed, RowId, User, need
 from gss.api.schemas.calibrations import (
     CalibrationDetailOut,
     CalibrationDiffOut,
@@ -58,8 +58,9 @@ def compare(app: App, older: Identity, newer: Identity) -> CalibrationDiffOut:
 
 
 @router.post("/documented", dependencies=[need("calibrate")])
-def use_documented(app: App, user: User, body: DocumentedIn) -> None:
+def use_documented(app: App, user: User, body: DocumentedIn, deed: Deed) -> None:
     """Rerun frames of this camera with its documented values again."""
+    deed(f"{body.profile} from {app.calibrations.book.in_use(body.profile) or 'documented'} to documented")
     app.calibrations.use_documented(body.profile, user=user)
 
 
@@ -70,8 +71,10 @@ def read_calibration(app: App, calibration_id: RowId) -> CalibrationDetailOut:
 
 
 @router.post("/{calibration_id}/use", dependencies=[need("calibrate")])
-def use(app: App, user: User, calibration_id: RowId) -> CalibrationDetailOut:
+def use(app: App, user: User, calibration_id: RowId, deed: Deed) -> CalibrationDetailOut:
     """Rerun frames with this camera from now on."""
+    profile = app.calibrations.get(calibration_id).profile
+    deed(f"{profile} from {app.calibrations.book.in_use(profile) or 'documented'} to {calibration_id}")
     return _detail(app, app.calibrations.use(calibration_id, user=user))
 
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from gss.api import present
 from gss.api.catalogue_words import request_of
-from gss.api.deps import EXPORT, App, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, Deed, Moment, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
@@ -172,8 +172,10 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 
 
 @router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
-def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User) -> TransferOut:
+def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, deed: Deed) -> TransferOut:
     """Send it to an inactive bank."""
+    held = next((v.catalogue.name for v in app.banks.views() if v.bank == body.bank and v.catalogue), "nothing known")
+    deed(f"{app.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
     app.authority.check(user)
     return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 

@@ -8,9 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 
 from gss.api import present
-from gss.api.deps import App, User, need
+from gss.api.deps import App, Deed, User, need
 from gss.api.schemas.commands import CommandOut
 from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
+from gss.operations.clock import iso_z
 from gss.operations.commanding.command_checks import SCHEDULE
 
 router = APIRouter(tags=["schedule"])
@@ -38,8 +39,11 @@ def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
 
 
 @router.post("/schedule", status_code=201, dependencies=[need("schedule")])
-def schedule_command(app: App, body: ScheduleIn, user: User) -> CommandOut:
+def schedule_command(app: App, body: ScheduleIn, user: User, deed: Deed) -> CommandOut:
     """Put a command into the device's table."""
+    at = _utc(body.at)
+    when = f"at {iso_z(at)}" if at else f"at device time {body.at_device_s} s"
+    deed(body.command, *(f"{name}={value}" for name, value in body.arguments.items()), when)
     row = app.schedule.send(
         body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s, confirm=body.confirm, user=user
     )

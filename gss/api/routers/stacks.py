@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
 
@@ -34,16 +35,18 @@ def list_stacks(app: App) -> list[StackOut]:
 
 
 @router.post("/stacks", status_code=201, dependencies=[need("stacks")])
-def create_stack(app: App, body: StackIn, user: User) -> StackOut:
+def create_stack(app: App, body: StackIn, user: User, deed: Deed) -> StackOut:
     """Keep a new stack."""
     content = body.model_dump()
+    deed(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
 @router.post("/stacks/import", status_code=201, dependencies=[need("stacks")])
-def import_stack(app: App, body: StackFileIn, user: User) -> StackOut:
+def import_stack(app: App, body: StackFileIn, user: User, deed: Deed) -> StackOut:
     """Keep a stack from a file; it is checked against our dictionary, whichever it was written with."""
     content = body.model_dump()
+    deed(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
@@ -60,16 +63,19 @@ def read_stack(app: App, stack_id: RowId) -> StackOut:
 
 
 @router.put("/stacks/{stack_id}", dependencies=[need("stacks")])
-def change_stack(app: App, stack_id: RowId, body: StackIn, user: User) -> StackOut:
+def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, deed: Deed) -> StackOut:
     """Another content."""
-    content = body.model_dump()
+    content, old = body.model_dump(), app.stacks.get(stack_id)
+    deed(f"from {_named(old.name, old.steps)} to {_named(content['name'], content['steps'])}")
     row = app.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
     return present.stacks.stack(row)
 
 
 @router.delete("/stacks/{stack_id}", status_code=204, dependencies=[need("stacks")])
-def delete_stack(app: App, stack_id: RowId) -> None:
+def delete_stack(app: App, stack_id: RowId, deed: Deed) -> None:
     """Forget a stack; its runs stay on the record."""
+    old = app.stacks.get(stack_id)
+    deed(_named(old.name, old.steps))
     app.stacks.delete(stack_id)
 
 
@@ -87,8 +93,10 @@ def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
 
 
 @router.post("/stacks/{stack_id}/run", status_code=201, dependencies=[need("stacks")])
-def run_stack(app: App, stack_id: RowId, body: RunIn, user: User) -> StackRunOut:
+def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, deed: Deed) -> StackRunOut:
     """Run it, with the names of all hazardous steps typed beforehand."""
+    stack = app.stacks.get(stack_id)
+    deed(_named(stack.name, stack.steps))
     return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
 
 
@@ -129,6 +137,10 @@ def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, deed: Deed) -> Stac
     row = app.stack_runs.get(run_id)
     deed(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
     return present.stacks.run(app.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
+
+
+def _named(name: str, steps: Sequence[Mapping[str, Any]]) -> str:
+    return f"{name} ({', '.join(str(step['command']) for step in steps)})"
 
 
 def _checked(app: Services, result: StackCheck) -> StackCheckOut:

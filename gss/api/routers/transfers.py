@@ -7,11 +7,12 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, RowId, Who, need
+from gss.api.deps import App, Deed, RowId, Who, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
 from gss.operations.accounts.permissions import SIGNED_IN
 from gss.operations.transfers.downloads import permission_of
+from gss.store.models import Transfer
 
 router = APIRouter(prefix="/transfers", tags=["transfers"])
 
@@ -39,17 +40,19 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
 
 
 @router.post("/{transfer_id}/pause", dependencies=[need(SIGNED_IN)])
-def pause(app: App, transfer_id: RowId) -> TransferOut:
+def pause(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
     """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
+    deed(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def resume(app: App, who: Who, transfer_id: RowId) -> TransferOut:
+def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
     """Go on with what is missing; also with what failed or was aborted, by this server or one before it. It needs what starting
     it needed."""
     app.commands.check_user(who.name)
     row = app.transfers.get(transfer_id).row
+    deed(_named(row))
     who.require(permission_of(row.kind))
     if row.options.get("solve"):
         who.require("command.attitude")
@@ -58,6 +61,11 @@ def resume(app: App, who: Who, transfer_id: RowId) -> TransferOut:
 
 
 @router.post("/{transfer_id}/abort", dependencies=[need(SIGNED_IN)])
-def abort(app: App, transfer_id: RowId) -> TransferOut:
+def abort(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
     """Give it up on both sides. Free to all, as ABORT is."""
+    deed(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.abort(transfer_id))
+
+
+def _named(row: Transfer) -> str:
+    return f"{row.subject} {row.direction} {row.target}, {row.state}"

@@ -35,6 +35,8 @@ def test_a_contact_is_told_whole(station):
     again = station.contacts.detail(second)
     assert again.row.rx_bytes < detail.row.rx_bytes
     assert [c.id for c, *_ in station.contacts.newest(10)] == [second, first]
+    assert [c.id for c, *_ in station.contacts.newest(10, 1)] == [first]
+    assert station.contacts.total() == 2
 
 
 def test_a_note_is_kept_and_on_record(station):
