@@ -9,8 +9,9 @@ import numpy as np
 from fastapi import APIRouter, Query
 
 from gss.api.deps import App, Moment
-from gss.api.schemas.sky import BodyOut, ChartStarOut, ProfileOut, SkyOut
+from gss.api.schemas.sky import BodyOut, ChartStarOut, FigureOut, ProfileOut, SkyOut
 from gss.catalogue_tools.onboard import FORMATS
+from gss.catalogue_tools.sources.constellations import FAINTEST_JOINED_MAG, figures
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.profiles import PROFILES
 from gss.operations.clock import utc_now
@@ -49,6 +50,16 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
             BodyOut(name="Earth", ra_deg=below_ra, dec_deg=below_dec, exclusion_deg=exclusion, radius_deg=radius)
         )
     return SkyOut(utc=now, place="" if place is None else place.words, stars=stars, bodies=found)
+
+
+@router.get("/sky/figures")
+def read_figures(app: App) -> list[FigureOut]:
+    """The constellations' lines, drawn between stars of our own table."""
+    bright = app.stars.brighter_than(FAINTEST_JOINED_MAG)
+    found = figures(bright)
+    ra, dec = (np.degrees(a).round(3).tolist() for a in ra_dec_from_unit(bright.icrs))
+    place = {int(hip): (a, d) for hip, a, d in zip(bright.hip, ra, dec, strict=True)}
+    return [FigureOut(name=f.name, lines=[[place[hip] for hip in line] for line in f.lines]) for f in found]
 
 
 @router.get("/profiles")

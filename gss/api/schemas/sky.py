@@ -35,6 +35,13 @@ class SkyOut(Out):
     bodies: list[BodyOut]
 
 
+class FigureOut(Out):
+    """A constellation. ``lines``: rows of (right ascension, declination) in degrees, each joined with the next."""
+
+    name: str
+    lines: list[list[tuple[float, float]]]
+
+
 class ProfileOut(Out):
     """A camera profile."""
 
