@@ -67,7 +67,7 @@ UMa Ursa Major: Alkaid,Mizar,Alioth,Megrez,Dubhe,Merak,Phecda,Megrez; Phecda,Tai
 UMi Ursa Minor: Polaris,Yildun,Circitores,Akfa Farkadain,Kochab,Pherkad
 Vel Vela: Regor,Alsephina,Markeb,Suhail,Regor
 Vir Virgo: Heze,Spica,Porrima,Minelauva,Vindemiatrix; Porrima,Zaniah,Zavijava
-"""  # noqa: E501
+"""  # noqa: E501 - one line a constellation
 
 
 @dataclass(frozen=True)
