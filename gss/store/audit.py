@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, select, text
+from sqlalchemy import Select, func, select, text
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -78,6 +78,11 @@ def page(session: Session, wanted: AuditFilter, limit: int, before: int | None =
 def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
     """All that fit, oldest first, read in batches."""
     return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)
+
+
+def before_the_first(session: Session) -> int:
+    """Rows that somebody put where the chain does not begin yet."""
+    return session.scalar(select(func.count()).select_from(AuditRow).where(AuditRow.seq < 1)) or 0
 
 
 def missing_guards(session: Session) -> list[str]:

@@ -71,6 +71,14 @@ def test_who_takes_the_triggers_away_leaves_a_trace(audit, database, statement, 
     assert audit.verify().problem == problem
 
 
+def test_a_row_before_the_first_one_shows(audit, database):
+    """Nothing refuses it, and nothing that follows names it: it is counted."""
+    copy = "INSERT INTO audit SELECT -1, at, 'eve', role, action, target, result, detail, address, 'nothing', hash"
+    with database.engine.begin() as connection:
+        connection.execute(text(f"{copy} FROM audit WHERE seq = 2"))
+    assert audit.verify().problem == "rows before the first one: 1"
+
+
 def test_a_cut_end_shows_against_a_hash_noted_elsewhere(audit, database):
     """The chain alone cannot tell it; the last hash of an earlier export can."""
     noted = audit.verify().last_hash

@@ -109,7 +109,9 @@ class AuditService:
                     seen = seen or row.hash == known_hash
             except ValueError as error:  # a time that is none
                 return Verdict(seq, previous, f"a row after row {seq} cannot be read: {error}")
-            gone = store.missing_guards(session)
+            gone, strays = store.missing_guards(session), store.before_the_first(session)
+        if strays:
+            return Verdict(seq, previous, f"rows before the first one: {strays}")
         if not seen:
             return Verdict(seq, previous, "no row has the hash that was noted: the end was cut off")
         words = f"the database does not refuse changes of the record any more: {', '.join(gone)}"
