@@ -56,6 +56,24 @@ def test_one_too_many_is_answered_with_429_and_when_to_come_again():
     assert json.loads(body["body"])["message"] == "too many event streams are open"
 
 
+def test_who_is_gone_before_the_first_byte_does_not_count():
+    """Else a few broken connections would keep somebody out for good."""
+
+    async def run() -> int:
+        fanout = Fanout(each=1)
+
+        async def gone(_message: Any) -> None:
+            raise OSError("gone")
+
+        async def silent() -> Any:
+            await asyncio.Event().wait()
+
+        await EventStream(None, fanout, name="ann")({"type": "http", "state": {}}, silent, gone)  # type: ignore[arg-type]
+        return len(fanout)
+
+    assert asyncio.run(run()) == 0
+
+
 def test_refused_streams_are_counted_and_written_once_a_minute(client):
     """A page that tries again and again fills neither the record nor the log of denials; the figure tells how often."""
     fanout = client.app.state.fanout

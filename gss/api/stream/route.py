@@ -54,9 +54,9 @@ class EventStream(Response):
             refusal = problem(429, error.message, error.expected, error.got, error.hint, None, error.retry_after_s)
             await refusal(scope, receive, send)
             return
-        await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
         watch = asyncio.create_task(_hang_up_when_gone(receive, listener))
         try:
+            await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
             await self._catch_up(send)
             if await self._first(send):
                 await self._follow(listener, send)
