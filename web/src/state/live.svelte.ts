@@ -40,6 +40,8 @@ class Live {
   cycles = $state.raw<T.Cycle[]>([]);
   transfers = $state.raw<T.Transfer[]>([]);
   jobs = $state.raw<T.Job[]>([]);
+  /** Before that, an empty list of jobs says nothing. */
+  jobsRead = $state(false);
   lastEvent = $state.raw<T.EventRow | null>(null);
   latestFrameId = $state<number | null>(null);
   /** The newest frame that the stream announced from the device: nobody need ask for its id. */
@@ -168,7 +170,7 @@ class Live {
       api.schedule().then(one('schedule', (v) => { this.schedule = v; })),
       api.tablesOnBoard().then(one('tables', (v) => { this.onBoardTables = v; })),
       api.replay().then(one('replay', (v) => { this.replay = v; })),
-      api.jobs().then((v) => { this.jobs = merged('job', v, this.jobs, told); }),
+      api.jobs().then((v) => { this.jobs = merged('job', v, this.jobs, told); this.jobsRead = true; }),
     ]);
     this.told.end(told);
     this.frameTick += 1;
