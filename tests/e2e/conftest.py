@@ -306,7 +306,7 @@ def pictures() -> bool:
 
 
 @pytest.fixture
-def snap(root: Path, tmp_path: Path, pictures: bool, at_rest: Callable[[Page], None]) -> Callable[[Page, str], None]:
+def snap(root: Path, tmp_path: Path, pictures: bool) -> Callable[[Page, str], None]:
     """Takes a picture of a page, where pictures are taken."""
 
     def take(page: Page, name: str) -> None:
@@ -314,7 +314,8 @@ def snap(root: Path, tmp_path: Path, pictures: bool, at_rest: Callable[[Page], N
             return
         from PIL import Image
 
-        at_rest(page)
+        page.wait_for_timeout(400)
+        page.evaluate(PAINTED)
         folder = root / "docs" / "pictures" if name in _shown(root / "docs") else tmp_path
         file = folder / f"{name}.png"
         page.screenshot(path=file)

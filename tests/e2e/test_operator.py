@@ -31,6 +31,8 @@ def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, p
     expect(page.get_by_test_id("cmd-cycle")).to_have_text("Stop cycle")
     expect(page.get_by_test_id("mode")).to_contain_text("TRACKING")
     expect(page.get_by_test_id("cycle").locator("svg .end").nth(7 if pictures else 1)).to_be_visible()
+    if pictures:
+        expect(page.get_by_test_id("attitude")).to_contain_text("on board and ground agree")
     picture("live")
     page.get_by_test_id("theme").click()
     picture("live-light")
@@ -130,6 +132,8 @@ def test_telemetry_and_contacts_show_what_the_line_brought(page, picture):
     page.goto("/telemetry")
     page.get_by_test_id("page-power").click()
     expect(page.get_by_test_id("telemetry")).to_contain_text("3.3 V rail")
+    page.goto("/telemetry?page=power&plot=housekeeping.sensor_temperature_c,housekeeping.supply_3v3_v")
+    expect(page.get_by_test_id("plot-stack")).to_be_visible()
     picture("telemetry")
     page.goto("/contacts")
     expect(page.get_by_test_id("contact-row").first).to_contain_text("SIM-0001")
