@@ -218,6 +218,7 @@ export const api = {
     return { total: Number(response.headers.get('X-Total') ?? contacts.length), contacts };
   },
   sky: (mag = 4.5, at?: string) => get<T.Sky>(`/sky${query({ mag, at })}`),
+  figures: () => get<T.Figure[]>('/sky/figures'),
   profiles: () => get<T.Profile[]>('/profiles'),
   designCameras: () => get<T.DesignCameras>('/design/cameras'),
   design: (body: T.DesignIn, signal?: AbortSignal) => post<T.Design>('/design', body, signal),

@@ -61,6 +61,7 @@ export type DesignBaffle = S['BaffleOut'];
 export type DesignRow = S['TradeRowOut'];
 export type FieldCount = S['FieldCountOut'];
 export type Sky = S['SkyOut'];
+export type Figure = S['FigureOut'];
 export type Profile = S['ProfileOut'];
 export type CatalogueIn = S['CatalogueIn'];
 export type Catalogue = S['CatalogueOut'];

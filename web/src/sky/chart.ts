@@ -1,6 +1,6 @@
 /** The sky chart's drawing: stars by magnitude, lines, field, trail, bodies. */
-import { geoArea, geoCircle, geoGraticule, geoOrthographic, type GeoProjection } from 'd3-geo';
-import type { Sky } from '../api/types';
+import { geoArea, geoCentroid, geoCircle, geoDistance, geoGraticule, geoOrthographic, type GeoProjection } from 'd3-geo';
+import type { Figure, Sky } from '../api/types';
 import { ecliptic, pather, skyProjection } from './mollweide';
 
 export interface ChartScene {
@@ -8,8 +8,11 @@ export interface ChartScene {
   field: readonly (readonly [number, number])[];
   boresight: { ra: number; dec: number } | null;
   trail: readonly (readonly [number, number])[];
+  /** Constellations; none where they are not to be seen. */
+  figures: readonly Figure[];
   globe: boolean;
 }
+const NAMED_RAD = 0.3;
 type Colour = (name: string) => string;
 type Body = Sky['bodies'][number];
 
@@ -55,6 +58,7 @@ export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, s
   const projection = chartProjection(scene, w, h);
   const path = pather(projection, ctx);
   ground(ctx, projection, colour);
+  joined(ctx, projection, scene, colour);
   dots(ctx, projection, scene, colour('star'));
   bodies(ctx, projection, scene, colour, w);
   if (scene.trail.length > 1) {
@@ -91,6 +95,27 @@ function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: 
     if (Math.sin(dec * k) * Math.sin(b.dec * k) + Math.cos(dec * k) * Math.cos(b.dec * k) * Math.cos((ra - b.ra) * k) < 0) return null;
   }
   return projection([ra, dec]);
+}
+
+/** The constellations' lines, quieter than the stars they join; the name of those that the boresight looks at. */
+function joined(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour): void {
+  if (!scene.figures.length) return;
+  ctx.globalAlpha = 0.3;
+  ctx.strokeStyle = colour('star');
+  ctx.lineWidth = 0.8;
+  ctx.beginPath();
+  pather(projection, ctx)({ type: 'MultiLineString', coordinates: scene.figures.flatMap((f) => f.lines) });
+  ctx.stroke();
+  ctx.globalAlpha = 1;
+  const b = scene.boresight;
+  for (const f of b ? scene.figures : []) {
+    const middle = geoCentroid({ type: 'MultiPoint', coordinates: f.lines.flat() });
+    if (!b || geoDistance(middle, [b.ra, b.dec]) > NAMED_RAD) continue;
+    const p = visible(projection, scene, middle[0], middle[1]);
+    const at = visible(projection, scene, b.ra, b.dec);
+    const under = p && at && Math.hypot(p[0] - at[0], p[1] - at[1]) < 24 ? at[1] + 20 : (p?.[1] ?? 0) + 4;
+    if (p) word(ctx, f.name, p[0] - measured(ctx, f.name) / 2, under, colour('tx3'), colour);
+  }
 }
 
 function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, ink: string): void {
