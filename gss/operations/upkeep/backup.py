@@ -139,8 +139,9 @@ class BackupService:
         return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Its size; None where it is missing or damaged at the source, which checking the store tells. What earlier
-        backups brought is read again: a disk forgets, and nobody looks at it until it is needed."""
+        """Its size; None where it is missing or damaged at the source, which checking the store tells; StoreDown where the
+        store does not answer: what it holds is not lost. What earlier backups brought is read again: a disk forgets, and
+        nobody looks at it until it is needed."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
@@ -149,7 +150,7 @@ class BackupService:
         self._disk.check("a backup")
         try:
             data = self._blobs.get(key)
-        except GssError as error:
+        except (NotFound, CorruptData) as error:
             self._bus.record("upkeep", "warning", f"not in the backup: {error}")
             return None
         pool.put(data)

@@ -270,6 +270,21 @@ def test_killed_while_it_is_made_there_is_no_backup_and_the_next_one_cleans_up(s
     assert sorted(p.name for p in (tmp_path / "backups").iterdir()) == sorted([made.name, "blobs"])
 
 
+def test_a_store_that_does_not_answer_ends_the_backup(store, monkeypatch):
+    """What it holds is not lost: a backup without it must not count as one, and older ones must not go for it."""
+    store.fill()
+    whole = store.backups.make()
+    store.add_frame(b"n" * 77, age_days=0)
+
+    def silent(key):
+        raise StoreDown("the store does not answer")
+
+    monkeypatch.setattr(store.blobs, "get", silent)
+    with pytest.raises(StoreDown, match="does not answer"):
+        store.backups.make()
+    assert [made.name for made in store.backups.every()] == [whole.name]
+
+
 def test_two_backups_at_once_are_refused_and_a_full_disk_makes_none(store, tmp_path):
     """One at a time; and none where it would leave too little room."""
     store.fill()

@@ -3,7 +3,7 @@ import type { Argument, CommandDefinition, Stage } from '../api/types';
 import { collect, parse } from './arguments';
 import { place, zones } from './limits';
 import { countOf, missingBelow, words } from './ranges';
-import { points, resultState, resultWords } from './stages';
+import { hasEnded, points, resultState, resultWords } from './stages';
 
 const number = (over: Partial<Argument> = {}): Argument => ({ name: 'threshold_dn', type: 'u8', unit: 'DN', purpose: '', min: 0, max: 255, default: 22, choices: [], ...over });
 
@@ -37,6 +37,12 @@ describe('stage lights', () => {
     expect(resultWords({ result: 'rejected', detail: 'above 1 000 ms', late: false })).toBe('rejected: above 1 000 ms');
     expect(resultWords({ result: 'completed', detail: '', late: true })).toBe('completed, report late');
     expect([resultState({ result: 'unknown' }), resultState({ result: 'sent' })]).toEqual(['unknown', 'progress']);
+  });
+  it('lets an unknown fate become known, and nothing come after an end', () => {
+    const ended = (result: string): boolean => hasEnded({ result });
+    expect(['unknown', 'queued', 'started'].some(ended)).toBe(false);
+    expect(['completed', 'rejected', 'failed', 'resolved', 'withdrawn'].every(ended)).toBe(true);
+    expect(['resolved', 'withdrawn'].map((result) => resultState({ result }))).toEqual(['off', 'off']);
   });
 });
 describe('chunk ranges', () => {

@@ -15,6 +15,11 @@ export function points(stages: readonly Stage[]): { name: string; point: Point; 
   });
 }
 
+/** Nothing more comes of it. An unknown fate may still become known: by a late report, a retry, or an operator's word. */
+export function hasEnded(command: Pick<Command, 'result'>): boolean {
+  return ['completed', 'rejected', 'failed', 'resolved', 'withdrawn'].includes(command.result);
+}
+
 export function resultState(command: Pick<Command, 'result'>): LampState {
   switch (command.result) {
     case 'completed':
@@ -24,6 +29,9 @@ export function resultState(command: Pick<Command, 'result'>): LampState {
       return 'critical';
     case 'unknown':
       return 'unknown';
+    case 'resolved':
+    case 'withdrawn':
+      return 'off';
     default:
       return 'progress';
   }

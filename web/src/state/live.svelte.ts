@@ -3,6 +3,7 @@ import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
+import { hasEnded } from '../lib/stages';
 import { session } from './session.svelte';
 import { merged, mergedBy, Told } from './snapshot';
 import { Stream } from './stream';
@@ -134,7 +135,7 @@ class Live {
 
   putCommand(command: T.Command): void {
     const before = this.commands.find((c) => c.id === command.id);
-    if (before && ends(before) && !ends(command)) return;
+    if (before && hasEnded(before) && !hasEnded(command)) return; // an answer that comes after the end was told
     this.commands = upsert(this.commands, command).slice(0, HISTORY);
     if (before?.result !== command.result && ['rejected', 'failed', 'unknown'].includes(command.result))
       toast(command.result === 'unknown' ? 'unknown' : 'critical', `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`, `#${command.request_id}`);
@@ -201,10 +202,6 @@ class Live {
     stream.start(); // what is read before it listens could change unseen: everything is read when it does
     return stream;
   }
-}
-
-function ends(c: T.Command): boolean {
-  return ['completed', 'rejected', 'failed', 'unknown'].includes(c.result);
 }
 
 /** The answer to a request may come after the stream has told the end: the end stands. A transfer that goes on starts a new life. */
