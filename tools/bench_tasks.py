@@ -49,8 +49,8 @@ def page_tasks(quick: bool) -> list[Table]:
         rows.append((f"{width} x {height}", {"frames": frames, **summary(found)}))
     conditions = (
         "Debian's chromium, headless, drawn in software, on the server's machine; the Live page for 20 s while the simulated "
-        "sensor cycles at 1 Hz and every frame comes down. Tasks of the page's main thread from the browser's own trace; long: "
-        "above 50 ms. "
+        "sensor cycles at 1 Hz and sends frames as the line carries them. Tasks of the page's main thread from the browser's own "
+        "trace; long: above 50 ms. "
         "Processor time is what the page needs, wall time what the machine's other load makes of it."
     )
     return [Table("page_tasks", "The Live page at 1 Hz", conditions, SEED, rows)]
