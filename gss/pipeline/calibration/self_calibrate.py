@@ -33,6 +33,7 @@ from gss.pipeline.calibration.support import hold_unsupported
 MODELS = tuple(LENS_MODELS)
 STRANGE = 4.0  # a frame that fits so many times worse than the typical one is not of this camera, or not well matched
 PLATE_SCALE = 0.01
+WORSE = 1.05
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,14 @@ def _made(
     before = stars.pixels - start.project(np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs))
     clean = fit.used & np.isfinite(before).all(axis=1)
     parameters, covariance = _parameters(fit)
+    after_figures = residual_figures(fit.residual_px, stars.sigma_px, fit.used, fit.freedom)
+    before_figures = residual_figures(before, stars.sigma_px, clean)
     warnings = [*screened.warnings, *poor_data(stars.pixels[fit.used], stars.frames, size), *_said(fit, trial, start)]
+    if after_figures.rms_px > WORSE * before_figures.rms_px:
+        text = f"worse than the camera before: {after_figures.rms_px:.2f} px after {before_figures.rms_px:.2f} px"
+        warnings.append(
+            Advice("worse", text, "keep the camera as it is; take frames of all the sky, or another lens model", True)
+        )
     return CameraCalibration(
         fit.camera,
         model,
@@ -217,8 +225,8 @@ def _made(
         parameters,
         covariance,
         trial.frozen,
-        residual_figures(fit.residual_px, stars.sigma_px, fit.used, fit.freedom),
-        residual_figures(before, stars.sigma_px, clean),
+        after_figures,
+        before_figures,
         outside,
         comparison,
         _frames(screened, stars, fit),

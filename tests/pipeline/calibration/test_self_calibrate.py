@@ -222,6 +222,20 @@ def test_residual_maps_show_the_lens_and_then_nothing(
     assert np.sqrt(np.mean(after.mean_px[full] ** 2 * after.count[full][:, None])) == pytest.approx(0.1, rel=0.3)
 
 
+def test_a_lens_model_that_is_worse_than_the_camera_before_is_told(
+    night: Night, known: Callable[[str], CameraProfile]
+) -> None:
+    """A camera whose lens is known, calibrated as if it had none: the result says which of the two to keep."""
+    camera = replace(known("far_mst").camera, distortion=Brown(-0.1, 0.02))
+    frames = night(camera, frames=10, seed=6)
+    codes = {
+        model: {said.code for said in calibrate_camera(frames, camera, models=[model], folds=1).warnings}
+        for model in ("pinhole", "brown-2")
+    }
+    assert "worse" in codes["pinhole"]
+    assert "worse" not in codes["brown-2"]
+
+
 def test_the_same_frames_give_the_same_camera(night: Night, known: Callable[[str], CameraProfile]) -> None:
     """No chance in it, and the order of the frames does not matter to a thousandth of σ."""
     camera = known("oersted").camera

@@ -158,7 +158,7 @@ export const api = {
   upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),
   transfers: (limit = 20) => get<T.Transfer[]>(`/transfers?limit=${limit}`),
   transferAction: (id: number, action: 'pause' | 'resume' | 'abort') => post<T.Transfer>(`/transfers/${id}/${action}`),
-  jobs: () => get<T.Job[]>('/jobs'),
+  jobs: (limit = 20) => get<T.Job[]>(`/jobs?limit=${limit}`),
   cancelJob: (id: number) => post<T.Job>(`/jobs/${id}/cancel`),
   events: (after: number, limit = 200) => get<T.EventRow[]>(`/events?after=${after}&limit=${limit}`),
   eventsOf: (start: string, end: string, limit = 500) => get<T.EventRow[]>(`/events${query({ start, end, limit })}`),
