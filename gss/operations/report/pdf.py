@@ -7,13 +7,16 @@ import io
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fpdf import FPDF
 from PIL import Image
 
 from gss.operations.report.draw import WIDTH, draw, height_of
 from gss.operations.report.parts import Drawing, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import INK, SOFT, Point
+
+if TYPE_CHECKING:
+    from fpdf import FPDF
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
 FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
@@ -43,6 +46,8 @@ class _Sheet:
     """Where the next part goes."""
 
     def __init__(self, title: str) -> None:
+        from fpdf import FPDF  # half a second of import, paid only by who prints
+
         self.pdf = FPDF(unit="pt", format="A4")
         self.pdf.set_auto_page_break(False)
         self.pdf.set_title(title)

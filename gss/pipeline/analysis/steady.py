@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
@@ -175,7 +175,10 @@ def axis_figures(
     """Figures of (n, 3) deviations at times ``at_s``, of the frames kept; ``claimed`` and ``drift``: (3,) as in the record."""
     good = deviation[keep]
     sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
-    low, high = (np.sqrt(freedom / chi2.ppf(q, freedom)) for q in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2))
+    # Twice the inverse of the incomplete gamma function is the quantile of χ².
+    low, high = (
+        np.sqrt(freedom / (2 * gammaincinv(freedom / 2, q))) for q in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2)
+    )
     noise = np.sqrt(np.mean(np.diff(good, axis=0) ** 2, axis=0) / 2)
     spread_s = np.sqrt(np.sum((at_s[keep] - at_s[keep].mean()) ** 2))
     return tuple(

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
@@ -56,6 +55,8 @@ class DarkCalibration:
 
 def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
     """From three or more frames of equal exposure with the lens covered."""
+    from scipy.stats import trim_mean  # half a second of import, paid only by who calibrates
+
     cube = _cube(frames, 3)
     median = np.median(cube, axis=0)
     noise = cube.std(axis=0, ddof=1)
