@@ -26,20 +26,24 @@ ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
 
 
-WAITING = ("e2e", "system", "contract")
-"""Folders whose tests mostly wait, for servers and browsers."""
+WAITING = ("system", "contract")
+"""Folders whose files mostly wait, for servers and lines."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that wait stand evenly among files that compute, and none at the end: the processes of a run on two cores then
-    seldom wait together, and none is left with the longest file."""
+    """How tests are shared out among processes: what is in the browser stays in one of them, which shares browser and server,
+    everything else goes by files. The browser comes first; files that wait stand evenly among files that compute, and none at
+    the end, so that two seldom wait together and no process is left alone with a long one."""
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
+        browser = item.path.parent.name == "e2e"
+        item.add_marker(pytest.mark.xdist_group("browser" if browser else item.path.stem))
         files.setdefault(item.path, []).append(item)
+    order = [path for path in files if path.parent.name == "e2e"]
     waiting = [path for path in files if path.parent.name in WAITING]
-    computing = [path for path in files if path.parent.name not in WAITING]
+    computing = [path for path in files if path not in {*order, *waiting}]
     step = max(1, int(0.8 * len(computing)) // max(1, len(waiting)))
-    order: list[Path] = []
     for k, path in enumerate(waiting):
         order += [path, *computing[k * step : (k + 1) * step]]
     order += computing[len(waiting) * step :]
