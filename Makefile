@@ -32,7 +32,7 @@ web-test: web
 
 # Three processes for two cores, because a third of the time is waiting; tests/conftest.py says what stays together, and the order.
 unit: $(VENV)/.installed web
-	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Hours of load: fifty packets a second, ten listeners, browsers; a line per minute, JSON at the end.
 HOURS ?= 24

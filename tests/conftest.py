@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 ROOT = Path(__file__).parent.parent
 PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" / "data" / "sky-photographs"))
@@ -30,15 +32,24 @@ WAITING = ("system", "contract")
 """Folders whose files mostly wait, for servers and lines."""
 
 
-@pytest.hookimpl(tryfirst=True)
+class OneBrowser(LoadFileScheduling):
+    """Shares files out among processes; what is in the browser stays in one of them, which shares browser and server."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        return "e2e" if "/e2e/" in file else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneBrowser:
+    """For ``-n``, whatever its ``--dist``."""
+    return OneBrowser(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """How tests are shared out among processes: what is in the browser stays in one of them, which shares browser and server,
-    everything else goes by files. The browser comes first; files that wait stand evenly among files that compute, and none at
-    the end, so that two seldom wait together and no process is left alone with a long one."""
+    """The browser comes first. Files that wait stand evenly among files that compute, and none at the end, so that two seldom
+    wait together and no process is left alone with a long one."""
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
-        browser = item.path.parent.name == "e2e"
-        item.add_marker(pytest.mark.xdist_group("browser" if browser else item.path.stem))
         files.setdefault(item.path, []).append(item)
     order = [path for path in files if path.parent.name == "e2e"]
     waiting = [path for path in files if path.parent.name in WAITING]
