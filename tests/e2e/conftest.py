@@ -1,7 +1,6 @@
 """A real browser on a real server with a simulated sensor.
 
-The files of one process share both, as long as they leave the device as they found it;
-a file that does not says ``OWN_SERVER = True``.
+Each file has a server and a sensor of its own, because what a sensor has seen decides what it answers; the browser is shared.
 With GSS_DOCS_PICTURES=1 pictures are taken: those that a document shows go to docs/pictures, the others to the test's folder.
 """
 
@@ -14,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
@@ -58,26 +57,20 @@ AT_REST = """() => {
   return performance.now() - (window.quiet ??= performance.now()) > 200;
 }"""
 
-# --- what is shared -----------------------------------------------------------------------------------------------
+# --- the browser is shared -----------------------------------------------------------------------------------------
 
 _open = ExitStack()
-_held: dict[str, Any] = {}
-
-
-def _shared(name: str, make: Callable[[], AbstractContextManager[Any]]) -> Any:
-    if name not in _held:
-        _held[name] = _open.enter_context(make())
-    return _held[name]
+_browsers: list[Browser] = []
 
 
 def _close() -> None:
-    _held.clear()
+    _browsers.clear()
     _open.close()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
-    """Nothing is shared with another folder: a synchronous browser leaves an event loop running in this thread."""
+    """Not shared with another folder: a synchronous browser leaves an event loop running in this thread."""
     del item
     yield
     if nextitem is None or HERE not in nextitem.path.parents:
@@ -111,12 +104,6 @@ class Served:
             time.sleep(0.2)
         raise AssertionError(f"{path} never said so within {seconds} s")
 
-    def tidy(self) -> None:
-        """For whoever comes next: nobody holds authority and the sensor rests."""
-        if self.ask("GET", "/link")["cycle_running"]:
-            self.ask("POST", "/commands", {"name": "STOP_CYCLE", "arguments": {}})
-        httpx2.post(f"{self.address}/api/authority/release", headers=self.headers)  # also where nobody holds it
-
 
 @contextmanager
 def _server(factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
@@ -144,20 +131,10 @@ def _chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def served(
-    request: pytest.FixtureRequest,
-    tmp_path_factory: pytest.TempPathFactory,
-    signed_in: Callable[..., dict[str, str]],
-) -> Iterator[Served]:
+def served(tmp_path_factory: pytest.TempPathFactory, signed_in: Callable[..., dict[str, str]]) -> Iterator[Served]:
     """The server of this file."""
-    make = partial(_server, tmp_path_factory, signed_in)
-    if getattr(request.module, "OWN_SERVER", False):
-        with make() as own:
-            yield own
-        return
-    shared: Served = _shared("server", make)
-    yield shared
-    shared.tidy()
+    with _server(tmp_path_factory, signed_in) as own:
+        yield own
 
 
 @pytest.fixture(scope="module")
@@ -181,8 +158,9 @@ def address(served: Served) -> str:
 @pytest.fixture(scope="module")
 def browser() -> Browser:
     """Debian's chromium, headless."""
-    shared: Browser = _shared("browser", _chromium)
-    return shared
+    if not _browsers:
+        _browsers.append(_open.enter_context(_chromium()))
+    return _browsers[0]
 
 
 # --- pages --------------------------------------------------------------------------------------------------------

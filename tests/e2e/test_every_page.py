@@ -5,7 +5,6 @@ One seeding and one page serve all of it.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,6 @@ import pytest
 from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
-OWN_SERVER = bool(os.environ.get("GSS_DOCS_PICTURES"))
-"""On pictures stands what was seeded here; tests do not mind what others left."""
 AXE = "web/node_modules/axe-core/axe.min.js"
 SMALL, LARGE = {"width": 1280, "height": 800}, {"width": 1920, "height": 1080}
 BEYOND = "[document.documentElement.scrollHeight - innerHeight, document.documentElement.scrollWidth - innerWidth]"

@@ -8,7 +8,6 @@ import pytest
 from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
-OWN_SERVER = True  # another bank is activated
 
 
 def test_operator_commands_the_sensor_to_an_attitude(page, new_frame, picture, pictures):

@@ -9,7 +9,6 @@ import pytest
 from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
-OWN_SERVER = True  # faults, another table, alarms
 
 
 def choose(page, kind: str, fault: str, value: str) -> None:
