@@ -127,7 +127,9 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     page.get_by_test_id("dictionary-list").locator("[data-command=SET_EXPOSURE]").click()
     page.get_by_test_id("arg-exposure_ms").fill("321")
     late = []
-    page.route("**/api/commands?*text=exposure", lambda route: late.append((route, route.fetch())))
+    page.route("**/api/commands?*text=exposure", lambda route: late.append(route))
+    with page.expect_request("**/api/commands?*text=exposure"):
+        page.get_by_test_id("history-text").fill("exposure")
     own = page.evaluate(
         """async () => {
             const who = await (await fetch('/api/session')).json();
@@ -137,7 +139,8 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
         }"""
     )
     assert own == 204
-    page.get_by_test_id("history-text").fill("exposure")
+    refusals = [route.fetch() for route in late]  # asked by the old session, refused after its end
+    assert [refusal.status for refusal in refusals] == [401] * len(late) != []
     expect(page.get_by_test_id("session-ended")).to_contain_text("Your session ended")
     expect(page.get_by_test_id("sign-in-name")).to_have_value(NAME)
     expect(page.get_by_test_id("sign-in-password")).to_be_focused()
@@ -146,11 +149,11 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     page.keyboard.press("Enter")
     expect(page.get_by_test_id("arg-exposure_ms")).to_have_value("321")
     expect(page.get_by_test_id("console-state")).to_contain_text("console connected")
-    for route, refusal in late:  # answers that are older than the new session do not end it
-        assert refusal.status == 401
+    for route, refusal in zip(
+        late, refusals, strict=False
+    ):  # answers that are older than the new session do not end it
         route.fulfill(response=refusal)
     page.unroute("**/api/commands?*text=exposure")
-    assert late
     page.get_by_test_id("command-send").click()
     expect(page.get_by_test_id("history-row").filter(has_text="exposure 321")).to_contain_text("completed")
 
