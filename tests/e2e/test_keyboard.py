@@ -54,6 +54,7 @@ def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
         ("MATCH_STARS", "stars"),
         ("CALCULATE_ATTITUDE", "solved"),
     ):
+        expect(page.get_by_test_id(f"cmd-{step}")).to_be_visible()  # the page is there
         tab_to(page, f"cmd-{step}")
         page.keyboard.press("Space")
         expect(page.get_by_test_id(f"cmd-{step}")).to_contain_text(words)
