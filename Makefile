@@ -30,9 +30,9 @@ web: $(VENV)/.installed
 web-test: web
 	cd web && npm run check && npm test
 
-# Three processes for two cores, because a third of the time is waiting; tests/conftest.py says what stays together, and the order.
+# tests/conftest.py says what stays together in one process, and the order.
 unit: $(VENV)/.installed web
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Hours of load: fifty packets a second, ten listeners, browsers; a line per minute, JSON at the end.
 HOURS ?= 24
