@@ -19,7 +19,10 @@ MOST_WAITING = 4
 
 
 class Writer:
-    """Does one piece of work after the other. ``held_up``: is told each time that the line has to wait for it."""
+    """Does one piece of work after the other. ``held_up``: is told each time that the line has to wait for it.
+
+    No pool of the library: the end of the program waits for a pool's threads, and a store may hang.
+    """
 
     def __init__(self, monotonic_s: Monotonic, held_up: Callable[[], None], most: int = MOST_WAITING) -> None:
         self._monotonic_s, self._held_up, self._most = monotonic_s, held_up, most
