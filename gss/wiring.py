@@ -33,6 +33,8 @@ from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.jobs import JobService
 from gss.operations.line.contacts import ContactService
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import Retention
 from gss.operations.line.reception import Reception
@@ -109,6 +111,7 @@ class Services:
     reprocessing: ReprocessService
     executor: Executor
     contacts: ContactService
+    dispatcher: Dispatcher
     capture_replay: CaptureReplay
     design: DesignService
     calibrations: CalibrationService
@@ -133,6 +136,7 @@ class Services:
         self.alarms.start()
         self.upkeep.retention.start()
         self.upkeep.pages.start()
+        self.dispatcher.start()
         self.link.start()
         self.status.start()
         self.telemetry.rollups.start()
@@ -150,6 +154,7 @@ class Services:
         self.status.stop()
         self.stack_runs.shut_down()
         self.link.stop()
+        self.dispatcher.stop()
         self.transfers.stop()
         self.capture_replay.stop()
         self.replay.stop()
@@ -200,9 +205,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     stars = load_stars()
     dictionary = load_dictionary()
     retention = Retention(settings.capture_file_mb << 20, settings.capture_keep_mb << 20)
-    link = LinkService(
-        dictionary, database, bus, settings.data / "captures", utc_now, monotonic_s, settings.framing, retention
-    )
+    events = LineEventQueue(utc_now, monotonic_s)
+    captures = settings.data / "captures"
+    link = LinkService(dictionary, database, bus, captures, utc_now, monotonic_s, events, settings.framing, retention)
     authority = AuthorityService(database, bus, utc_now)
     commands = CommandService(link, database, bus, utc_now, authority)
     schedule = ScheduleService(link, commands, bus, utc_now)
@@ -247,17 +252,24 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         link, commands, telemetry, transfers, frames, banks, tables, images, replay, stars, bus, utc_now
     )
     reception.clock = schedule.clock
-    link.handlers += [
-        telemetry.handle,
-        commands.handle,
-        transfers.handle,
-        reception.handle,
-        bank_history.handle,
-        alarms.handle,
-        contacts.handle,
-        schedule.handle,
-        stack_runs.handle,
-    ]
+    dispatcher = Dispatcher(
+        events,
+        bus,
+        monotonic_s,
+        subscribers=[
+            link.handle,
+            telemetry.handle,
+            commands.handle,
+            transfers.handle,
+            reception.handle,
+            bank_history.handle,
+            alarms.handle,
+            contacts.handle,
+            schedule.handle,
+            stack_runs.handle,
+        ],
+        periodic=[transfers.settle],
+    )
     status = StatusService(link, telemetry, banks, alarms, bus, utc_now, authority)
     status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     shots = StoredShots(database, frames)
@@ -269,7 +281,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     accounts = open_accounts(database, settings, utc_now, monotonic_s)
     commands.permits = accounts.require
     upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
-    upkeep.metrics.collect.append(transfers.writer.samples)
+    upkeep.metrics.collect += [transfers.writer.samples, dispatcher.samples]
+    upkeep.health.drops.append(lambda: ("line events", events.dropped))
     jobs.room = transfers.room = frames.room = upkeep.disk.check
     telemetry.has_room = upkeep.disk.has_room_for_rows
     upkeep.clocks.jumped += [alarms.clock_jumped, schedule.clock_jumped]
@@ -311,6 +324,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         reprocessing=reprocessing,
         executor=executor,
         contacts=contacts,
+        dispatcher=dispatcher,
         capture_replay=capture_replay,
         design=DesignService(jobs, stars),
         calibrations=calibrations,

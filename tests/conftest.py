@@ -226,6 +226,11 @@ class SensorInMemory:
         self.tracker = StarTracker(camera, Sky(camera, motion, 2026.0, 1), self.memory)
         self.device = Device(load_dictionary(), Identity(**identity), self.memory, self.tracker, self.now_s)
         self.lock = threading.Lock()
+        self._events: Any = None
+
+    def keep_pace_with(self, events: Any) -> None:
+        """Let no time pass while the ground still handles what was sent before: the sensor's clock is the ground's."""
+        self._events = events
 
     def open(self, url: str) -> Any:
         """Instead of gss.device.transport.open_stream."""
@@ -245,6 +250,8 @@ class SensorInMemory:
 
         del max_bytes, timeout_s
         time.sleep(self.PAUSE_S)  # let the other threads of this process go on
+        if self._events is not None:
+            self._events.wait_until_handled(0.5)
         if self.cut:
             raise LinkDown("the cable is out")
         with self.lock:

@@ -146,8 +146,13 @@ class CommandLane:
         return events
 
     def lose_all(self, detail: str) -> list[CommandStage]:
-        """The line is gone: what was sent is unknown; what was queued stays queued."""
-        return [self._lose(r, detail) for r in self._records.values() if r.deadline_s is not None]
+        """The line is gone: what was sent is unknown, what was queued stays queued. Urgent commands that were not sent end here: an
+        ABORT that leaves on the next line, minutes later, is not what was asked for."""
+        unsent = [
+            r.to(Stage.FAILED, reason=WITHDRAWN, detail="The line was lost before it was sent.") for r in self._urgent
+        ]
+        self._urgent.clear()
+        return [*unsent, *(self._lose(r, detail) for r in self._records.values() if r.deadline_s is not None)]
 
     def _lose(self, record: CommandRecord, detail: str) -> CommandStage:
         record.was_unknown = True

@@ -34,12 +34,20 @@ def remember(
     return device
 
 
-def open_contact(session: Session, url: str, now: datetime, capture: str) -> Contact:
-    """A new contact on that address."""
-    contact = Contact(url=url, started=now, capture=capture)
+def open_contact(session: Session, url: str, now: datetime, capture: str, *, contact_id: int | None = None) -> Contact:
+    """Add a contact on that address, with a reserved number or the next one."""
+    contact = Contact(id=contact_id, url=url, started=now, capture=capture)
     session.add(contact)
     session.flush()
+    if contact_id is not None and session.get_bind().dialect.name == "postgresql":
+        # PostgreSQL's sequence does not notice numbers that were given.
+        session.execute(select(func.setval(func.pg_get_serial_sequence("contacts", "id"), contact_id)))
     return contact
+
+
+def last_contact_id(session: Session) -> int:
+    """The highest number of a contact; 0 before the first."""
+    return session.scalar(select(func.max(Contact.id))) or 0
 
 
 def had_contact(session: Session, url: str) -> bool:

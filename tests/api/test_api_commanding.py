@@ -116,7 +116,7 @@ def test_a_command_is_checked_sent_and_kept(console):
     row = console.end(console.send("SET_EXPOSURE", exposure_ms=77))
     assert (row["result"], row["user"], row["run_id"], row["needs_operator"]) == ("completed", "ann", None, False)
     assert console.ask("POST", "/commands/check", user="bob", json={"name": "GET_STATUS"})["allowed"] is False
-    abort = console.end(console.ask("POST", "/commands/abort", 201, user="bob"))
+    abort = console.end(console.ask("POST", "/commands/abort", 201, user="bob")["command"])
     assert (abort["result"], abort["user"]) == ("completed", "bob")
 
 

@@ -18,6 +18,8 @@ from gss.operations.commanding.schedule import ScheduleService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.store.engine import Database, migrate, open_engine
 
@@ -61,25 +63,36 @@ ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
 
 
 class Desk:
-    """An operator's desk on a sensor in memory. ``now`` is a clock that the caller owns."""
+    """An operator's desk on a sensor in memory. ``now``: a clock that the caller owns; ``schedule``: it follows the line."""
 
     def __init__(
-        self, sensor: Any, database: Database, bus: EventBus, folder: Path, now: Callable[[], datetime]
+        self, sensor: Any, database: Database, bus: EventBus, folder: Path, now: Callable[[], datetime], schedule: bool
     ) -> None:
         self.sensor, self.bus = sensor, bus
-        self.link = LinkService(load_dictionary(), database, bus, folder / "captures", now, sensor.monotonic_s)
+        self.events = LineEventQueue(now, sensor.monotonic_s)
+        self.link = LinkService(
+            load_dictionary(), database, bus, folder / "captures", now, sensor.monotonic_s, self.events
+        )
         self.authority = AuthorityService(database, bus, now)
         self.commands = CommandService(self.link, database, bus, now, self.authority)
         self.history = CommandHistory(database)
         self.stacks = StackService(self.link, self.commands, database, now)
         self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)
         self.schedule = ScheduleService(self.link, self.commands, bus, now)
-        self.link.handlers += [self.commands.handle, self.runs.handle]
+        self.schedule_hears = schedule
+        subscribers = [self.link.handle, self.commands.handle, self.runs.handle, self._schedule]
+        self.dispatcher = Dispatcher(self.events, bus, sensor.monotonic_s, subscribers)
+        sensor.keep_pace_with(self.events)
+
+    def _schedule(self, batch: LineBatch) -> None:
+        if self.schedule_hears:
+            self.schedule.handle(batch)
 
     def start(self) -> Desk:
         """Open the line and wait for the sensor."""
         self.commands.start()
         self.runs.start()
+        self.dispatcher.start()
         self.link.start()
         self.link.open_later(self.sensor.url)
         self.wait(lambda: self.link.hello is not None and self.link.session.housekeeping is not None)
@@ -89,6 +102,7 @@ class Desk:
         """Give the line back."""
         self.runs.shut_down()
         self.link.stop()
+        self.dispatcher.stop()
 
     def wait(self, done: Callable[[], bool]) -> None:
         """Until something holds; the real time is only the limit after which a broken thing is given up."""
@@ -117,10 +131,12 @@ def make_desk(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[Call
     """Desks, one after the other on the same store; the line is given back at the end."""
     made: list[Desk] = []
 
-    def make(sensor: Any = None, now: Callable[[], datetime] | None = None, **identity: Any) -> Desk:
+    def make(
+        sensor: Any = None, now: Callable[[], datetime] | None = None, schedule: bool = False, **identity: Any
+    ) -> Desk:
         if made:
             made[-1].stop()
-        made.append(Desk(sensor or sensor_in_memory(**identity), database, bus, tmp_path, now or clock))
+        made.append(Desk(sensor or sensor_in_memory(**identity), database, bus, tmp_path, now or clock, schedule))
         return made[-1].start()
 
     yield make

@@ -11,6 +11,7 @@ from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -24,7 +25,9 @@ class Room:
 
     def __init__(self, database, bus, clock, folder) -> None:
         self.clock, self.bus = clock, bus
-        self.link = LinkService(DICTIONARY, database, bus, folder, clock, lambda: 0.0)
+        self.link = LinkService(
+            DICTIONARY, database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+        )
         self.telemetry = TelemetryService(DICTIONARY, database, bus, clock)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         self.alarms.start()
@@ -34,7 +37,7 @@ class Room:
         for value in values:
             self.clock.forward(1)
             fields = {FIELD: value, "cycle_running": True, **more}
-            self.telemetry.handle([Telemetry("housekeeping", 1.0, 0, fields, fields)])
+            self.telemetry.handle(LineBatch((Telemetry("housekeeping", 1.0, 0, fields, fields),), self.clock(), 0.0))
 
     def only(self):
         """The one open alarm."""
@@ -196,7 +199,17 @@ def test_an_unmeasured_value_neither_raises_nor_clears(room):
 def test_severe_device_events_are_alarms_that_count(room):
     """A latch-up waits to be seen; the same again counts up; a harmless event is none."""
     event = DeviceEvent("LATCHUP", "critical", "rail fpga", 5.0)
-    room.alarms.handle([DeviceEvent("CYCLE_STARTED", "ok", "", 4.0), event, event])
+    room.alarms.handle(
+        LineBatch(
+            (
+                DeviceEvent("CYCLE_STARTED", "ok", "", 4.0),
+                event,
+                event,
+            ),
+            room.clock(),
+            0.0,
+        )
+    )
     view = room.only()
     assert (view.row.packet, view.row.field, view.row.state, view.row.worst) == (
         "event",
@@ -206,7 +219,7 @@ def test_severe_device_events_are_alarms_that_count(room):
     )
     assert view.text == "LATCHUP: rail fpga (2 times)"
     assert room.alarms.acknowledge(view.row.id, user="ann").row.state == "closed"
-    room.alarms.handle([event])
+    room.alarms.handle(LineBatch((event,), room.clock(), 0.0))
     assert room.only().row.id != view.row.id
 
 
@@ -215,7 +228,7 @@ def test_silence_on_an_open_line_is_loss_of_signal(room):
     room.clock.forward(100)
     room.alarms.tick()
     assert room.alarms.opened() == []
-    room.link.connected, room.link.contact_id = True, 1
+    room.link.line_is_open, room.link.contact.is_open, room.link.contact.contact_id = True, True, 1
     room.alarms.tick()
     room.clock.forward(SIGNAL_LOST_AFTER_S)
     room.alarms.tick()

@@ -18,6 +18,7 @@ from gss.device.session_events import (
 )
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import State
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -36,7 +37,9 @@ class Room:
 
     def __init__(self, database, bus, clock, folder) -> None:
         self.database, self.clock = database, clock
-        self.link = LinkService(DICTIONARY, database, bus, folder, clock, lambda: 0.0)
+        self.link = LinkService(
+            DICTIONARY, database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+        )
         telemetry = TelemetryService(DICTIONARY, database, bus, clock)
         self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)
         self.alarms.start()
@@ -50,14 +53,18 @@ class Room:
             facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
             device = devices.remember(session, self.clock(), name=serial, **facts)
             devices.update_contact(session, contact.id, device_id=device.id)
-        self.link.contact_id = contact.id
+        self.link.contact.contact_id = contact.id
         numbers = (3_000_000, 1024, 512, 8, 4, 262144, 1, 0, 0.0)
-        self.history.handle([HelloReceived("CubeStar", "cubestar", "1", serial, True, "0", True, *numbers)])
+        self.history.handle(
+            LineBatch(
+                (HelloReceived("CubeStar", "cubestar", "1", serial, True, "0", True, *numbers),), self.clock(), 0.0
+            )
+        )
 
     def tell(self, bank, state, sha256="", active=False) -> None:
         """A bank report."""
         values = {"bank": bank, "state": state, "active": active, "sha256": bytes.fromhex(sha256 or "00" * 32)}
-        self.history.handle([Telemetry("bank_info", 1.0, 0, values, values)])
+        self.history.handle(LineBatch((Telemetry("bank_info", 1.0, 0, values, values),), self.clock(), 0.0))
 
     def keep(self, name, sha256, *, days=None) -> Catalogue:
         """A catalogue in the store, valid from now for so many days."""
@@ -86,7 +93,7 @@ class Room:
         facts = {"contact_id": None, "request_id": 77, "name": name, "arguments": {"bank": bank}, "user": "ann"}
         with self.database.unit_of_work() as session:
             commands.add(session, self.clock(), source="form", **facts)
-        self.history.handle([CommandStage(77, name, Stage.COMPLETED)])
+        self.history.handle(LineBatch((CommandStage(77, name, Stage.COMPLETED),), self.clock(), 0.0))
 
     def rows(self, history=None):
         """(bank, state, hash's begin, how, user, ended?) of the last year."""
@@ -118,12 +125,12 @@ def test_upload_activation_and_confirmation_are_told_with_who_and_how(room):
     room.meet()
     room.tell("A", "empty")
     room.tell("B", "committed", OLD, active=True)
-    room.history.handle([TransferDone(1, Direction.UP, "catalogue", 0, 0, b"", NEW)])
+    room.history.handle(LineBatch((TransferDone(1, Direction.UP, "catalogue", 0, 0, b"", NEW),), room.clock(), 0.0))
     room.tell("A", "committed", NEW)
     room.command("ACTIVATE_BANK", "A")
     room.tell("A", "committed", NEW, active=True)
     room.tell("B", "committed", OLD)
-    room.history.handle([DeviceEvent("BANK_CONFIRMED", "ok", "", 2.0)])
+    room.history.handle(LineBatch((DeviceEvent("BANK_CONFIRMED", "ok", "", 2.0),), room.clock(), 0.0))
     assert room.rows() == [
         ("A", "empty", "", "reported", "", True),
         ("A", "held", "b2", "upload", "", True),
@@ -141,7 +148,7 @@ def test_a_trial_that_falls_back_was_never_active(room):
     room.command("ACTIVATE_BANK", "B")
     room.tell("A", "committed", OLD)
     room.tell("B", "committed", NEW, active=True)
-    room.history.handle([DeviceEvent("BANK_FELL_BACK", "warning", "", 3.0)])
+    room.history.handle(LineBatch((DeviceEvent("BANK_FELL_BACK", "warning", "", 3.0),), room.clock(), 0.0))
     room.tell("A", "committed", OLD, active=True)
     room.tell("B", "committed", NEW)
     assert [(b, s, how) for b, s, _, how, _, ended in room.rows() if not ended] == [
@@ -218,7 +225,7 @@ def test_the_expiry_alarm_needs_no_line_and_survives_a_restart(room):
     room.meet()
     room.keep("zen-1", OLD, days=3)
     room.tell("B", "committed", OLD, active=True)
-    room.link.contact_id = None
+    room.link.contact.contact_id = None
     room.expiry.tick()
     room.alarms.start()
     ExpiryWatch(BankHistoryService(room.link, room.database, room.clock), room.alarms, room.clock, 5.0).tick()

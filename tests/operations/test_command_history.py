@@ -39,7 +39,7 @@ def test_a_command_of_another_is_refused_with_the_holders_name(desk):
         desk.send("GET_STATUS", user="bob")
     assert len(desk.history.page(Filter(), 100)) == before
     assert any("held by ann" in p for p in desk.commands.check("GET_STATUS", {}, user="bob").problems)
-    assert desk.end(desk.commands.abort(user="bob", source="abort")).result == "completed"
+    assert desk.end(desk.commands.abort(user="bob", source="abort").row(20)).result == "completed"
     desk.authority.break_("bob", "pass begins")
     assert desk.end(desk.send("GET_STATUS", user="bob")).result == "completed"
 
@@ -222,7 +222,7 @@ def test_an_id_that_the_device_has_forgotten_is_not_sent_again(desk):
 
 
 def test_abort_needs_neither_store_nor_queue(desk, monkeypatch):
-    """With a store that is locked ABORT goes out first, and the failure is told afterwards."""
+    """While the store is locked ABORT goes out; it is recorded with all its stages when the store is back."""
     from gss.domain.errors import StoreDown
 
     def locked(*_: Any) -> None:
@@ -230,10 +230,29 @@ def test_abort_needs_neither_store_nor_queue(desk, monkeypatch):
 
     desk.end(desk.send("SET_MODE", mode="lost_in_space"))
     desk.end(desk.send("START_CYCLE"))
-    monkeypatch.setattr(desk.commands._recorder, "add", locked)
-    with pytest.raises(StoreDown, match="ABORT goes out, but cannot be recorded"):
+    with monkeypatch.context() as patched:
+        patched.setattr(desk.commands._recorder, "add", locked)
+        receipt = desk.commands.abort(user="bob", source="abort")
+        desk.wait(lambda: desk.link.session.housekeeping["cycle_running"] is False)
+        with pytest.raises(StoreDown, match="ABORT was sent but is not recorded yet"):
+            receipt.row(0.0)
+    assert stages(desk.end(receipt.row(20)))[-1] == "completed"
+
+
+def test_abort_that_the_line_lost_is_not_sent_on_the_next_one(desk):
+    """ABORT was accepted, and the line is lost before it leaves: it ends as withdrawn and never reaches the device."""
+    desk.sensor.cut = True
+    with desk.link.lock:
+        issued = desk.link.session.abort(desk.link.monotonic_s())
+        events = desk.link.session.link_lost(desk.link.monotonic_s())
+    assert [(e.request_id, e.stage, e.reason) for e in events if e.name == "ABORT"][-1] == (
+        issued,
+        "failed",
+        "withdrawn",
+    )
+    desk.wait(lambda: not desk.link.line_is_open)
+    with pytest.raises(Conflict, match="ABORT was not sent"):
         desk.commands.abort(user="bob", source="abort")
-    desk.wait(lambda: desk.link.session.housekeeping["cycle_running"] is False)
 
 
 def test_abort_takes_back_what_waits(desk, monkeypatch):
@@ -255,9 +274,9 @@ def test_abort_takes_back_what_waits(desk, monkeypatch):
         assert {(row.result, row.detail) for row in ends} == {("withdrawn", "ABORT by bob")}
         assert stages(ends[0]) == ["queued", "withdrawn"]
         assert all(row.finished is not None for row in ends)
-        assert desk.end(abort).result == "completed"
+        assert desk.end(abort.row(20)).result == "completed"
         told = [event.text for event in desk.bus.after(0, 1000) if event.text.startswith("ABORT by bob")]
-        assert told[-1] == "ABORT by bob; taken back unsent: 20"
+        assert told[-1] == "ABORT by bob; withdrawn unsent: 20"
     assert desk.end(desk.send("GET_STATUS")).result == "completed"
 
 

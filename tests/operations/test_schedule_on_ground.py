@@ -16,8 +16,7 @@ START = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 def desk(make_desk, sensor_in_memory):
     """A desk whose wall clock goes as the sensor's time does, with correlated clocks and an empty table told."""
     sensor = sensor_in_memory()
-    desk = make_desk(sensor, now=lambda: START + timedelta(seconds=sensor.now_s))
-    desk.link.handlers.append(desk.schedule.handle)
+    desk = make_desk(sensor, now=lambda: START + timedelta(seconds=sensor.now_s), schedule=True)
     desk.schedule._ask()
     desk.wait(lambda: desk.schedule.clock() is not None and desk.schedule.state().told is not None)
     return desk
@@ -161,7 +160,7 @@ def test_scheduling_is_commanding(desk):
 def test_without_correlated_clocks_only_device_time_is_taken(desk):
     """No claim about UTC before enough packets have come."""
     put(desk, "GET_STATUS", 500)
-    desk.link.handlers.remove(desk.schedule.handle)
+    desk.schedule_hears = False
     desk.schedule._clock.restart()
     plan = desk.schedule.plan("GET_STATUS", {}, at=in_seconds(desk, 60), at_device_s=None)
     assert "not correlated with UTC yet" in plan.problems[0]

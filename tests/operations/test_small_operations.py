@@ -26,6 +26,7 @@ from gss.operations.frames import overlay, pictures
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.replay import compare
 from gss.operations.frames.sky import bodies
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture, Retention, read_capture
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService, plain
@@ -100,12 +101,14 @@ def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
 
     assert state("supply_3v3_v") == "never"
     for _ in range(3):
-        telemetry.handle([housekeeping(supply_3v3_v=3.45, stars_matched=1)])
+        telemetry.handle(LineBatch((housekeeping(supply_3v3_v=3.45, stars_matched=1),), clock(), 0.0))
     assert (state("supply_3v3_v"), state("stars_matched"), state("mode")) == ("watch", "warning", "ok")
     for _ in range(2):
-        telemetry.handle([housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False)])
+        telemetry.handle(
+            LineBatch((housekeeping(supply_3v3_v=9.9, stars_matched=1, cycle_running=False),), clock(), 0.0)
+        )
     assert (state("supply_3v3_v"), state("stars_matched")) == ("critical", "stale")
-    telemetry.handle([housekeeping(supply_3v3_v=math.nan)])
+    telemetry.handle(LineBatch((housekeeping(supply_3v3_v=math.nan),), clock(), 0.0))
     assert state("supply_3v3_v") == "never"
     clock.forward(60)
     assert state("mode") == "stale"
@@ -114,7 +117,7 @@ def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
 def test_history_answers_for_a_span_and_names_what_is_wrong(telemetry, clock):
     """Values in time order; an unknown field and an empty span are told."""
     for k in range(3):
-        telemetry.handle([housekeeping(supply_3v3_v=3.0 + k)])
+        telemetry.handle(LineBatch((housekeeping(supply_3v3_v=3.0 + k),), clock(), 0.0))
         clock.forward(1)
     history = telemetry.archive.history
     (series,) = history(["supply_3v3_v"], clock() - timedelta(seconds=9), clock(), 100)

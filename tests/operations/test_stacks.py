@@ -218,7 +218,7 @@ def test_abort_stops_the_run_and_goes_out_past_it(desk):
     desk.end(desk.send("SET_MODE", mode="lost_in_space"))
     run = desk.runs.run(kept(desk, *steps).id, [], user="ann")
     desk.wait(lambda: any(r.result in ("started", "progress") for r in desk.history.page(_of(run), 5)))
-    abort = desk.end(desk.commands.abort(user="bob", source="abort"))
+    abort = desk.end(desk.commands.abort(user="bob", source="abort").row(20))
     row = desk.run_ends(run)
     assert abort.result == "completed"
     assert (row.state, row.reason) == ("stopped", "ABORT by bob")

@@ -15,6 +15,7 @@ from sqlalchemy import event
 from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, NotFound
+from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.telemetry_export import export
@@ -42,7 +43,7 @@ def telemetry(database, bus, clock):
         if k % 2:
             lists = {"items": ({"col_px": 1.5, "row_px": 2.5, "flux_dn": 9.0, "peak_dn": 7, "area_px": 4},)}
             packets.append(Telemetry("centroids", 100.0 + k, 0, {}, {"frame_number": k}, lists))
-        service.handle(packets)
+        service.handle(LineBatch(tuple(packets), clock(), 0.0))
     return service
 
 
@@ -92,9 +93,8 @@ def test_a_long_span_is_read_in_blocks_of_bounded_size(telemetry, database, bus,
     """No statement brings more rows than a block, and the samples at the seams are neither lost nor doubled."""
     same = clock()
     fields = {"latchups": 77}
-    telemetry.handle(
-        [Telemetry("housekeeping", 1.0, 0, fields, fields)] * 7
-    )  # seven with one time: a seam between equals
+    seven = (Telemetry("housekeeping", 1.0, 0, fields, fields),) * 7  # with one time: a seam between equals
+    telemetry.handle(LineBatch(seven, clock(), 0.0))
     sizes: list[int] = []
 
     def count(_connection, cursor, statement, *_rest) -> None:

@@ -15,6 +15,7 @@ from gss.device.protocol.codec import decode, encode
 from gss.device.session_events import Telemetry
 from gss.domain.limits import Limits
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.limit_book import LimitBook
@@ -35,7 +36,9 @@ class Room:
         migrate(url)
         self.database = Database(open_engine(url))
         bus = EventBus(self.database, clock)
-        link = LinkService(DICTIONARY, self.database, bus, folder, clock, lambda: 0.0)
+        link = LinkService(
+            DICTIONARY, self.database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+        )
         self.telemetry = TelemetryService(DICTIONARY, self.database, bus, clock)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, link, self.database, bus, clock)
         self.judgements: list[Judgement] = []
@@ -94,9 +97,9 @@ def test_packets_stored_together_are_those_stored_one_by_one(tmp_path: Path, clo
     heard = packets(144, seed=3)
     one, many = Room(tmp_path / "one", clock), Room(tmp_path / "many", clock)
     for packet in heard:
-        one.telemetry.handle([packet])
+        one.telemetry.handle(LineBatch((packet,), clock(), 0.0))
     for k in range(0, len(heard), 48):
-        many.telemetry.handle(heard[k : k + 48])
+        many.telemetry.handle(LineBatch(tuple(heard[k : k + 48]), clock(), 0.0))
     assert len(one.rows("telemetry_packets")) == len(heard)
     assert len(one.rows("alarms")) > 5
     for table in ("telemetry_packets", "alarms", "events"):

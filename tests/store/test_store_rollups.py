@@ -15,6 +15,7 @@ from sqlalchemy import delete, event
 from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.rollups import Buckets, buckets
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -126,7 +127,7 @@ def test_packets_that_come_late_are_in_the_plot(telemetry: TelemetryService, clo
     telemetry.rollups.make()
     clock.at = T0 + timedelta(hours=2, seconds=1000.5)
     fields = {"supply_3v3_v": 9.9}
-    telemetry.handle([Telemetry("housekeeping", 1.0, 0, fields, fields)])
+    telemetry.handle(LineBatch((Telemetry("housekeeping", 1.0, 0, fields, fields),), clock(), 0.0))
     span = (T0, T0 + timedelta(hours=HOURS))
     (supply, *_) = telemetry.archive.history(NAMES, *span, 240)
     assert 9.9 in supply.y

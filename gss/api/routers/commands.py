@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 from collections.abc import Iterator
 from itertools import chain
 from typing import Annotated
@@ -11,13 +13,14 @@ from fastapi.responses import StreamingResponse
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, need
-from gss.api.schemas.commands import CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
+from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.api.urgent import at_once
 from gss.operations.accounts.permissions import SIGNED_IN
 from gss.operations.commanding.command_history import Filter
 from gss.store.models import Command
 from gss.wiring import Services
 
+RECORD_WITHIN_S = 0.3
 router = APIRouter(tags=["commands"])
 Limit = Annotated[int, Query(ge=1, le=1000)]
 Words = Annotated[list[str], Query(max_length=60)]
@@ -95,9 +98,13 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(SIGNED_IN)])
-async def abort(app: App, user: User) -> CommandOut:
-    """ABORT, ahead of everything."""
-    return await at_once(lambda: _shown(app, app.commands.abort(user=user, source="abort")))
+async def abort(app: App, user: User) -> AbortOut:
+    """Send ABORT ahead of everything. The answer waits at most 0.3 s for the record. 409: nothing was sent."""
+    receipt = await at_once(lambda: app.commands.abort(user=user, source="abort"))
+    row = None
+    with contextlib.suppress(TimeoutError):
+        row = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(receipt.recorded)), RECORD_WITHIN_S)
+    return AbortOut(request_id=receipt.request_id, at=receipt.at, command=None if row is None else _shown(app, row))
 
 
 @router.post("/commands", status_code=201, dependencies=[need("command")])

@@ -156,6 +156,14 @@ class CommandOut(Out):
     can_retry: bool
 
 
+class AbortOut(Out):
+    """ABORT left for the line at ``at``. ``command``: its record; null while the store cannot take it."""
+
+    request_id: int
+    at: Utc
+    command: CommandOut | None
+
+
 class ResolveIn(In):
     """How an operator settles an unknown command."""
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from gss.device.dictionary import Command as Definition
 from gss.device.protocol.codec import check_arguments
-from gss.device.session_events import CommandStage, DeviceEvent, SessionEvent
+from gss.device.session_events import CommandStage, DeviceEvent
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
 from gss.operations.clock import Now
 from gss.operations.commanding.authority import AuthorityService
@@ -25,6 +27,7 @@ from gss.operations.commanding.command_checks import (
 )
 from gss.operations.commanding.command_record import CommandRecorder, CommandView, CompletedHook
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import AbortIssued, LineBatch
 from gss.operations.line.link import LinkService
 from gss.store import commands as store
 from gss.store.engine import Database
@@ -39,6 +42,28 @@ REMEMBERED_IDS = 64
 """So many request ids the device keeps with their result; an older one it would carry out anew."""
 
 
+RECORD_WITHIN_S = 10.0
+"""Longer than a locked store is waited for."""
+
+
+@dataclass(frozen=True)
+class AbortReceipt:
+    """ABORT leaves on the line at the next opportunity. ``at``: when it was queued; ``recorded``: resolves to its row."""
+
+    request_id: int
+    at: datetime
+    recorded: Future[Command]
+
+    def row(self, within_s: float) -> Command:
+        """The command's row. StoreDown if it is not stored within that time; ABORT was sent all the same."""
+        try:
+            return self.recorded.result(within_s)
+        except TimeoutError:
+            raise StoreDown(
+                "ABORT was sent but is not recorded yet", hint="look at the database and the disk"
+            ) from None
+
+
 class CommandService:
     """What an operator does to the sensor, one command at a time. The user is an argument of everything."""
 
@@ -50,8 +75,8 @@ class CommandService:
         self._recorder = CommandRecorder(database, bus, now, self.view)
         self.abort_hooks: list[Callable[[str], None]] = []
         self._aborted_id = 0
-        self._taken_back: deque[CommandStage] = deque()
-        self._writing = threading.Lock()
+        self._unrecorded: deque[AbortIssued] = deque()
+        self._withdrawn: list[CommandStage] = []
         self.permits: Callable[[str, str], None] = lambda user, permission: None
         """Raises NotPermitted; asked by name and not by request, because stacks go on after theirs has ended."""
 
@@ -169,7 +194,7 @@ class CommandService:
         """Queue a command; its row comes back at once. Conflict or BadInput says why not."""
         definition = self._link.dictionary.command(name)
         if name == "ABORT":
-            return self.abort(user=user, source=source)
+            return self.abort(user=user, source=source).row(RECORD_WITHIN_S)
         if source != SERVER:
             self._check_commander(user, name, arguments)
         check_unit(definition, self._link.hello)
@@ -200,38 +225,40 @@ class CommandService:
             raise
         return row
 
-    def abort(self, *, user: str, source: str) -> Command:
-        """ABORT, ahead of everything, no questions: nothing may stand in its way, not even the store. What still waits in the
-        queue is taken back: nobody wants it to run after everything was stopped."""
-        self._check_line()
+    def abort(self, *, user: str, source: str) -> AbortReceipt:
+        """Send ABORT ahead of everything, without checks and without waiting for the store.
+
+        Commands that still wait in the queue are withdrawn: they must not run after everything was stopped. Raises Conflict while
+        the line is down; nothing is sent then.
+        """
+        if not self._link.line_is_open:
+            raise Conflict("ABORT was not sent: the line is down", got=self._link.reason, hint="open the port first")
         with self._link.lock:
+            if not self._link.line_is_open:  # lost meanwhile: the session would send it on the next line
+                raise Conflict("ABORT was not sent: the line was just lost", got=self._link.reason)
             request_id = self._aborted_id = self._link.session.abort(self._link.monotonic_s())
-            self._taken_back.extend(waited := self._link.session.withdraw_all(f"ABORT by {user}"))
+            withdrawn = self._link.session.withdraw_all(f"ABORT by {user}")
+            issued = AbortIssued(request_id, user, source, tuple(withdrawn))
+            self._link.events.publish([issued])
         for hook in self.abort_hooks:
             hook(user)
-        try:
-            row = self._recorder.add(request_id, "ABORT", {}, user, source, self._link.contact_id, None)
-        except StoreDown as error:
-            raise StoreDown("ABORT goes out, but cannot be recorded", got=error.got, hint=error.hint) from error
-        more = f"; taken back unsent: {len(waited)}" if waited else ""
-        self._bus.record("command", "watch", f"ABORT by {user}{more}", command_id=row.id)
-        self._recorder.catch_up(request_id)
-        self._write_taken_back()
-        return row
+        return AbortReceipt(request_id, self._now(), issued.recorded)
 
-    def _write_taken_back(self) -> None:
-        """What a store that is locked cannot take now is written with the next news of the line."""
-        if not self._taken_back or not self._writing.acquire(blocking=False):
-            return
-        try:
-            stages = list(self._taken_back)
-            self._recorder.taken_back(stages)
-            for _ in stages:
-                self._taken_back.popleft()
-        except StoreDown:
-            log.warning("%d commands that ABORT took back are not on the record yet", len(stages))
-        finally:
-            self._writing.release()
+    def _record_aborts(self) -> None:
+        """Store the ABORTs that were issued and what they withdrew; what a locked store cannot take, with a later batch."""
+        while self._unrecorded:
+            issued = self._unrecorded[0]
+            contact_id, words = self._link.contact_id, f"ABORT by {issued.user}"
+            row = self._recorder.add(issued.request_id, "ABORT", {}, issued.user, issued.source, contact_id, None)
+            self._unrecorded.popleft()
+            self._recorder.catch_up(issued.request_id)
+            self._withdrawn.extend(issued.withdrawn)
+            issued.recorded.set_result(self.get(row.id))
+            more = f"; withdrawn unsent: {len(issued.withdrawn)}" if issued.withdrawn else ""
+            self._bus.record("command", "watch", f"{words}{more}", command_id=row.id)
+        if self._withdrawn:
+            self._recorder.taken_back(self._withdrawn)
+            self._withdrawn.clear()
 
     def retry(self, command_id: int, *, user: str) -> Command:
         """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
@@ -248,8 +275,9 @@ class CommandService:
                 hint="look at the telemetry, mark it resolved, and send a new one if it did not run",
             )
         self._authority.require(user)
-        with self._link.lock:
-            self._link.session.retry(row.request_id, self._link.monotonic_s())
+        with self._link.hold_events():
+            with self._link.lock:
+                self._link.session.retry(row.request_id, self._link.monotonic_s())
             row = self._recorder.requeue(command_id, f"retry by {user}")
         self._bus.record("command", "ok", f"{row.name} retried with the same id by {user}", command_id=row.id)
         return row
@@ -272,8 +300,9 @@ class CommandService:
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
-        with self._link.lock:
-            stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
+        with self._link.hold_events():
+            with self._link.lock:
+                stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
             row = self._recorder.withdrawn(command_id, stage)
         self._bus.record("command", "ok", f"{row.name} withdrawn by {user} before it was sent", command_id=row.id)
         return row
@@ -299,10 +328,14 @@ class CommandService:
         """The row with what the dictionary and the line say of it now."""
         return CommandView(row, self.idempotent(row.name), self.can_retry(row))
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
-        """Follow the reports of commands and keep the device's events."""
-        self._write_taken_back()
-        for event in events:
+    def handle(self, batch: LineBatch) -> None:
+        """Follow the reports of commands and record the device's events."""
+        self._unrecorded.extend(event for event in batch.events if isinstance(event, AbortIssued))
+        try:
+            self._record_aborts()
+        except StoreDown as error:
+            log.warning("%d ABORT commands are not recorded yet: %s", len(self._unrecorded), error)
+        for event in batch.events:
             if isinstance(event, CommandStage):
                 self._recorder.follow(event)
             elif isinstance(event, DeviceEvent):

@@ -13,7 +13,6 @@ from gss.device.session_events import (
     CommandStage,
     DeviceEvent,
     HelloReceived,
-    SessionEvent,
     Stage,
     Telemetry,
 )
@@ -24,6 +23,7 @@ from gss.operations.commanding.commanding import SERVER, CommandService
 from gss.operations.commanding.schedule_plan import Plan, make_plan, moment_of
 from gss.operations.events import EventBus
 from gss.operations.line.clock_correlation import ClockTracker, Correlation
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store.models import Command
 
@@ -74,12 +74,12 @@ class ScheduleService:
 
     # --- what the device tells ----------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Follow clock and table; ask for the table when it changed."""
         ask = changed = False
-        for event in events:
+        for event in batch.events:
             if isinstance(event, Telemetry):
-                changed |= self._packet(event)
+                changed |= self._packet(event, batch.at)
             elif isinstance(event, HelloReceived):
                 self._forget()
                 ask, changed = event.dictionary_match, True
@@ -96,10 +96,10 @@ class ScheduleService:
         if ask:
             self._ask()
 
-    def _packet(self, packet: Telemetry) -> bool:
+    def _packet(self, packet: Telemetry, at: datetime) -> bool:
         with self._lock:
             if packet.packet == "housekeeping":
-                self._clock.add(self._now().timestamp(), packet.device_time_s)
+                self._clock.add(at.timestamp(), packet.device_time_s)
             if packet.packet != "schedule_entry":
                 return False
             number = int(packet.values["schedule_id"])

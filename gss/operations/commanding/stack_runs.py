@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from gss.device.session_events import SessionEvent, Telemetry
+from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.clock import Monotonic, Now
 from gss.operations.commanding.commanding import CommandService
@@ -19,6 +19,7 @@ from gss.operations.commanding.stack_orders import Orders, Stopped
 from gss.operations.commanding.stack_record import RunRecord
 from gss.operations.commanding.stacks import STEP, StackService, Step, condition_of
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store.engine import Database
 from gss.store.models import Command, StackRun
@@ -172,14 +173,14 @@ class StackRunner:
 
     # --- what happens meanwhile ---------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Telemetry, for the conditions of the run."""
         orders = self._orders
         if orders is None:
             return
-        for event in events:
+        for event in batch.events:
             if isinstance(event, Telemetry):
-                orders.packets[event.packet] = (self._monotonic_s(), event.values)
+                orders.packets[event.packet] = (batch.at_s, event.values)
         orders.ring()
 
     def _command_changed(self, row: Command) -> None:

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from gss.device.session_events import DirectionCounters, LinkCounters, SessionEvent
+from gss.device.session_events import DirectionCounters, LinkCounters
 from gss.domain.errors import NotFound
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
@@ -23,6 +23,7 @@ from gss.operations.line.gaps import (
     check_record,
     why_silent,
 )
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import capture_files
 from gss.operations.telemetry.alarm_words import AlarmView
@@ -92,13 +93,14 @@ class ContactService:
         self.removed_before: Callable[[], datetime | None] = lambda: None
         """Before which moment retention thins or removes packets."""
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Keep the counters: at once when something was damaged, missing or silent, otherwise now and then."""
         contact_id = self._link.contact_id
-        if contact_id is None or not any(isinstance(event, LinkCounters) for event in events):
+        counted = [event for event in batch.events if isinstance(event, LinkCounters)]
+        if contact_id is None or not counted:
             return
-        counters = self._link.contact_counters
-        now, now_s = self._now(), self._link.monotonic_s()
+        counters = self._link.contact.counters_of(counted[-1])
+        now, now_s = batch.at, batch.at_s
         values: dict[str, Any] = {
             **asdict(counters.received),
             "sent_good": counters.sent.good,

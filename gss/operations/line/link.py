@@ -1,23 +1,24 @@
-"""The one owner of the port: a thread that reads, decodes, writes and tells the other operations what came."""
+"""Owns the port: a thread that reads, decodes and writes, and publishes what arrived. It never waits for the store."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import fields
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gss.device.dictionary import Dictionary
 from gss.device.session import HostSession
-from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters, SessionEvent
+from gss.device.session_events import HelloReceived, LinkCounters
 from gss.device.transport import ByteStream, open_stream
-from gss.domain.errors import Conflict, GssError, LinkDown, StoreDown
+from gss.domain.errors import Conflict, GssError, LinkDown
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
+from gss.operations.line.contact_log import ContactLog
 from gss.operations.line.line_capture import LineCapture
+from gss.operations.line.line_events import LineBatch, LineClosed, LineEventQueue, LineOpened, LinkFault
 from gss.operations.line.raw_capture import RECEIVED, SENT, Retention
-from gss.store import devices as store
 from gss.store.engine import Database
 
 log = logging.getLogger("gss.link")
@@ -26,18 +27,15 @@ READ_BYTES = 65536
 READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
-BYTES_EVERY_S = 5.0
 STALLED_AFTER_S = 20.0
 """Longer than any write may take; a reader that did not get round for so long hangs."""
-
-Handler = Callable[[Sequence[SessionEvent]], None]
 
 
 class LinkService:
     """Opens a port, keeps it open, and feeds the host session.
 
-    ``lock`` guards the session: whoever submits holds it until the row of what was submitted is stored, so that no
-    report can overtake its row.
+    Two locks, taken in this order: ``hold_events`` keeps the services from handling events while a row is stored; ``lock``
+    guards the session. The line thread needs only ``lock``: its holder must not wait for the store, a file or the network.
     """
 
     def __init__(
@@ -48,6 +46,7 @@ class LinkService:
         captures: Path,
         now: Now,
         monotonic_s: Monotonic,
+        events: LineEventQueue,
         framing: str = "cobs",
         retention: Retention | None = None,
     ) -> None:
@@ -55,20 +54,15 @@ class LinkService:
         self.session = HostSession(dictionary, framing=framing)
         self.lock = threading.RLock()
         self.url = ""
-        self.connected = False
+        self.line_is_open = False
+        """True while bytes can be sent. ``connected`` follows when the contact was announced to the services."""
         self.reason = "no port has been opened"
-        self.contact_id: int | None = None
-        self.hello: HelloReceived | None = None
-        self.last_hello: HelloReceived | None = None
-        """Who was at the other end last; stays when the line is lost."""
-        self.dictionary_acknowledged = False
-        self.handlers: list[Handler] = []
-        self.rounds: list[Callable[[], None]] = []
-        """Called by the thread that reads the line each time it gets round, some hundred times a second, also without a line."""
-        self._database, self._bus = database, bus
+        self.events = events
+        self._bus = bus
         self._now, self.monotonic_s = now, monotonic_s
-        self.capture = LineCapture(captures, retention or Retention(), now, self._complain)
-        self._counted_from = self.session.counters
+        self.capture = LineCapture(captures, retention or Retention(), now, self._fault)
+        self.contact = ContactLog(database, bus, now, self.capture)
+        self._next_contact_id = 1
         self._wake = threading.Event()
         self._stopping = False
         self._stream: ByteStream | None = None
@@ -78,8 +72,7 @@ class LinkService:
 
     def start(self) -> None:
         """Start the thread; contacts that a crash left open are closed first."""
-        with self._database.unit_of_work() as session:
-            store.close_left_open(session, self._now())
+        self._next_contact_id = self.contact.start()
         self._thread.start()
 
     def stop(self) -> None:
@@ -95,7 +88,7 @@ class LinkService:
         stream = open_stream(url)
         stream.close()
         if url != self.url:
-            self.last_hello = None
+            self.contact.forget_device()
         self.url, self._reopen = url, True
         self._wake.set()
 
@@ -110,17 +103,52 @@ class LinkService:
         self._wake.set()
 
     def acknowledge_dictionary(self, user: str) -> None:
-        """An operator accepts that the device has another dictionary; commanding is possible again, at their risk."""
+        """Accept that the device has another dictionary; commanding is possible again, at the operator's risk."""
         if self.hello is None or self.hello.dictionary_match:
             raise Conflict(
                 "there is no difference to acknowledge", got="dictionary matches" if self.hello else "no device"
             )
         with self.lock:
             self.session.acknowledge_mismatch()
-        self.dictionary_acknowledged = True
+        self.contact.acknowledge_dictionary()
         self._bus.record(
             "link", "watch", f"{user} acknowledged that the dictionaries differ", contact_id=self.contact_id
         )
+
+    @contextmanager
+    def hold_events(self) -> Iterator[None]:
+        """While entered no service handles events: what is started inside is stored before any report of it is handled."""
+        with self.events.hold:
+            yield
+
+    def handle(self, batch: LineBatch) -> None:
+        """Keep the contact up to date; the first subscriber of every batch."""
+        self.contact.handle(batch)
+
+    @property
+    def connected(self) -> bool:
+        """True while the port is open and its contact was announced."""
+        return self.line_is_open and self.contact.is_open
+
+    @property
+    def contact_id(self) -> int | None:
+        """The open contact."""
+        return self.contact.contact_id
+
+    @property
+    def hello(self) -> HelloReceived | None:
+        """The device at the other end."""
+        return self.contact.hello
+
+    @property
+    def last_hello(self) -> HelloReceived | None:
+        """The device that answered last; kept when the line is lost."""
+        return self.contact.last_hello
+
+    @property
+    def dictionary_acknowledged(self) -> bool:
+        """True if an operator accepted that the dictionaries differ."""
+        return self.contact.dictionary_acknowledged
 
     @property
     def counters(self) -> LinkCounters:
@@ -130,42 +158,43 @@ class LinkService:
     @property
     def contact_counters(self) -> LinkCounters:
         """Counters since this contact was opened."""
-        now, then = self.counters, self._counted_from
-        return LinkCounters(_less(now.sent, then.sent), _less(now.received, then.received), now.last_good_s)
+        return self.contact.counters_of(self.counters)
 
     # --- watching the reader ------------------------------------------------------------------------------------
 
     def alive(self) -> bool:
-        """Does the thread that reads the line get round?"""
+        """True while the thread that reads the line makes progress."""
         return self._thread.is_alive() and self.monotonic_s() - self._round_s < STALLED_AFTER_S
 
     def watch(self) -> None:
-        """The watchdog, called about once a second: a reader that hangs loses its port, which ends the hanging call and opens the
-        line anew; one that died is started anew. Both are told."""
+        """Watchdog, called about once a second: a reader that hangs loses its port, which ends the blocked call and reopens the
+        line; one that died is restarted. Both are reported."""
         if self._stopping or self.alive() or self._thread.ident is None:
             return
         if not self._thread.is_alive():
-            self._complain("the thread that reads the line had ended; it is started anew")
+            self._fault("the thread that reads the line had ended and was restarted")
             self._round_s = self.monotonic_s()
             self._thread = threading.Thread(target=self._run, name="link", daemon=True)
             self._thread.start()
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
         self._round_s = self.monotonic_s()  # give it the same time again before the next step
-        self._complain(f"the thread that reads the line did not get round for {stalled_s:.0f} s; its port is closed")
+        self._fault(f"the thread that reads the line made no progress for {stalled_s:.0f} s; its port is closed")
         if stream is not None:
             stream.close()
+
+    def _fault(self, text: str) -> None:
+        self.events.publish([LinkFault("critical", text)])
 
     def _run(self) -> None:
         while not self._stopping:
             self._round_s = self.monotonic_s()
             try:
-                self._get_round()
                 self._once()
-            except Exception as error:  # the owner of the port must outlive a full disk or a locked database
+            except Exception as error:  # the owner of the port must outlive any fault
                 log.exception("the contact failed")
-                self.connected, self.reason = False, f"{type(error).__name__}: {error}"
-                self._complain(f"the contact was given up: {self.reason}")
+                self.line_is_open, self.reason = False, f"{type(error).__name__}: {error}"
+                self._fault(f"the contact was given up: {self.reason}")
                 self._pause(RETRY_S)
 
     def _once(self) -> None:
@@ -197,32 +226,31 @@ class LinkService:
         self._wake.clear()
 
     def _could_not_open(self, reason: str) -> None:
-        """Say it once, not at every try."""
+        """Report it once, not at every try."""
         if reason != self.reason:
-            self._bus.record("link", "warning", f"{reason}. Trying again every {RETRY_S:g} s")
+            self.events.publish([LinkFault("warning", f"{reason}. Trying again every {RETRY_S:g} s")])
         self.reason = reason
 
     def _contact(self, stream: ByteStream, url: str) -> None:
-        with self._database.unit_of_work() as session:
-            contact = store.open_contact(session, url, self._now(), "")
-            self.contact_id = contact.id
-            contact.capture = self.capture.begin(contact.id)
-        self._counted_from = self.counters
-        self.connected, self.reason = True, ""
-        self._bus.record("link", "ok", f"line open on {url}", contact_id=self.contact_id)
-        with self.lock:
-            self.session.link_up(self.monotonic_s())
+        contact_id, self._next_contact_id = self._next_contact_id, self._next_contact_id + 1
+        self.events.publish([LineOpened(url, contact_id, self.capture.begin(contact_id), self.counters)])
+        self.line_is_open, self.reason = True, ""
+        cause = "the port was changed"
         try:
+            with self.lock:
+                self.session.link_up(self.monotonic_s())
             self._exchange(stream, url)
-            cause = self.reason or "the port was changed"
+            cause = self.reason or cause
         except LinkDown as error:
             cause = str(error)
+        except Exception as error:
+            cause = f"{type(error).__name__}: {error}"
+            raise
         finally:
             stream.close()
-        self._end_contact(cause)
+            self._end_contact(cause)
 
     def _exchange(self, stream: ByteStream, url: str) -> None:
-        next_count_s = 0.0
         while self.url == url and not self._reopen and not self._stopping:
             self._round_s = self.monotonic_s()
             data = stream.read(READ_BYTES, READ_WAIT_S)
@@ -234,87 +262,12 @@ class LinkService:
             if out:
                 self.capture.write(SENT, out)
                 stream.write(out)
-            self._tell([*events, *more])
-            self._get_round()
-            if now_s > next_count_s:
-                next_count_s = now_s + BYTES_EVERY_S
-                try:
-                    self._count_bytes()
-                except StoreDown as error:  # bytes are counted again later; the line goes on without a store
-                    log.warning("the contact's bytes were not stored: %s", error)
-
-    def _tell(self, events: Sequence[SessionEvent]) -> None:
-        if not events:
-            return
-        for event in events:
-            if isinstance(event, HelloReceived):
-                self._met(event)
-        for handler in self.handlers:
-            self._guarded(handler, events)
-
-    def _get_round(self) -> None:
-        for look in self.rounds:
-            self._guarded(look)
-
-    def _guarded(self, call: Callable[..., None], *given: Sequence[SessionEvent]) -> None:
-        try:
-            call(*given)
-        except Exception as error:  # one operation's defect must not silence the line: it is told and logged
-            log.exception("handler %r failed", call)
-            self._complain(f"what came could not be handled: {type(error).__name__}: {error}")
-
-    def _complain(self, text: str) -> None:
-        """Tell a failure of our own; if even the record cannot be written, the log has it."""
-        try:
-            self._bus.record("link", "critical", text, contact_id=self.contact_id)
-        except GssError:
-            log.exception("not recorded: %s", text)
-
-    def _met(self, hello: HelloReceived) -> None:
-        self.hello = self.last_hello = hello
-        self.dictionary_acknowledged = False
-        name = f"{hello.serial}" if hello.serial else f"{hello.profile} {hello.device_model}"
-        with self._database.unit_of_work() as session:
-            device = store.remember(
-                session,
-                self._now(),
-                name=name,
-                profile=hello.profile,
-                firmware=hello.firmware,
-                simulated=hello.simulated,
-                dictionary_hash=hello.dictionary_hash,
-            )
-            if self.contact_id is not None:
-                store.update_contact(session, self.contact_id, device_id=device.id)
-        match = "dictionary matches" if hello.dictionary_match else "DICTIONARY DIFFERS, commanding is blocked"
-        severity = "ok" if hello.dictionary_match else "warning"
-        self._bus.record(
-            "link", severity, f"{name} answered, firmware {hello.firmware}, {match}", contact_id=self.contact_id
-        )
+            self.events.publish([*events, *more])
 
     def _end_contact(self, cause: str) -> None:
-        self.connected, self.reason = False, cause
+        self.line_is_open, self.reason = False, cause
         with self.lock:
             events = self.session.link_lost(self.monotonic_s())
-        self._tell([*events, self.counters])
-        self._count_bytes(ended=True)
+        self.events.publish([*events, self.counters])
         self.capture.end()
-        contact_id, self.contact_id, self.hello = self.contact_id, None, None
-        self._bus.record("link", "watch", f"line closed: {cause}", contact_id=contact_id)
-
-    def _count_bytes(self, *, ended: bool = False) -> None:
-        counters = self.contact_counters
-        with self._database.unit_of_work() as session:
-            if self.contact_id is not None:
-                store.update_contact(
-                    session,
-                    self.contact_id,
-                    rx_bytes=counters.received.bytes,
-                    tx_bytes=counters.sent.bytes,
-                    captures=self.capture.files,
-                    ended=self._now() if ended else None,
-                )
-
-
-def _less(now: DirectionCounters, then: DirectionCounters) -> DirectionCounters:
-    return DirectionCounters(*(getattr(now, f.name) - getattr(then, f.name) for f in fields(DirectionCounters)))
+        self.events.publish([LineClosed(cause, self.counters)])

@@ -45,12 +45,12 @@ class RawCapture:
     @property
     def name(self) -> str:
         """What the files of this contact begin with."""
-        return f"contact-{self._contact_id:06d}"
+        return capture_name(self._contact_id)
 
     @property
     def files(self) -> list[dict[str, object]]:
         """Name and bytes of each file that was written, those that are gone again too."""
-        return [{"file": name, "bytes": size} for name, size in self._sizes.items()]
+        return [{"file": name, "bytes": size} for name, size in list(self._sizes.items())]
 
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
         """Append one record; it is in the operating system's hands when this returns. OSError where it cannot be written (a full
@@ -102,6 +102,11 @@ class RawCapture:
                 break
             total -= path.stat().st_size
             path.unlink()
+
+
+def capture_name(contact_id: int) -> str:
+    """Prefix of the names of a contact's files."""
+    return f"contact-{contact_id:06d}"
 
 
 def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:

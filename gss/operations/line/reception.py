@@ -18,7 +18,6 @@ from gss.device.session_events import (
     DeviceEvent,
     Direction,
     HelloReceived,
-    SessionEvent,
     Telemetry,
     TransferDone,
     TransferState,
@@ -34,6 +33,7 @@ from gss.operations.frames.frames import FrameService
 from gss.operations.frames.onboard_results import OnboardRecord
 from gss.operations.frames.replay import ReplayService
 from gss.operations.line.clock_correlation import Correlation
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.line.sensor_knowledge import SensorKnowledge
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -92,9 +92,9 @@ class Reception:
         for kind in ("frame", "region"):
             transfers.broken_hooks[kind] = self._frame_broken
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Look at each event once."""
-        for event in events:
+        for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._greet(event)
             elif isinstance(event, Telemetry):

@@ -13,11 +13,12 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from gss.device.dictionary import Dictionary
-from gss.device.session_events import DeviceEvent, SessionEvent
+from gss.device.session_events import DeviceEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
 from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_words import (
     CATALOGUE,
@@ -88,9 +89,9 @@ class AlarmService:
                 limit = limit_text(j.rule, j.state, j.value) if j.state is not State.OK else ""
                 self._follow(key, j.state, j.value, f"{words}, {limit}", limit, judged=j.judged)
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Severe events of the device; they are over at once and only want to be seen."""
-        for event in events:
+        for event in batch.events:
             if isinstance(event, DeviceEvent) and event.severity in SEVERE:
                 text = f"{event.name}: {event.text}" if event.text else event.name
                 with self._lock:

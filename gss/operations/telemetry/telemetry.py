@@ -8,10 +8,11 @@ from datetime import datetime
 from typing import Any
 
 from gss.device.dictionary import Dictionary
-from gss.device.session_events import SessionEvent, Telemetry
+from gss.device.session_events import Telemetry
 from gss.domain.errors import StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Archive
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.rollups import Rollups
@@ -46,12 +47,12 @@ class TelemetryService:
         """Why they are not being stored now; "" while they are."""
         self._unstored_from = 0
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
-        """Store the telemetry among these events in one transaction, then judge it and make it the latest."""
-        packets = [event for event in events if isinstance(event, Telemetry)]
+    def handle(self, batch: LineBatch) -> None:
+        """Store the telemetry of a batch in one transaction, then judge it and make it the latest."""
+        packets = [event for event in batch.events if isinstance(event, Telemetry)]
         if not packets:
             return
-        at = self._now()
+        at = batch.at
         self._store(packets, at)
         judgements = [judgement for packet in packets for judgement in self.board.take(packet, at)]
         for packet in packets:

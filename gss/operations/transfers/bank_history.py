@@ -17,13 +17,13 @@ from gss.device.session_events import (
     DeviceEvent,
     Direction,
     HelloReceived,
-    SessionEvent,
     Stage,
     Telemetry,
     TransferDone,
 )
 from gss.domain.errors import BadInput, NotFound
 from gss.operations.clock import Now
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store import bank_history as store
 from gss.store import catalogues, commands
@@ -85,9 +85,9 @@ class BankHistoryService:
 
     # --- what the device tells ----------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
+    def handle(self, batch: LineBatch) -> None:
         """Look at each event once, in order."""
-        for event in events:
+        for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._met()
             elif isinstance(event, Telemetry) and event.packet == "bank_info":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,25 +47,23 @@ class TransferRows:
         return row
 
 
-def begin(
-    session: HostSession,
-    row: Transfer,
-    blobs: BlobStore,
-    now_s: float,
-    held: HeldPart | None = None,
-    paused: str | None = None,
-) -> int:
-    """Give the session a transfer as its row describes it; the session's id of it. ``held``, ``paused``: as the session's."""
+Start = Callable[[HostSession, float], int]
+"""Starts a transfer in a session at ``now_s`` and returns its number there; needs neither store nor files."""
+
+
+def prepare(row: Transfer, blobs: BlobStore, held: HeldPart | None = None, paused: str | None = None) -> Start:
+    """Read what a session needs to start the transfer that ``row`` describes. ``held``, ``paused``: see ``HostSession``."""
     options = row.options
     if "slot" not in options:
         raise BadInput("it was begun by an older version", hint="start it anew")
+    slot, reason = int(options["slot"]), paused or ""
     if row.direction == Direction.DOWN:
         part = Part(**options["part"]) if options.get("part") else None
-        return session.start_download(row.kind, int(options["slot"]), now_s, held=held, part=part, paused=paused or "")
+        return lambda session, now_s: session.start_download(row.kind, slot, now_s, held=held, part=part, paused=reason)
     facts = options["compatibility"]
     compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
     data = blobs.get(options["content"])
-    return session.start_upload(row.kind, int(options["slot"]), data, compatibility, now_s, paused=paused or "")
+    return lambda session, now_s: session.start_upload(row.kind, slot, data, compatibility, now_s, paused=reason)
 
 
 def words_of(update: TransferUpdate) -> str:

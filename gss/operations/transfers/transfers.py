@@ -11,14 +11,15 @@ from dataclasses import asdict
 from typing import Any
 
 from gss.device.session import Compatibility, HeldPart, Part
-from gss.device.session_events import Direction, SessionEvent, TransferDone, TransferState, TransferUpdate
+from gss.device.session_events import Direction, TransferDone, TransferState, TransferUpdate
 from gss.domain.errors import Conflict, GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.arrivals import Later, Storing, Writer
 from gss.operations.transfers.transfer_parts import PartStore
-from gss.operations.transfers.transfer_rows import TransferRows, TransferView, begin, words_of
+from gss.operations.transfers.transfer_rows import TransferRows, TransferView, prepare, words_of
 from gss.store import transfers as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
@@ -60,7 +61,6 @@ class TransferService:
         """Asked before anything comes down or goes up; raises where there is no room for it."""
         self.writer = Writer(link.monotonic_s, self._held_up)
         self._storing: list[Storing] = []
-        link.rounds.append(self.settle)
 
     def start(self) -> None:
         """Transfers that the last server left open come back paused and go on when the device has answered; what an
@@ -200,15 +200,17 @@ class TransferService:
             log=[],
             **links,
         )
-        now_s = self._link.monotonic_s()
-        with self._link.lock:
-            session_id = begin(self._link.session, row, self._blobs, now_s)
+        start = prepare(row, self._blobs)
+        with self._link.hold_events():
+            with self._link.lock:
+                session_id = start(self._link.session, self._link.monotonic_s())
             try:
                 with self._database.unit_of_work() as session:
                     store.add(session, row)
             except StoreDown:
-                # What cannot be recorded is not sent.
-                self._link.session.abort_transfer(session_id, self._link.monotonic_s())
+                # A transfer that cannot be recorded is not carried out.
+                with self._link.lock:
+                    self._link.session.abort_transfer(session_id, self._link.monotonic_s())
                 raise
             self._row_of[session_id], self._session_of[row.id] = row.id, session_id
         view = TransferView(row, None)
@@ -218,11 +220,13 @@ class TransferService:
     def _enter(self, row: Transfer, paused: str | None) -> None:
         """Give a stored transfer to the session again; ``paused``: "" until an operator resumes it, a reason until the device
         answers, None not at all."""
-        now_s = self._link.monotonic_s()
-        with self._link.lock:
-            session_id = begin(self._link.session, row, self._blobs, now_s, self._parts.load(row.id), paused)
-            if paused == "":
-                self._link.session.pause_transfer(session_id, now_s)
+        start = prepare(row, self._blobs, self._parts.load(row.id), paused)
+        with self._link.hold_events():
+            with self._link.lock:
+                now_s = self._link.monotonic_s()
+                session_id = start(self._link.session, now_s)
+                if paused == "":
+                    self._link.session.pause_transfer(session_id, now_s)
             self._row_of[session_id], self._session_of[row.id] = row.id, session_id
 
     def _check_line(self) -> None:
@@ -231,9 +235,11 @@ class TransferService:
 
     # --- what happens -------------------------------------------------------------------------------------------
 
-    def handle(self, events: Sequence[SessionEvent]) -> None:
-        """Follow the transfers among these events. What arrived is stored before its transfer is said to be over."""
-        known = [e for e in events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of]
+    def handle(self, batch: LineBatch) -> None:
+        """Follow the transfers of a batch. Content is stored before its transfer is reported as complete."""
+        known = [
+            e for e in batch.events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of
+        ]
         arrived = [event for event in known if isinstance(event, TransferDone)]
         for done in arrived:
             self._deliver(self._row_of[done.transfer_id], done)
@@ -249,7 +255,7 @@ class TransferService:
                 self._end(done.transfer_id)
 
     def settle(self) -> None:
-        """Called by the thread that reads the line as it gets round: what is stored by now is told to be over."""
+        """Complete the transfers whose content has been stored. Called periodically by the dispatcher."""
         for one in [storing for storing in self._storing if storing.later.job.done()]:
             self._storing.remove(one)
             try:

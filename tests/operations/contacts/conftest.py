@@ -15,6 +15,8 @@ from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.line.contacts import ContactService
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import Retention
 from gss.operations.telemetry.alarms import AlarmService
@@ -34,7 +36,8 @@ class Station:
         self._read, sensor.read = sensor.read, self.read
         self.bus = EventBus(database, self.now)
         parts = (self.dictionary, database, self.bus)
-        self.link = LinkService(*parts, self.folder, self.now, sensor.monotonic_s, retention=retention)
+        self.events = LineEventQueue(self.now, sensor.monotonic_s)
+        self.link = LinkService(*parts, self.folder, self.now, sensor.monotonic_s, self.events, retention=retention)
         self.telemetry = TelemetryService(*parts, self.now)
         self.telemetry.contact = lambda: self.link.contact_id
         self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
@@ -42,12 +45,16 @@ class Station:
             self.link, database, self.bus, self.now, AuthorityService(database, self.bus, self.now)
         )
         self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now)
-        self.link.handlers += [
+        subscribers = [
+            self.link.handle,
             self.telemetry.handle,
             self.commands.handle,
             self.alarms.handle,
             self.contacts.handle,
         ]
+        self.dispatcher = Dispatcher(self.events, self.bus, sensor.monotonic_s, subscribers)
+        sensor.keep_pace_with(self.events)
+        self.dispatcher.start()
         self.link.start()
 
     def now(self) -> datetime:
@@ -72,6 +79,11 @@ class Station:
         self.wait(lambda: self.link.contact_id is None)
         if contact_id is not None:
             self.wait(lambda: any(e.text.startswith("line closed") for e in self.bus.after(0, 1000)))
+
+    def stop(self) -> None:
+        """Give the line back."""
+        self.link.stop()
+        self.dispatcher.stop()
 
     def listen(self, seconds: float) -> None:
         """Let that much of the sensor's time pass."""
@@ -103,7 +115,7 @@ def make_station(sensor_in_memory, database, tmp_path) -> Iterator[Callable[...,
 
     yield make
     for station in made:
-        station.link.stop()
+        station.stop()
 
 
 @pytest.fixture

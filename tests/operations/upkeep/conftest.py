@@ -14,6 +14,7 @@ import pytest
 
 from gss.device.dictionary_file import load_dictionary
 from gss.operations.jobs import JobService
+from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import RECEIVED, RawCapture
 from gss.operations.upkeep.backup import BackupService
@@ -115,7 +116,9 @@ class Store:
 def store(database, bus, clock, tmp_path) -> Iterator[Store]:
     """An empty one."""
     blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock)
-    link = LinkService(load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: 0.0)
+    link = LinkService(
+        load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+    )
     room, lock = [100_000 * MB], tmp_path / "upkeep.lock"
     disk = DiskGuard(tmp_path, 2000 * MB, 200 * MB, lambda _: (room[0], 200_000 * MB))
     retention = RetentionService(database, blobs, jobs, bus, link, lock, clock)

@@ -12,6 +12,7 @@ from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule import ScheduleService
 from gss.operations.line.contacts import ContactService
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -28,7 +29,9 @@ class Room:
 
     def __init__(self, database, bus, clock, folder) -> None:
         self.clock, self.database, self.bus, self.mono_s, self.device_s = clock, database, bus, 50.0, 1000.0
-        self.link = LinkService(DICTIONARY, database, bus, folder, clock, lambda: self.mono_s)
+        self.link = LinkService(
+            DICTIONARY, database, bus, folder, clock, lambda: self.mono_s, LineEventQueue(clock, lambda: self.mono_s)
+        )
         self.telemetry = TelemetryService(DICTIONARY, database, bus, clock)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         commands = CommandService(self.link, database, bus, clock, AuthorityService(database, bus, clock))
@@ -38,7 +41,7 @@ class Room:
         self.clocks.jumped += [self.alarms.clock_jumped, self.schedule.clock_jumped]
         with database.unit_of_work() as session:
             self.contact = devices.open_contact(session, "x", clock(), "c").id
-        self.link.connected, self.link.contact_id = True, self.contact
+        self.link.line_is_open, self.link.contact.is_open, self.link.contact.contact_id = True, True, self.contact
         self.telemetry.contact = lambda: self.contact
 
     def live(self, seconds: int, heard: bool = True) -> None:
@@ -48,7 +51,9 @@ class Room:
             self.mono_s, self.device_s = self.mono_s + 1.0, self.device_s + 1.0
             if heard:
                 values = {"cycle_running": False, "supply_3v3_v": 3.3, "uptime_s": self.device_s}
-                packets = [Telemetry("housekeeping", self.device_s, 0, values, values)]
+                packets = LineBatch(
+                    (Telemetry("housekeeping", self.device_s, 0, values, values),), self.clock(), self.mono_s
+                )
                 self.telemetry.handle(packets)
                 self.schedule.handle(packets)
             self.tick()

@@ -21,6 +21,8 @@ from gss.domain.errors import CorruptData, StoreDown
 from gss.domain.limits import State
 from gss.operations.events import EventBus
 from gss.operations.jobs import JobService
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.line.line_events import LineBatch, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import RECEIVED, RawCapture, Retention, capture_files, read_captures
 from gss.operations.telemetry.alarms import AlarmService
@@ -99,11 +101,13 @@ def test_a_capture_on_a_full_disk_holds_whole_records_only_and_goes_on(small_dis
 def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, sensor_in_memory, database, bus, clock):
     """The line goes on without its capture; the bytes that are missing there are counted, announced and an alarm."""
     sensor = sensor_in_memory()
-    link = LinkService(DICTIONARY, database, bus, small_disk.folder, clock, sensor.monotonic_s)
+    events = LineEventQueue(clock, sensor.monotonic_s)
+    link = LinkService(DICTIONARY, database, bus, small_disk.folder, clock, sensor.monotonic_s, events)
     telemetry = TelemetryService(DICTIONARY, database, bus, clock)
     alarms = AlarmService(DICTIONARY, telemetry, link, database, bus, clock)
     watch = DiskWatch(DiskGuard(small_disk.folder, 0, 0), alarms, link, telemetry)
-    link.handlers.append(telemetry.handle)
+    dispatcher = Dispatcher(events, bus, sensor.monotonic_s, [link.handle, telemetry.handle])
+    dispatcher.start()
     link.start()
     link.open_later(sensor.url)
 
@@ -126,6 +130,7 @@ def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, senso
     assert alarms.opened()[0].row.state == "cleared"
     assert link.contact_id == contact
     link.stop()
+    dispatcher.stop()
     texts = [event.text for event in bus.after(0, 500)]
     assert len([t for t in texts if "record has a hole" in t]) == 1
     assert any(f"{link.capture.lost_bytes} bytes of the line are not in it" in t for t in texts)
@@ -134,9 +139,9 @@ def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, senso
     assert torn == []
 
 
-def housekeeping(k: int) -> list[Telemetry]:
+def housekeeping(k: int) -> tuple[Telemetry]:
     fields = {"supply_3v3_v": 3.3, "mode": "standby", "cycle_running": False, "latchups": k}
-    return [Telemetry("housekeeping", float(k), 0, fields, fields)]
+    return (Telemetry("housekeeping", float(k), 0, fields, fields),)
 
 
 def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_disk, clock, tmp_path):
@@ -147,17 +152,17 @@ def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_di
     database = Database(open_engine(url))
     bus = EventBus(database, clock)
     telemetry = TelemetryService(DICTIONARY, database, bus, clock)
-    telemetry.handle(housekeeping(1))
+    telemetry.handle(LineBatch(housekeeping(1), clock(), 0.0))
     with small_disk.full():
         for k in range(2, 2000):
-            telemetry.handle(housekeeping(k))
+            telemetry.handle(LineBatch(housekeeping(k), clock(), 0.0))
             if telemetry.unstored > 20:
                 break
         with pytest.raises(StoreDown, match="cannot be used now"):
             bus.record("x", "ok", "y" * 200_000)
         assert telemetry.latest_packet("housekeeping").values["latchups"] == k
         assert telemetry.store_fails
-    telemetry.handle(housekeeping(k + 1))
+    telemetry.handle(LineBatch(housekeeping(k + 1), clock(), 0.0))
     assert telemetry.store_fails == ""
     assert any(f"{telemetry.unstored} packets of before" in event.text for event in bus.after(0, 100))
     with database.engine.connect() as connection:

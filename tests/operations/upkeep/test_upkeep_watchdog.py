@@ -12,6 +12,8 @@ from gss.domain.errors import LinkDown
 from gss.operations.frames import frames as room
 from gss.operations.frames.frames import FrameService
 from gss.operations.line import link as link_room
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import STALLED_AFTER_S, LinkService
 from gss.store.blobs import BlobStore
 
@@ -54,13 +56,17 @@ def line(database, bus, clock, tmp_path, monkeypatch):
 
     monkeypatch.setattr(link_room, "open_stream", open_hanging)
     now_s = [100.0]
-    link = LinkService(load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: now_s[0])
+    events = LineEventQueue(clock, lambda: now_s[0])
+    link = LinkService(load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: now_s[0], events)
+    dispatcher = Dispatcher(events, bus, lambda: now_s[0], [link.handle])
+    dispatcher.start()
     link.start()
     yield link, opened, now_s
     link.url = ""
     for stream in opened:
         stream.close()
     link.stop()
+    dispatcher.stop()
 
 
 def test_a_reader_that_hangs_loses_its_port_and_opens_the_line_anew(line, bus):
@@ -75,8 +81,8 @@ def test_a_reader_that_hangs_loses_its_port_and_opens_the_line_anew(line, bus):
     link.watch()
     wait_for(lambda: len(opened) == 2 and opened[1].reading.is_set())
     assert link.alive()
-    assert link.contact_id == 2
-    assert any("did not get round for 21 s" in event.text for event in bus.after(0, 100))
+    wait_for(lambda: link.contact_id == 2)
+    assert any("made no progress for 21 s" in event.text for event in bus.after(0, 100))
 
 
 def test_a_reader_that_died_is_started_anew_and_told(line, bus, monkeypatch):
@@ -94,7 +100,7 @@ def test_a_reader_that_died_is_started_anew_and_told(line, bus, monkeypatch):
     link.open_later("memory://hangs")
     link.watch()
     wait_for(lambda: opened and opened[-1].reading.is_set())
-    assert any("started anew" in event.text for event in bus.after(0, 100))
+    wait_for(lambda: any("was restarted" in event.text for event in bus.after(0, 100)))
 
 
 def test_frames_that_come_faster_than_they_are_solved_are_left_out_and_told(

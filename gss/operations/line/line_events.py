@@ -1,0 +1,125 @@
+"""Events that the link publishes, in batches that carry the time at which their bytes arrived.
+
+The line thread publishes and never waits; a ``Dispatcher`` on a thread of its own hands the batches to the services, which may wait
+for the store. That is why a locked or full database delays neither the line nor ABORT.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from gss.device.session_events import CommandStage, LinkCounters, SessionEvent, Telemetry
+from gss.operations.clock import Monotonic, Now
+
+MOST_WAITING = 20_000
+"""Events. About five minutes of a busy line; beyond it telemetry is left to the raw capture."""
+
+
+@dataclass(frozen=True)
+class LineOpened:
+    """The port was opened. ``contact_id``: number reserved for the contact; ``capture``: prefix of its raw files; ``counters``: of
+    the session at that time."""
+
+    url: str
+    contact_id: int
+    capture: str
+    counters: LinkCounters
+
+
+@dataclass(frozen=True)
+class LineClosed:
+    """The port was closed or lost. ``counters``: of the session at its end."""
+
+    cause: str
+    counters: LinkCounters
+
+
+@dataclass(frozen=True)
+class LinkFault:
+    """A fault on the ground's side of the line, to be recorded."""
+
+    severity: str
+    text: str
+
+
+@dataclass(frozen=True)
+class AbortIssued:
+    """ABORT was queued for the line ahead of everything. ``withdrawn``: commands that it took out of the queue; ``recorded``:
+    resolves to the command's row when it is stored."""
+
+    request_id: int
+    user: str
+    source: str
+    withdrawn: tuple[CommandStage, ...]
+    recorded: Future[Any] = field(default_factory=Future, compare=False)
+
+
+LineEvent = SessionEvent | LineOpened | LineClosed | LinkFault | AbortIssued
+
+
+@dataclass(frozen=True)
+class LineBatch:
+    """Events in their order. ``at`` (UTC) and ``at_s`` (monotonic clock, seconds): when they were published."""
+
+    events: tuple[LineEvent, ...]
+    at: datetime
+    at_s: float
+
+
+class LineEventQueue:
+    """Batches between the line and the services. ``publish`` never blocks."""
+
+    def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MOST_WAITING) -> None:
+        self._now, self._monotonic_s, self._most = now, monotonic_s, most
+        self._batches: deque[LineBatch] = deque()
+        self._changed = threading.Condition()
+        self._in_progress = False
+        self.depth = 0
+        """Events that wait."""
+        self.dropped = 0
+        """Telemetry packets dropped since the server started because the queue was full."""
+        self.hold = threading.RLock()
+        """The dispatcher holds it while it hands out a batch. A service that starts something and then stores its row holds it too,
+        so that no report is handled before the row exists. Take it before ``LinkService.lock``, never after."""
+
+    def publish(self, events: Sequence[LineEvent]) -> None:
+        """Append a batch. When too many events wait, its telemetry is dropped and counted; everything else is kept."""
+        if not events:
+            return
+        with self._changed:
+            kept = tuple(events)
+            if self.depth >= self._most:
+                kept = tuple(event for event in events if not isinstance(event, Telemetry))
+                self.dropped += len(events) - len(kept)
+            self._batches.append(LineBatch(kept, self._now(), self._monotonic_s()))
+            self.depth += len(kept)
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> LineBatch | None:
+        """The oldest batch, or None if none arrives within ``timeout_s``. Call ``done`` after handling it."""
+        with self._changed:
+            if not self._batches:
+                self._changed.wait(timeout_s)
+            if not self._batches:
+                return None
+            batch = self._batches.popleft()
+            self.depth -= len(batch.events)
+            self._in_progress = True
+            return batch
+
+    def done(self) -> None:
+        """The batch taken last was handled."""
+        with self._changed:
+            self._in_progress = False
+            self._changed.notify_all()
+
+    def wait_until_handled(self, timeout_s: float) -> bool:
+        """Wait until no batch waits or is being handled. False after ``timeout_s``."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._batches and not self._in_progress, timeout_s)
