@@ -1033,7 +1033,7 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description ABORT, ahead of everything.
+         * @description Send ABORT ahead of everything. The answer waits at most 0.3 s for the record. 409: nothing was sent.
          */
         post: operations["abort_api_commands_abort_post"];
         delete?: never;
@@ -3215,6 +3215,17 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /**
+         * AbortOut
+         * @description ABORT left for the line at ``at``. ``command``: its record; null while the store cannot take it.
+         */
+        AbortOut: {
+            /** Request Id */
+            request_id: number;
+            /** At */
+            at: string;
+            command: components["schemas"]["CommandOut"] | null;
+        };
         /**
          * AlarmOut
          * @description A value outside its limits, or a state of the link that wants attention.
@@ -15114,7 +15125,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["CommandOut"];
+                    "application/json": components["schemas"]["AbortOut"];
                 };
             };
             /** @description Bad Request */

@@ -1,0 +1,65 @@
+"""ABORT and the line while the store is locked: the line never waits for it, and nothing is lost afterwards."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LOCK_WAIT_S = 5.0
+"""SQLite's own wait for a lock; anything that waited for the store takes longer."""
+
+
+@contextmanager
+def locked(database: Path) -> Iterator[None]:
+    """Another process holds the write lock."""
+    connection = sqlite3.connect(database, isolation_level=None, timeout=30)
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+    finally:
+        connection.execute("ROLLBACK")
+        connection.close()
+
+
+def test_abort_leaves_while_the_database_is_locked(serve, sensor):
+    """The cycle stops while the lock is held; the answer says that the record is still open; after the lock it is complete."""
+    server = serve("--device", sensor.url)
+    console = server.console
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    console.command("SET_MODE", mode="lost_in_space")
+    console.command("START_CYCLE")
+    console.wait("the cycle", lambda: console.get("/link")["cycle_running"])
+    with locked(server.folder / "gss.db"):
+        time.sleep(1.0)  # the dispatcher meets the lock
+        start_s = time.monotonic()
+        receipt = console.post("/commands/abort")
+        assert receipt["command"] is None
+        console.wait("the cycle to stop", lambda: not console.get("/link")["cycle_running"], LOCK_WAIT_S - 1.0)
+        assert time.monotonic() - start_s < LOCK_WAIT_S - 1.0
+
+    def recorded():
+        rows = console.get("/commands", name="ABORT")
+        return next((row for row in rows if row["result"] == "completed"), None)
+
+    row = console.wait("the record", recorded)
+    assert row["request_id"] == receipt["request_id"]
+    assert [stage["name"] for stage in row["stages"] if stage["state"] == "passed"][-1] == "completed"
+
+
+def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(serve, sensor):
+    """Bytes flow and ABORT leaves without a contact's row; the row and its capture are complete once the lock is gone."""
+    server = serve()
+    console = server.console
+    with locked(server.folder / "gss.db"):
+        server.console.http.post("/link/open", json={"url": sensor.url}, timeout=30)
+        console.wait("the sensor", lambda: console.get("/link")["dictionary_match"], 30)
+        assert console.post("/commands/abort")["command"] is None
+    contact = console.wait("the contact", lambda: next(iter(console.get("/contacts")), None))
+    detail = console.wait(
+        "its device", lambda: found if (found := console.get(f"/contacts/{contact['id']}"))["device"] else None
+    )
+    assert detail["captures"]
+    console.wait("ABORT's record", lambda: console.get("/commands", name="ABORT"))
