@@ -31,14 +31,19 @@ from gss.operations.frames.replay import ReplayService
 from gss.operations.frames.rerun_viewer import RerunViewer
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
+from gss.operations.intake.bank_intake import BankIntake
+from gss.operations.intake.frame_intake import FrameIntake
+from gss.operations.intake.frame_records import FrameRecords
+from gss.operations.intake.result_intake import ResultIntake
+from gss.operations.intake.table_intake import TableIntake
 from gss.operations.jobs import JobService
 from gss.operations.line.contacts import ContactService
 from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import Retention
-from gss.operations.line.reception import Reception
 from gss.operations.line.replay_capture import CaptureReplay
+from gss.operations.line.sensor_knowledge import SensorKnowledge
 from gss.operations.line.status import StatusService
 from gss.operations.recordings.live import LiveRecordings
 from gss.operations.recordings.scope import Scopes
@@ -54,6 +59,7 @@ from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.reprocess import WORKERS, ReprocessService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers.arrivals import Writer
 from gss.operations.transfers.bank_history import BankHistoryService
 from gss.operations.transfers.bank_plans import activations, uploads
 from gss.operations.transfers.banks import BankService
@@ -112,6 +118,7 @@ class Services:
     executor: Executor
     contacts: ContactService
     dispatcher: Dispatcher
+    writer: Writer
     capture_replay: CaptureReplay
     design: DesignService
     calibrations: CalibrationService
@@ -174,10 +181,10 @@ def make_upkeep(
     telemetry: TelemetryService,
     frames: FrameService,
     jobs: JobService,
+    disk: DiskGuard,
 ) -> Upkeep:
     """Disk, retention, backups, checks, health and figures."""
     captures, lock = settings.data / "captures", settings.data / "upkeep.lock"
-    disk = DiskGuard(settings.data, settings.disk_watch_mb << 20, settings.disk_stop_mb << 20)
     clocks = ClockWatch(bus, utc_now, monotonic_s)
     retention = RetentionService(database, blobs, jobs, bus, link, lock, utc_now)
     folder = settings.backups_folder
@@ -209,19 +216,20 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     captures = settings.data / "captures"
     link = LinkService(dictionary, database, bus, captures, utc_now, monotonic_s, events, settings.framing, retention)
     authority = AuthorityService(database, bus, utc_now)
-    commands = CommandService(link, database, bus, utc_now, authority)
+    accounts = open_accounts(database, settings, utc_now, monotonic_s)
+    commands = CommandService(link, database, bus, utc_now, authority, accounts.require)
     schedule = ScheduleService(link, commands, bus, utc_now)
     stacks = StackService(link, commands, database, utc_now)
     stack_runs = StackRunner(stacks, link, commands, database, bus, utc_now, monotonic_s)
-    telemetry = TelemetryService(dictionary, database, bus, utc_now)
-    telemetry.contact = lambda: link.contact_id
+    disk = DiskGuard(settings.data, settings.disk_watch_mb << 20, settings.disk_stop_mb << 20)
+    telemetry = TelemetryService(dictionary, database, bus, utc_now, lambda: link.contact_id, disk.has_room_for_rows)
     alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
     contacts = ContactService(link, alarms, database, bus, settings.data / "captures", utc_now)
     capture_replay = CaptureReplay(
-        dictionary, settings.data / "captures", telemetry.limits.rule, bus, monotonic_s, settings.framing
+        dictionary, settings.data / "captures", telemetry.limits, bus, monotonic_s, settings.framing
     )
-    telemetry.limits.changed_hooks.append(lambda key: capture_replay.board.limits_changed(key))
-    transfers = TransferService(link, database, bus, utc_now, blobs, PartStore(settings.data / "parts"))
+    writer, parts = Writer(monotonic_s, bus), PartStore(settings.data / "parts")
+    transfers = TransferService(link, database, bus, utc_now, blobs, parts, writer, disk.check)
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)
     darks = DarkFrames(blobs)
@@ -236,9 +244,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
     frames = FrameService(database, blobs, bus, solver, solver.cache.stars(epoch_jyear), utc_now, settings.solve_chain)
     banks = BankService(database, blobs, bus, stars, utc_now)
-    bank_history = BankHistoryService(link, database, utc_now)
-    bank_history.planners += [uploads(transfers, database), activations(schedule)]
-    jobs = JobService(database, bus, utc_now)
+    planners = [uploads(transfers, database), activations(schedule)]
+    bank_history = BankHistoryService(link, database, utc_now, planners)
+    jobs = JobService(database, bus, utc_now, disk.check)
     executor = make_executor(settings.cluster, WORKERS)
     campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
     reprocessing = ReprocessService(
@@ -248,10 +256,13 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)
     replay = ReplayService(frames, banks, tables, stopwatch_s)
     images = UploadedImages(link, commands, transfers, frames, bus)
-    reception = Reception(
-        link, commands, telemetry, transfers, frames, banks, tables, images, replay, stars, bus, utc_now
+    records = FrameRecords(link, tables, frames, replay)
+    frame_intake = FrameIntake(
+        link, telemetry, transfers, frames, images, records, writer, schedule.clock, bus, utc_now
     )
-    reception.clock = schedule.clock
+    result_intake = ResultIntake(records, banks, SensorKnowledge(dictionary), stars)
+    bank_intake = BankIntake(banks, transfers, commands, writer, bus)
+    table_intake = TableIntake(tables, transfers, commands, bus)
     dispatcher = Dispatcher(
         events,
         bus,
@@ -261,7 +272,11 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             telemetry.handle,
             commands.handle,
             transfers.handle,
-            reception.handle,
+            frame_intake.handle,
+            result_intake.handle,
+            bank_intake.handle,
+            table_intake.handle,
+            images.handle,
             bank_history.handle,
             alarms.handle,
             contacts.handle,
@@ -278,13 +293,10 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     viewer = RerunViewer(settings.data / "rerun-viewer")
     place = PlaceService(dictionary, database, bank_history, schedule.clock)
     recordings = Recordings(database, frames, stars, place.at)
-    accounts = open_accounts(database, settings, utc_now, monotonic_s)
-    commands.permits = accounts.require
-    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs)
-    upkeep.metrics.collect += [transfers.writer.samples, dispatcher.samples]
+    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs, disk)
+    upkeep.metrics.collect += [writer.samples, dispatcher.samples]
     upkeep.health.drops.append(lambda: ("line events", events.dropped))
-    jobs.room = transfers.room = frames.room = upkeep.disk.check
-    telemetry.has_room = upkeep.disk.has_room_for_rows
+    frames.room = disk.check
     upkeep.clocks.jumped += [alarms.clock_jumped, schedule.clock_jumped]
     contacts.removed_before = upkeep.retention.removed_before
     status.tickers.insert(0, upkeep.clocks.tick)
@@ -325,6 +337,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         executor=executor,
         contacts=contacts,
         dispatcher=dispatcher,
+        writer=writer,
         capture_replay=capture_replay,
         design=DesignService(jobs, stars),
         calibrations=calibrations,

@@ -76,10 +76,10 @@ Resumable = Callable[[Run], dict[str, Any]]
 
 
 class JobService:
-    """Runs jobs one at a time on a thread; numpy lets the server breathe meanwhile."""
+    """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown where the disk has no room for a job's results."""
 
-    def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
-        self._database, self._bus, self._now = database, bus, now
+    def __init__(self, database: Database, bus: EventBus, now: Now, check_room: Callable[[str], None]) -> None:
+        self._database, self._bus, self._now, self._check_room = database, bus, now, check_room
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, Resumable] = {}
@@ -87,8 +87,6 @@ class JobService:
         self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
         """By kind: what of a stored request is asked anew when its job is started again, or goes on after a crash, because it may
         be out of force."""
-        self.room: Callable[[str], None] = lambda _what: None
-        """Asked before a job is queued; raises where there is no room for what it makes."""
 
     def resumable(self, kind: str, work: Resumable) -> None:
         """Work of this kind, one of :data:`RESUMABLE_KINDS`, survives a crash of the server."""
@@ -178,7 +176,7 @@ class JobService:
 
     def _add(self, kind: str, title: str, request: dict[str, Any]) -> Job:
         if kind not in ALWAYS:
-            self.room("a new job")
+            self._check_room("a new job")
         row = Job(
             kind=kind, title=title, state="queued", text="waiting", created=self._now(), request=request, result={}
         )

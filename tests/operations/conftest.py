@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from gss.device.dictionary_file import load_dictionary
+from gss.domain.errors import NotPermitted
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
@@ -74,7 +75,8 @@ class Desk:
             load_dictionary(), database, bus, folder / "captures", now, sensor.monotonic_s, self.events
         )
         self.authority = AuthorityService(database, bus, now)
-        self.commands = CommandService(self.link, database, bus, now, self.authority)
+        self.refused: set[str] = set()
+        self.commands = CommandService(self.link, database, bus, now, self.authority, self._permits)
         self.history = CommandHistory(database)
         self.stacks = StackService(self.link, self.commands, database, now)
         self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)
@@ -83,6 +85,10 @@ class Desk:
         subscribers = [self.link.handle, self.commands.handle, self.runs.handle, self._schedule]
         self.dispatcher = Dispatcher(self.events, bus, sensor.monotonic_s, subscribers)
         sensor.keep_pace_with(self.events)
+
+    def _permits(self, user: str, permission: str) -> None:
+        if user in self.refused:
+            raise NotPermitted("no", got=f"{user} {permission}")
 
     def _schedule(self, batch: LineBatch) -> None:
         if self.schedule_hears:

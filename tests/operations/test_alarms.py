@@ -28,7 +28,7 @@ class Room:
         self.link = LinkService(
             DICTIONARY, database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
         )
-        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock)
+        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         self.alarms.start()
 
@@ -37,7 +37,8 @@ class Room:
         for value in values:
             self.clock.forward(1)
             fields = {FIELD: value, "cycle_running": True, **more}
-            self.telemetry.handle(LineBatch((Telemetry("housekeeping", 1.0, 0, fields, fields),), self.clock(), 0.0))
+            batch = LineBatch((Telemetry("housekeeping", 1.0, 0, fields, fields),), self.clock(), 0.0)
+            self.alarms.handle(batch.with_derived(self.telemetry.handle(batch)))
 
     def only(self):
         """The one open alarm."""

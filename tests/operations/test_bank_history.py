@@ -40,10 +40,10 @@ class Room:
         self.link = LinkService(
             DICTIONARY, database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
         )
-        telemetry = TelemetryService(DICTIONARY, database, bus, clock)
+        telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)
         self.alarms.start()
-        self.history = BankHistoryService(self.link, database, clock)
+        self.history = BankHistoryService(self.link, database, clock, [])
         self.expiry = ExpiryWatch(self.history, self.alarms, clock, watch_days=5.0)
 
     def meet(self, serial="FM2") -> None:
@@ -165,7 +165,7 @@ def test_the_record_survives_a_restart_and_devices_are_kept_apart(room):
     room.clock.forward(3600)
     room.meet("FM2")
     room.tell("A", "corrupt")
-    again = BankHistoryService(room.link, room.database, room.clock)
+    again = BankHistoryService(room.link, room.database, room.clock, [])
     span = room.clock() - timedelta(days=1), room.clock()
     newest = again.timeline(*span)
     assert (newest.device.name, [d.name for d in newest.devices]) == ("FM2", ["FM2", "FM1"])
@@ -228,7 +228,7 @@ def test_the_expiry_alarm_needs_no_line_and_survives_a_restart(room):
     room.link.contact.contact_id = None
     room.expiry.tick()
     room.alarms.start()
-    ExpiryWatch(BankHistoryService(room.link, room.database, room.clock), room.alarms, room.clock, 5.0).tick()
+    ExpiryWatch(BankHistoryService(room.link, room.database, room.clock, []), room.alarms, room.clock, 5.0).tick()
     (view,) = room.alarms.opened()
     assert view.level is State.WATCH
     assert len(room.alarms.newest(10)) == 1

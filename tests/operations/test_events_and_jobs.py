@@ -46,7 +46,7 @@ def test_a_slow_listener_loses_the_oldest_and_is_told_how_many(bus):
 @pytest.fixture
 def jobs(database, bus, clock):
     """A job service that ends with the test."""
-    service = JobService(database, bus, clock)
+    service = JobService(database, bus, clock, lambda _: None)
     yield service
     service.stop()
 
@@ -164,7 +164,7 @@ def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tm
         done.append((run.checkpoint or {"next": 0})["next"])
         return a_sum(run)
 
-    second = JobService(after, EventBus(after, clock), clock)
+    second = JobService(after, EventBus(after, clock), clock, lambda _: None)
     second.resumable("sum", rest)
     second.start()
     job = wait_for_end(second, whole.id)
@@ -188,7 +188,11 @@ def test_a_job_that_kills_the_server_is_not_tried_for_ever(jobs, database, clock
 
 def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(database, bus, clock):
     """Ctrl-C is no cancel: the job waits, and goes on where it was."""
-    running, first, second = threading.Event(), JobService(database, bus, clock), JobService(database, bus, clock)
+    running, first, second = (
+        threading.Event(),
+        JobService(database, bus, clock, lambda _: None),
+        JobService(database, bus, clock, lambda _: None),
+    )
 
     def until_stopped(run):
         run.keep({"next": 3, "sum": 5, "steps": [0, 0, 0]})

@@ -85,7 +85,7 @@ class Desk:
         migrate(url)
         self.database = Database(open_engine(url))
         self.bus = EventBus(self.database, lambda: datetime.now(UTC))
-        self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC))
+        self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC), lambda _: None)
         blobs = BlobStore(str(folder / "blobs"))
         self.service = ReprocessService(self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor)
         known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(11)

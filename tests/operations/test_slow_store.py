@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from gss.domain.errors import StoreDown
+from gss.operations.events import EventBus
 from gss.operations.transfers.arrivals import MOST_WAITING, Writer
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
@@ -44,7 +45,9 @@ class Ground:
         s = self.services
         s.transfers.start()
         s.commands.start()
+        s.dispatcher.start()
         s.link.start()
+        sensor.keep_pace_with(s.link.events)
         s.link.open_later(sensor.url)
         self.wait(lambda: any(view.row.kind == "catalogue" and view.row.finished for view in s.transfers.newest(9)))
 
@@ -100,7 +103,7 @@ def test_telemetry_comes_while_a_frame_waits_for_its_store(ground: Ground) -> No
     (frame,), (row,) = ground.frames(), ground.downloads()
     assert (row.state, row.frame_id, frame.complete) == ("verified", frame.id, True)
     assert ground.services.frames.pixels(frame).shape == (frame.rows, frame.columns)
-    assert ground.services.transfers.writer.waits == 0
+    assert ground.services.writer.waits == 0
 
 
 def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(ground: Ground) -> None:
@@ -109,7 +112,7 @@ def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(gro
     for k in range(begun):
         ground.image()
         ground.wait(lambda k=k: len(ground.services.transfers._storing) == k + 1)
-    assert ground.services.transfers.writer.full
+    assert ground.services.writer.full
     figures = ground.services.upkeep.metrics.text()
     assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}\n' in figures
     assert "gss_line_waits_total 0\n" in figures
@@ -131,7 +134,7 @@ def test_a_store_that_refuses_is_told_and_ends_the_transfer(ground: Ground) -> N
     ground.wait(lambda: ground.downloads() and ground.downloads()[0].finished)
     assert ground.frames() == []
     texts = [e.text for e in ground.services.bus.after(0, 1000)]
-    assert any("came, but cannot be used: the bytes cannot be stored now" in text for text in texts), texts
+    assert any("was received, but cannot be used: the bytes cannot be stored now" in text for text in texts), texts
 
 
 def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
@@ -153,11 +156,10 @@ def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
     following.stop()
 
 
-def test_what_comes_when_nothing_more_may_wait_holds_the_line_up_and_is_counted() -> None:
+def test_what_comes_when_nothing_more_may_wait_is_counted_and_recorded(bus: EventBus) -> None:
     """Bounded memory, nothing dropped, in the order of arrival."""
-    told: list[str] = []
     now_s = [0.0]
-    writer = Writer(lambda: now_s[0], lambda: told.append("waits"), most=1)
+    writer = Writer(lambda: now_s[0], bus, most=1)
     go, begun, done = threading.Event(), threading.Event(), []
 
     def first() -> None:
@@ -174,4 +176,5 @@ def test_what_comes_when_nothing_more_may_wait_holds_the_line_up_and_is_counted(
     last = writer.submit(lambda: done.append(3))
     writer.finish(30)
     assert last.done()
-    assert (done, told, writer.waits, writer.waited_s) == ([1, 2, 3], ["waits"], 1, 7.0)
+    assert (done, writer.waits, writer.waited_s) == ([1, 2, 3], 1, 7.0)
+    assert [event.text for event in bus.after(0, 10)] == ["received content is not stored as fast as it arrives"]

@@ -84,7 +84,7 @@ def test_what_json_cannot_hold_becomes_none():
 @pytest.fixture
 def telemetry(database, bus, clock):
     """The service with one housekeeping packet."""
-    return TelemetryService(load_dictionary(), database, bus, clock)
+    return TelemetryService(load_dictionary(), database, bus, clock, lambda: None, lambda: True)
 
 
 def housekeeping(**values) -> Telemetry:

@@ -29,7 +29,7 @@ MODES = ("standby", "lost_in_space", "tracking")
 @pytest.fixture
 def telemetry(database, bus, clock):
     """Ten seconds of housekeeping and an attitude packet every second one."""
-    service = TelemetryService(DICTIONARY, database, bus, clock)
+    service = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     for k in range(10):
         clock.forward(1)
         fields = {

@@ -39,10 +39,17 @@ class Room:
         link = LinkService(
             DICTIONARY, self.database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
         )
-        self.telemetry = TelemetryService(DICTIONARY, self.database, bus, clock)
+        self.telemetry = TelemetryService(DICTIONARY, self.database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, link, self.database, bus, clock)
         self.judgements: list[Judgement] = []
-        self.telemetry.judged_hooks.append(self.judgements.extend)
+        self._clock = clock
+
+    def hear(self, *packets: Telemetry) -> None:
+        """A batch as the dispatcher hands it on."""
+        batch = LineBatch(packets, self._clock(), 0.0)
+        derived = self.telemetry.handle(batch)
+        self.judgements += [judgement for event in derived for judgement in event.judgements]
+        self.alarms.handle(batch.with_derived(derived))
 
     def rows(self, table: str) -> list[tuple[Any, ...]]:
         """The bytes of a table as they were stored."""
@@ -97,9 +104,9 @@ def test_packets_stored_together_are_those_stored_one_by_one(tmp_path: Path, clo
     heard = packets(144, seed=3)
     one, many = Room(tmp_path / "one", clock), Room(tmp_path / "many", clock)
     for packet in heard:
-        one.telemetry.handle(LineBatch((packet,), clock(), 0.0))
+        one.hear(packet)
     for k in range(0, len(heard), 48):
-        many.telemetry.handle(LineBatch(tuple(heard[k : k + 48]), clock(), 0.0))
+        many.hear(*heard[k : k + 48])
     assert len(one.rows("telemetry_packets")) == len(heard)
     assert len(one.rows("alarms")) > 5
     for table in ("telemetry_packets", "alarms", "events"):
@@ -114,7 +121,8 @@ def test_what_is_calm_is_judged_as_if_it_were_looked_at(database: Database, bus:
     restarts in between included. Of the judgements it leaves out none but calm ones."""
     book = LimitBook(DICTIONARY, database, bus, clock)
     quick, thorough = TelemetryBoard(DICTIONARY, book.rule), TelemetryBoard(DICTIONARY, book.rule)
-    book.changed_hooks += [quick.limits_changed, thorough.limits_changed]
+    book.subscribe(quick.limits_changed)
+    book.subscribe(thorough.limits_changed)
     left_out = told = 0
     for k, packet in enumerate(packets(220, seed=8)):
         if k == 80:

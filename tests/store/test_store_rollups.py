@@ -54,7 +54,9 @@ def clock() -> Moving:
 @pytest.fixture
 def telemetry(database: Database, clock: Moving) -> TelemetryService:
     """Six hours of housekeeping, every third second, with twenty minutes of silence."""
-    service = TelemetryService(load_dictionary(), database, EventBus(database, clock), clock)
+    service = TelemetryService(
+        load_dictionary(), database, EventBus(database, clock), clock, lambda: None, lambda: True
+    )
     rows = [
         TelemetryPacket(
             packet="housekeeping",

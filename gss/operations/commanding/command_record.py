@@ -13,6 +13,7 @@ from gss.device.session_commands import WITHDRAWN
 from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.line_events import LineEventQueue, ServiceEvent
 from gss.store import commands as store
 from gss.store.engine import Database
 from gss.store.models import Command
@@ -28,17 +29,40 @@ class CommandView:
     can_retry: bool
 
 
-CompletedHook = Callable[[str, Mapping[str, Any], Mapping[str, Any]], None]
+@dataclass(frozen=True)
+class CommandCompleted(ServiceEvent):
+    """A command was carried out. ``values``: what its report returned."""
+
+    name: str
+    arguments: Mapping[str, Any]
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class CommandChanged(ServiceEvent):
+    """The record of a command changed: ``result`` is its present one."""
+
+    command_id: int
+    run_id: int | None
+    result: str
+
+
 ORPHANS = 32
 
 
 class CommandRecorder:
-    """Writes rows and stages, and tells of each change."""
+    """Stores rows and stages. Each change is published on the bus and as CommandChanged on the link's event queue."""
 
-    def __init__(self, database: Database, bus: EventBus, now: Now, view: Callable[[Command], CommandView]) -> None:
-        self._database, self._bus, self._now, self._view = database, bus, now, view
-        self.completed_hooks: list[CompletedHook] = []
-        self.changed_hooks: list[Callable[[Command], None]] = []
+    def __init__(
+        self,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        view: Callable[[Command], CommandView],
+        events: LineEventQueue,
+    ) -> None:
+        self._database, self._bus, self._now, self._view, self._events = database, bus, now, view, events
+        self._completed: list[CommandCompleted] = []
         self._orphans: OrderedDict[int, list[CommandStage]] = OrderedDict()
         self._lock = threading.RLock()  # a row's stages are written in the order of their coming
 
@@ -170,8 +194,13 @@ class CommandRecorder:
         if row.late and event.stage in FINAL_STAGES:
             self._bus.record("command", "watch", f"{row.name}: {event.stage} after all, late", command_id=row.id)
         if event.stage is Stage.COMPLETED:
-            for hook in self.completed_hooks:
-                hook(row.name, row.arguments, event.values)
+            self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
+
+    def take_completed(self) -> list[CommandCompleted]:
+        """The commands that completed since the last call."""
+        with self._lock:
+            completed, self._completed = self._completed, []
+        return completed
 
     def _change(self, command_id: int, stage: StageRow | None, **values: Any) -> Command:
         with self._database.unit_of_work() as session:
@@ -185,5 +214,4 @@ class CommandRecorder:
 
     def _told(self, row: Command) -> None:
         self._bus.publish("command", self._view(row))
-        for hook in self.changed_hooks:
-            hook(row)
+        self._events.publish([CommandChanged(row.id, row.run_id, row.result)])

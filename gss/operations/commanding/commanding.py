@@ -25,7 +25,7 @@ from gss.operations.commanding.command_checks import (
     risk_of,
     subsystems_of,
 )
-from gss.operations.commanding.command_record import CommandRecorder, CommandView, CompletedHook
+from gss.operations.commanding.command_record import CommandCompleted, CommandRecorder, CommandView
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import AbortIssued, LineBatch
 from gss.operations.line.link import LinkService
@@ -36,6 +36,8 @@ from gss.store.models import Command
 log = logging.getLogger("gss.commands")
 RESTARTED = "The server restarted while this command was under way; it may have run or not."
 NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
+SOFTWARE = "gss"
+"""User of what the server sends on its own behalf."""
 SERVER = "server"
 """Source of what the server asks on its own behalf; it takes no part in command authority."""
 REMEMBERED_IDS = 64
@@ -64,31 +66,30 @@ class AbortReceipt:
             ) from None
 
 
+Permits = Callable[[str, str], None]
+"""(user, permission): raises NotPermitted. It takes names and not a request, because stacks outlive theirs."""
+
+
 class CommandService:
     """What an operator does to the sensor, one command at a time. The user is an argument of everything."""
 
     def __init__(
-        self, link: LinkService, database: Database, bus: EventBus, now: Now, authority: AuthorityService
+        self,
+        link: LinkService,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        authority: AuthorityService,
+        permits: Permits,
     ) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
-        self._authority = authority
-        self._recorder = CommandRecorder(database, bus, now, self.view)
-        self.abort_hooks: list[Callable[[str], None]] = []
+        self._authority, self._permits = authority, permits
+        self._recorder = CommandRecorder(database, bus, now, self.view, link.events)
         self._aborted_id = 0
+        self.aborts = 0
+        """How many ABORTs were issued since the server started; see ``send``."""
         self._unrecorded: deque[AbortIssued] = deque()
         self._withdrawn: list[CommandStage] = []
-        self.permits: Callable[[str, str], None] = lambda user, permission: None
-        """Raises NotPermitted; asked by name and not by request, because stacks go on after theirs has ended."""
-
-    @property
-    def completed_hooks(self) -> list[CompletedHook]:
-        """Called with (name, arguments, returned values) when a command completed."""
-        return self._recorder.completed_hooks
-
-    @property
-    def changed_hooks(self) -> list[Callable[[Command], None]]:
-        """Called with the row at each change of a command."""
-        return self._recorder.changed_hooks
 
     def start(self) -> None:
         """Commands that were under way when the last server died become unknown; nothing is sent again by itself.
@@ -159,7 +160,7 @@ class CommandService:
         definition = self._link.dictionary.command(name)
         if name != "ABORT":
             for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
-                self.permits(user, f"command.{subsystem}")
+                self._permits(user, f"command.{subsystem}")
 
     def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
         """One reason is enough: who may never send it need not hear who holds the authority."""
@@ -190,8 +191,12 @@ class CommandService:
         user: str,
         source: str,
         run_id: int | None = None,
+        aborts: int | None = None,
     ) -> Command:
-        """Queue a command; its row comes back at once. Conflict or BadInput says why not."""
+        """Queue a command and return its row at once. Conflict or BadInput says why not.
+
+        ``aborts``: ``self.aborts`` when the work began that this command belongs to; an ABORT issued since then stops it.
+        """
         definition = self._link.dictionary.command(name)
         if name == "ABORT":
             return self.abort(user=user, source=source).row(RECORD_WITHIN_S)
@@ -208,16 +213,32 @@ class CommandService:
             raise Conflict(f"{name} is not allowed now", expected=state.text.lower(), got=state.value)
         if source != SERVER:
             self._authority.require(user)
-        return self._submit(name, arguments, user, source, run_id)
+        return self._submit(name, arguments, user, source, run_id, aborts)
 
-    def _submit(self, name: str, arguments: Mapping[str, Any], user: str, source: str, run_id: int | None) -> Command:
+    def query(self, *names: str) -> None:
+        """Send commands without arguments on the server's own behalf; a refusal is recorded."""
+        for name in names:
+            try:
+                self.send(name, {}, confirm="", user=SOFTWARE, source=SERVER)
+            except GssError as error:
+                self._bus.record("link", "watch", f"{name} was not sent: {error}")
+
+    def _submit(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        user: str,
+        source: str,
+        run_id: int | None,
+        aborts: int | None,
+    ) -> Command:
         """The row first: what cannot be recorded is not sent. The line is not held meanwhile: ABORT may need it."""
         with self._link.lock:
             request_id = self._link.session.reserve()
         row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
         try:
             with self._link.lock:
-                if request_id < self._aborted_id:
+                if request_id < self._aborted_id or aborts not in (None, self.aborts):
                     raise Conflict("ABORT came before it was sent", hint="send it again if it is still wanted")
                 self._link.session.submit(name, arguments, self._link.monotonic_s(), request_id=request_id)
         except GssError as error:
@@ -237,11 +258,10 @@ class CommandService:
             if not self._link.line_is_open:  # lost meanwhile: the session would send it on the next line
                 raise Conflict("ABORT was not sent: the line was just lost", got=self._link.reason)
             request_id = self._aborted_id = self._link.session.abort(self._link.monotonic_s())
+            self.aborts += 1
             withdrawn = self._link.session.withdraw_all(f"ABORT by {user}")
             issued = AbortIssued(request_id, user, source, tuple(withdrawn))
             self._link.events.publish([issued])
-        for hook in self.abort_hooks:
-            hook(user)
         return AbortReceipt(request_id, self._now(), issued.recorded)
 
     def _record_aborts(self) -> None:
@@ -328,7 +348,7 @@ class CommandService:
         """The row with what the dictionary and the line say of it now."""
         return CommandView(row, self.idempotent(row.name), self.can_retry(row))
 
-    def handle(self, batch: LineBatch) -> None:
+    def handle(self, batch: LineBatch) -> list[CommandCompleted]:
         """Follow the reports of commands and record the device's events."""
         self._unrecorded.extend(event for event in batch.events if isinstance(event, AbortIssued))
         try:
@@ -340,6 +360,7 @@ class CommandService:
                 self._recorder.follow(event)
             elif isinstance(event, DeviceEvent):
                 self._bus.record("device", event.severity, f"{event.name}: {event.text}" if event.text else event.name)
+        return self._recorder.take_completed()
 
     def _check_line(self) -> None:
         if not self._link.connected:

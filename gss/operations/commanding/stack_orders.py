@@ -19,7 +19,9 @@ class Stopped(Exception):
 class Orders:
     """What an operator wants of a run; looked at between and within steps."""
 
-    def __init__(self) -> None:
+    def __init__(self, aborts: int) -> None:
+        self.aborts = aborts
+        """How many ABORTs had been issued when the run began: a later one stops every step."""
         self.pause = False
         self.stop_reason = ""
         self.bell = threading.Condition()

@@ -14,12 +14,13 @@ from typing import Any
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.clock import Monotonic, Now
+from gss.operations.commanding.command_record import CommandChanged
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.stack_orders import Orders, Stopped
 from gss.operations.commanding.stack_record import RunRecord
 from gss.operations.commanding.stacks import STEP, StackService, Step, condition_of
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch
+from gss.operations.line.line_events import AbortIssued, LineBatch
 from gss.operations.line.link import LinkService
 from gss.store.engine import Database
 from gss.store.models import Command, StackRun
@@ -47,8 +48,6 @@ class StackRunner:
         self._orders: Orders | None = None
         self._run_id: int | None = None
         self._thread: threading.Thread | None = None
-        commands.changed_hooks.append(self._command_changed)
-        commands.abort_hooks.append(self._aborted)
 
     # --- orders of the operator ---------------------------------------------------------------------------------
 
@@ -118,7 +117,7 @@ class StackRunner:
                 raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait for its end, or stop it")
             self._commands.require_user(user)
             row = row_of()
-            self._orders, self._run_id = Orders(), row.id
+            self._orders, self._run_id = Orders(self._commands.aborts), row.id
             self._thread = threading.Thread(
                 target=self._execute, args=(row.id, first, self._orders, user), name="stack", daemon=True
             )
@@ -174,25 +173,18 @@ class StackRunner:
     # --- what happens meanwhile ---------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Telemetry, for the conditions of the run."""
+        """Telemetry for the conditions of the run, the results of its commands, and ABORT."""
         orders = self._orders
         if orders is None:
             return
         for event in batch.events:
             if isinstance(event, Telemetry):
                 orders.packets[event.packet] = (batch.at_s, event.values)
+            elif isinstance(event, CommandChanged) and event.run_id == self._run_id:
+                orders.results[event.command_id] = event.result
+            elif isinstance(event, AbortIssued):
+                self._ask_to_stop(orders, f"ABORT by {event.user}")
         orders.ring()
-
-    def _command_changed(self, row: Command) -> None:
-        orders = self._orders
-        if orders is not None and row.run_id == self._run_id:
-            orders.results[row.id] = row.result
-            orders.ring()
-
-    def _aborted(self, user: str) -> None:
-        orders = self._orders
-        if orders is not None:
-            self._ask_to_stop(orders, f"ABORT by {user}")
 
     # --- the thread ---------------------------------------------------------------------------------------------
 
@@ -264,8 +256,15 @@ class StackRunner:
         """Send and follow to the end. The names were typed before the run began."""
         row = self._fate(step)
         if row is None:
-            name, arguments, confirm = step["command"], step["arguments"], self._stacks.confirmation(step)
-            row = self._commands.send(name, arguments, confirm=confirm, user=user, source="stack", run_id=run_id)
+            row = self._commands.send(
+                step["command"],
+                step["arguments"],
+                confirm=self._stacks.confirmation(step),
+                user=user,
+                source="stack",
+                run_id=run_id,
+                aborts=orders.aborts,
+            )
         elif row.result == "completed":
             return row
         else:

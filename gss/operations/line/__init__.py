@@ -1,1 +1,1 @@
-"""The line and what came over it: reception, captures, contacts, gaps."""
+"""The line: its owner, its events and their dispatch, captures, contacts, gaps."""

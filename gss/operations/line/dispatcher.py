@@ -5,14 +5,17 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TypeVar
 
 from gss.domain.errors import GssError
 from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch, LineEventQueue
+from gss.operations.line.line_events import LineBatch, LineEventQueue, ServiceEvent
 from gss.operations.upkeep.metrics import Sample
 
 log = logging.getLogger("gss.link")
+T = TypeVar("T")
 
 IDLE_S = 0.02
 """Interval of the periodic calls while no events arrive."""
@@ -20,11 +23,12 @@ STOP_WITHIN_S = 5.0
 SLOW_AFTER_S = 20.0
 """A batch that takes longer is reported by the health check."""
 
-Subscriber = Callable[[LineBatch], None]
+Subscriber = Callable[[LineBatch], Sequence[ServiceEvent] | None]
+"""Handles a batch and returns the events that it derives from it for the subscribers after it."""
 
 
 class Dispatcher:
-    """Calls every subscriber with each batch, in the order given.
+    """Calls every subscriber with each batch, in the order given; what one derives the later ones see.
 
     ``periodic`` is called between batches, at least every ``IDLE_S``.
 
@@ -79,17 +83,21 @@ class Dispatcher:
             self._busy_since_s = self._monotonic_s()
             with self._events.hold:
                 if batch is not None:
-                    for subscriber in self._subscribers:
-                        self._guarded(subscriber, batch)
+                    self._dispatch(batch)
                 for call in self._periodic:
                     self._guarded(call)
             self._busy_since_s = None
             if batch is not None:
                 self._events.done()
 
-    def _guarded(self, call: Callable[..., None], *arguments: LineBatch) -> None:
+    def _dispatch(self, batch: LineBatch) -> None:
+        for subscriber in self._subscribers:
+            derived = self._guarded(partial(subscriber, batch))
+            batch = batch.with_derived(derived or ())
+
+    def _guarded(self, call: Callable[[], T]) -> T | None:
         try:
-            call(*arguments)
+            return call()
         except Exception as error:  # one service's defect must not keep the batch from the others
             log.exception("%r failed", call)
             try:
@@ -97,3 +105,4 @@ class Dispatcher:
                 self._bus.record("link", "critical", text)
             except GssError:
                 log.exception("not recorded")
+            return None

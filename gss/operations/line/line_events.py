@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -60,7 +60,11 @@ class AbortIssued:
     recorded: Future[Any] = field(default_factory=Future, compare=False)
 
 
-LineEvent = SessionEvent | LineOpened | LineClosed | LinkFault | AbortIssued
+class ServiceEvent:
+    """Base of the events that a service derives from a batch, for the services after it in the dispatch table."""
+
+
+LineEvent = SessionEvent | LineOpened | LineClosed | LinkFault | AbortIssued | ServiceEvent
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,10 @@ class LineBatch:
     events: tuple[LineEvent, ...]
     at: datetime
     at_s: float
+
+    def with_derived(self, derived: Sequence[ServiceEvent]) -> LineBatch:
+        """The batch with events that a service derived from it at its end."""
+        return replace(self, events=(*self.events, *derived))
 
 
 class LineEventQueue:

@@ -19,7 +19,8 @@ from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
 from gss.operations.line.capture_decoder import CaptureDecoder, CommandSaid, Replayed
 from gss.operations.line.raw_capture import Record, capture_files, capture_span, read_captures
-from gss.operations.telemetry.telemetry_board import RuleOf, TelemetryBoard
+from gss.operations.telemetry.limit_book import LimitBook
+from gss.operations.telemetry.telemetry_board import TelemetryBoard
 
 SPEEDS = (0.1, 1000.0)
 TELL_EVERY_S = 0.2
@@ -73,18 +74,19 @@ class CaptureReplay:
         self,
         dictionary: Dictionary,
         captures: Path,
-        rule: RuleOf,
+        limits: LimitBook,
         bus: EventBus,
         monotonic_s: Monotonic,
         framing: str = "cobs",
     ) -> None:
-        self._dictionary, self._captures, self._rule, self._bus = dictionary, captures, rule, bus
+        self._dictionary, self._captures, self._rule, self._bus = dictionary, captures, limits.rule, bus
         self._monotonic_s, self._framing = monotonic_s, framing
         self._state = ReplayState()
         self._orders, self._counts = _Orders(None), _Counts()
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
-        self.board = TelemetryBoard(dictionary, rule)
+        self.board = TelemetryBoard(dictionary, limits.rule)
+        limits.subscribe(lambda key: self.board.limits_changed(key))  # each pass has a new board
 
     # --- orders -------------------------------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ from gss.operations.telemetry.alarm_words import (
     title_of,
     with_unit,
 )
-from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.telemetry import Judged, TelemetryService
 from gss.operations.telemetry.telemetry_board import Judgement, Key
 from gss.store import alarms as store
 from gss.store.engine import Database
@@ -63,7 +63,6 @@ class AlarmService:
         self._open: dict[Key, Alarm] = {}
         self._contact: tuple[int | None, datetime] = (None, now())
         self._lock = threading.RLock()
-        telemetry.judged_hooks.append(self.judged)
         telemetry.board.followed = lambda: self._open
 
     def start(self) -> None:
@@ -90,9 +89,11 @@ class AlarmService:
                 self._follow(key, j.state, j.value, f"{words}, {limit}", limit, judged=j.judged)
 
     def handle(self, batch: LineBatch) -> None:
-        """Severe events of the device; they are over at once and only want to be seen."""
+        """Follow the judgements of telemetry, and raise the device's severe events, which are over at once."""
         for event in batch.events:
-            if isinstance(event, DeviceEvent) and event.severity in SEVERE:
+            if isinstance(event, Judged):
+                self.judged(event.judgements)
+            elif isinstance(event, DeviceEvent) and event.severity in SEVERE:
                 text = f"{event.name}: {event.text}" if event.text else event.name
                 with self._lock:
                     self._happened((EVENT, event.name), State(event.severity), text)

@@ -42,8 +42,12 @@ class LimitBook:
         self._own: dict[str, Rule] = {}
         self._rules: dict[tuple[str, str], Rule] = {}
         self._set = self.sets[0][0] if self.sets else ""
-        self.changed_hooks: list[Callable[[str | None], None]] = []
+        self._listeners: list[Callable[[str | None], None]] = []
         self._load()
+
+    def subscribe(self, listener: Callable[[str | None], None]) -> None:
+        """Have ``listener`` called with ``packet.name`` of each field whose limits changed, None for all fields."""
+        self._listeners.append(listener)
 
     def _load(self) -> None:
         with self._database.unit_of_work() as session:
@@ -139,8 +143,8 @@ class LimitBook:
         return now
 
     def _tell(self, key: str | None, text: str, note: str) -> None:
-        for hook in self.changed_hooks:
-            hook(key)
+        for listener in self._listeners:
+            listener(key)
         self._bus.record("limits", "watch", f"{text}: {note}" if note else text, key=key, limit_set=self._set)
         self._bus.publish("limits", {"set": self._set, "key": key})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -12,7 +13,7 @@ from gss.device.session_events import Telemetry
 from gss.domain.errors import StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch
+from gss.operations.line.line_events import LineBatch, ServiceEvent
 from gss.operations.telemetry.archive import Archive
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.rollups import Rollups
@@ -25,45 +26,57 @@ log = logging.getLogger("gss.telemetry")
 __all__ = ["FieldValue", "TelemetryService", "plain"]
 
 
+@dataclass(frozen=True)
+class Judged(ServiceEvent):
+    """What the limits say of the telemetry of a batch, which is stored by now."""
+
+    judgements: tuple[Judgement, ...]
+
+
 class TelemetryService:
     """Keeps the newest packet of each kind, stores all of them, and answers for spans of the past.
 
-    ``contact``: asks which contact is open. ``judged_hooks`` get the judgements of each batch after it is stored.
+    ``contact_id`` returns the open contact; ``has_room`` is False while the disk is too full for telemetry.
     """
 
-    def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        contact_id: Callable[[], int | None],
+        has_room: Callable[[], bool],
+    ) -> None:
+        self._contact_id, self._has_room = contact_id, has_room
         self._database, self._bus, self._now = database, bus, now
         self.limits = LimitBook(dictionary, database, bus, now)
         self.board = TelemetryBoard(dictionary, self.limits.rule)
         self.rollups = Rollups(dictionary, database, now)
         self.archive = Archive(dictionary, database, self.rollups)
-        self.limits.changed_hooks.append(self.board.limits_changed)
-        self.judged_hooks: list[Callable[[Sequence[Judgement]], None]] = []
-        self.contact: Callable[[], int | None] = lambda: None
-        self.has_room: Callable[[], bool] = lambda: True
+        self.limits.subscribe(self.board.limits_changed)
         self.unstored = 0
         """Packets that could not be stored since the server started."""
         self.store_fails = ""
         """Why they are not being stored now; "" while they are."""
         self._unstored_from = 0
 
-    def handle(self, batch: LineBatch) -> None:
+    def handle(self, batch: LineBatch) -> list[Judged]:
         """Store the telemetry of a batch in one transaction, then judge it and make it the latest."""
         packets = [event for event in batch.events if isinstance(event, Telemetry)]
         if not packets:
-            return
+            return []
         at = batch.at
         self._store(packets, at)
         judgements = [judgement for packet in packets for judgement in self.board.take(packet, at)]
         for packet in packets:
             if packet.packet == "timing":
                 self._bus.publish("cycle", (at, dict(packet.values)))
-        for hook in self.judged_hooks:
-            hook(judgements)
+        return [Judged(tuple(judgements))]
 
     def _store(self, packets: Sequence[Telemetry], at: datetime) -> None:
         """All or none. Without a store the values are judged and shown all the same: an alarm must not depend on a disk."""
-        cause = "" if self.has_room() else "the disk is full"
+        cause = "" if self._has_room() else "the disk is full"
         if not cause:
             try:
                 with self._database.unit_of_work() as session:
@@ -89,7 +102,7 @@ class TelemetryService:
 
     def _row(self, packet: Telemetry, at: datetime) -> dict[str, Any]:
         return {
-            "contact_id": self.contact(),
+            "contact_id": self._contact_id(),
             "packet": packet.packet,
             "received": at,
             "device_time_s": packet.device_time_s,

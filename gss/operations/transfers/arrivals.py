@@ -11,6 +11,8 @@ from typing import Any
 
 from gss.device.session_events import TransferUpdate
 from gss.operations.clock import Monotonic
+from gss.operations.events import EventBus
+from gss.operations.transfers.content_events import Answers
 from gss.operations.upkeep.metrics import Sample
 from gss.store.models import Transfer
 
@@ -19,13 +21,13 @@ MOST_WAITING = 4
 
 
 class Writer:
-    """Does one piece of work after the other. ``held_up``: is told each time that the line has to wait for it.
+    """Does one piece of work after the other; each time that its queue is full an event is recorded.
 
     No pool of the library: the end of the program waits for a pool's threads, and a store may hang.
     """
 
-    def __init__(self, monotonic_s: Monotonic, held_up: Callable[[], None], most: int = MOST_WAITING) -> None:
-        self._monotonic_s, self._held_up, self._most = monotonic_s, held_up, most
+    def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MOST_WAITING) -> None:
+        self._monotonic_s, self._bus, self._most = monotonic_s, bus, most
         self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(most)
         self._open: set[Future[Any]] = set()
         self._thread: threading.Thread | None = None
@@ -51,7 +53,7 @@ class Writer:
             self._jobs.put_nowait((job, work))
         except queue.Full:
             self.waits += 1
-            self._held_up()
+            self._bus.record("transfer", "warning", "received content is not stored as fast as it arrives")
             since_s = self._monotonic_s()
             self._jobs.put((job, work))
             self.waited_s += self._monotonic_s() - since_s
@@ -77,25 +79,12 @@ class Writer:
                 job.set_exception(error)
 
 
-@dataclass(frozen=True)
-class Later:
-    """The links of a transfer, known when its content is stored. ``links`` makes them of what ``job`` gave, in the thread that
-    reads the line."""
-
-    job: Future[Any]
-    links: Callable[[Any], dict[str, Any]]
-
-    def result(self) -> dict[str, Any]:
-        """The links; raises what storing raised."""
-        return self.links(self.job.result())
-
-
 @dataclass
 class Storing:
     """A transfer whose content is being stored. ``transfer_id``: the session's, None where the transfer goes on or ended without
-    it; ``held``: what became of it meanwhile, which is told afterwards."""
+    it; ``held``: its updates in the meantime, which are published afterwards."""
 
     row: Transfer
-    later: Later
+    answers: Answers
     transfer_id: int | None
     held: list[TransferUpdate] = field(default_factory=list)

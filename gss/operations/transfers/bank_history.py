@@ -72,16 +72,19 @@ class Timeline:
     contacts: Sequence[Contact]
 
 
-class BankHistoryService:
-    """Follows the device's reports on the link thread; request and status threads read."""
+Planner = Callable[[Mapping[str, Stay]], list[Planned]]
 
-    def __init__(self, link: LinkService, database: Database, now: Now) -> None:
+
+class BankHistoryService:
+    """Follows the device's reports; any thread may read. ``planners`` name the planned stays, given the present ones."""
+
+    def __init__(self, link: LinkService, database: Database, now: Now, planners: Sequence[Planner]) -> None:
         self._link, self._database, self._now = link, database, now
         self._device_id: int | None = None
         self._trial = False
         self._cause = ("", "")
         self._lock = threading.Lock()
-        self.planners: list[Callable[[Mapping[str, Stay]], list[Planned]]] = []
+        self._planners = planners
 
     # --- what the device tells ----------------------------------------------------------------------------------
 
@@ -213,7 +216,7 @@ class BankHistoryService:
             contacts = store.contacts_between(session, device.id, start, end)
         now_held = {stay.row.bank: stay for stay in stays if stay.row.ended is None}
         present = device.id == self._device_id
-        planned = [plan for planner in self.planners for plan in planner(now_held)] if present else []
+        planned = [plan for planner in self._planners for plan in planner(now_held)] if present else []
         return Timeline(device, devices, start, end, stays, planned, contacts)
 
     def active(self) -> Stay | None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gss.device.dictionary import Dictionary
 from gss.device.session import Compatibility
-from gss.device.session_events import Direction, TransferDone
+from gss.device.session_events import TransferDone
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 from gss.domain.stars import StarTable
 from gss.operations.clock import Now
@@ -63,12 +63,6 @@ class DeviceTableService:
         self._bus, self._stars, self._now = bus, stars, now
         self._reports: dict[tuple[str, str], Mapping[str, Any]] = {}
         self._lock = threading.Lock()
-        for kind in READ_BACK:
-            transfers.done_hooks[(Direction.DOWN, kind)] = self._arrived
-        for kind in table_content.KINDS:
-            transfers.done_hooks[(Direction.UP, kind)] = self._sent
-        self.ask_device: Callable[[], None] = _nobody
-        """Has the device list its tables; set by whoever may send commands."""
 
     # --- making -------------------------------------------------------------------------------------------------
 
@@ -195,14 +189,8 @@ class DeviceTableService:
             row.kind, target, data, compatibility, name=bank, subject=subject, table_id=row.id
         )
 
-    def _sent(self, transfer: Transfer, _done: TransferDone) -> dict[str, Any]:
-        text = f"{transfer.subject} is committed"
-        self._bus.record("catalogue", "ok", text, transfer_id=transfer.id, table_id=transfer.table_id)
-        self.ask_device()
-        return {}
-
-    def _arrived(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        """Bytes that were read back: known ones are recognised, others kept."""
+    def keep_read_back(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
+        """Store bytes that were read back, unless they are known. Returns the link of the transfer's row."""
         with self._database.unit_of_work() as session:
             known = store.by_sha256(session, done.kind, done.sha256)
         if known is not None:
@@ -220,10 +208,6 @@ class DeviceTableService:
             done.kind, transfer.subject, name, version, done.data, dict(content), "read back from the device"
         )
         return {"table_id": row.id}
-
-
-def _nobody() -> None:
-    """Nobody asks the device."""
 
 
 def table_bank_number(dictionary: Dictionary, bank: str) -> int:

@@ -6,7 +6,7 @@ has brought as a part on disk, and everything else in the row's options.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -17,7 +17,8 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
-from gss.operations.transfers.arrivals import Later, Storing, Writer
+from gss.operations.transfers.arrivals import Storing, Writer
+from gss.operations.transfers.content_events import Answers, ContentArrived, PartArrived
 from gss.operations.transfers.transfer_parts import PartStore
 from gss.operations.transfers.transfer_rows import TransferRows, TransferView, prepare, words_of
 from gss.store import transfers as store
@@ -36,17 +37,25 @@ BROKEN = (TransferState.FAILED, TransferState.LINK_LOST, TransferState.ABORTED)
 AT_REST = (*ENDS, TransferState.PAUSED)
 RESUMABLE = ("paused", "link_lost", "failed", "aborted")
 
-Links = dict[str, Any] | Later
-DoneHook = Callable[[Transfer, TransferDone], Links]
-BrokenHook = Callable[[Transfer, bytes, Sequence[tuple[int, int]], TransferUpdate], Links]
-
 
 class TransferService:
-    """Starts, follows and ends transfers; what arrives is handed to the hook of its kind."""
+    """Starts, follows and ends transfers. What arrives is published as ContentArrived and PartArrived.
+
+    ``check_room`` raises StoreDown where the disk has no room for what it is given in words.
+    """
 
     def __init__(
-        self, link: LinkService, database: Database, bus: EventBus, now: Now, blobs: BlobStore, parts: PartStore
+        self,
+        link: LinkService,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        blobs: BlobStore,
+        parts: PartStore,
+        writer: Writer,
+        check_room: Callable[[str], None],
     ) -> None:
+        self._writer, self._check_room = writer, check_room
         self._link, self._database, self._bus, self._now = link, database, bus, now
         self._rows = TransferRows(database, bus, now)
         self._blobs, self._parts = blobs, parts
@@ -55,12 +64,8 @@ class TransferService:
         self._live: dict[int, TransferUpdate] = {}
         self._next_publish_s: dict[int, float] = {}
         self._next_part_s: dict[int, float] = {}
-        self.done_hooks: dict[tuple[Direction, str], DoneHook] = {}
-        self.broken_hooks: dict[str, BrokenHook] = {}
-        self.room: Callable[[str], None] = lambda _what: None
-        """Asked before anything comes down or goes up; raises where there is no room for it."""
-        self.writer = Writer(link.monotonic_s, self._held_up)
         self._storing: list[Storing] = []
+        self._parts_arrived: list[PartArrived] = []
 
     def start(self) -> None:
         """Transfers that the last server left open come back paused and go on when the device has answered; what an
@@ -80,7 +85,7 @@ class TransferService:
 
     def stop(self) -> None:
         """After the line was closed: what came is stored, as far as its store lets us."""
-        self.writer.finish(STORE_WITHIN_S)
+        self._writer.finish(STORE_WITHIN_S)
         self.settle()
 
     # --- orders -------------------------------------------------------------------------------------------------
@@ -98,7 +103,7 @@ class TransferService:
         """Bring content down. ``slot``: number of the image memory or bank, ``target``: its name where it has one.
         ``facts``: what will be needed to store it, JSON values."""
         self._check_line()
-        self.room("a download")
+        self._check_room("a download")
         options = {"slot": slot, "part": asdict(part) if part else None, "facts": dict(facts or {})}
         return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {})
 
@@ -116,7 +121,7 @@ class TransferService:
     ) -> TransferView:
         """Send data to a bank or a slot; verify and commit follow by themselves. ``links``: catalogue_id, frame_id, table_id."""
         self._check_line()
-        self.room("an upload")
+        self._check_room("an upload")
         facts = asdict(compatibility) | {"dictionary_hash": compatibility.dictionary_hash.hex()}
         kept = {"slot": target, "content": self._blobs.put(data), "compatibility": facts, **(options or {})}
         return self._add(Direction.UP, kind, name, subject, kept, links)
@@ -164,7 +169,7 @@ class TransferService:
     def busy(self, direction: Direction) -> bool:
         """Is one of that direction under way? One that is only being stored leaves the line free, until too many are."""
         stored = {one.row.id for one in self._storing}
-        return (direction is Direction.DOWN and self.writer.full) or any(
+        return (direction is Direction.DOWN and self._writer.full) or any(
             update.direction is direction and update.state not in AT_REST and row_id not in stored
             for row_id, update in self._live.items()
         )
@@ -235,14 +240,14 @@ class TransferService:
 
     # --- what happens -------------------------------------------------------------------------------------------
 
-    def handle(self, batch: LineBatch) -> None:
+    def handle(self, batch: LineBatch) -> list[ContentArrived | PartArrived]:
         """Follow the transfers of a batch. Content is stored before its transfer is reported as complete."""
         known = [
             e for e in batch.events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of
         ]
         arrived = [event for event in known if isinstance(event, TransferDone)]
-        for done in arrived:
-            self._deliver(self._row_of[done.transfer_id], done)
+        contents = [ContentArrived(self.get(self._row_of[done.transfer_id]).row, done) for done in arrived]
+        self._storing += [Storing(c.transfer, c.answers, c.done.transfer_id) for c in contents]
         for update in known:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
                 storing = self._stored_later(update.transfer_id)
@@ -250,25 +255,24 @@ class TransferService:
                     self._update(self._row_of[update.transfer_id], update)
                 else:
                     storing.held.append(update)
-        for done in arrived:
-            if self._stored_later(done.transfer_id) is None:
-                self._end(done.transfer_id)
+        return [*contents, *self._take_parts()]
 
     def settle(self) -> None:
         """Complete the transfers whose content has been stored. Called periodically by the dispatcher."""
-        for one in [storing for storing in self._storing if storing.later.job.done()]:
+        for one in [storing for storing in self._storing if storing.answers.ready()]:
             self._storing.remove(one)
             try:
-                self._link_to(one.row, one.later.result)
+                self._link_to(one.row, one.answers)
             finally:
                 for update in one.held:
                     self._update(one.row.id, update)
                 if one.transfer_id is not None:
                     self._end(one.transfer_id)
+        self._link.events.publish(self._take_parts())
 
-    def later(self, work: Callable[[], Any], links: Callable[[Any], dict[str, Any]]) -> Later:
-        """For hooks: have content stored beside the line; ``links`` of what ``work`` gave is asked when it is."""
-        return Later(self.writer.submit(work), links)
+    def _take_parts(self) -> list[PartArrived]:
+        parts, self._parts_arrived = self._parts_arrived, []
+        return parts
 
     def _stored_later(self, transfer_id: int) -> Storing | None:
         return next((one for one in self._storing if one.transfer_id == transfer_id), None)
@@ -277,9 +281,6 @@ class TransferService:
         row_id = self._row_of[transfer_id]
         self._parts.drop(row_id)
         self._forget(row_id, transfer_id)
-
-    def _held_up(self) -> None:
-        self._bus.record("transfer", "warning", "the line waits: what came down is not stored as fast as it comes")
 
     def _update(self, row_id: int, update: TransferUpdate) -> None:
         before = self._live.get(row_id)
@@ -325,32 +326,25 @@ class TransferService:
             values["finished"] = self._now()
         return self._rows.note(row_id, words_of(update) if changed else "", update, **values)
 
-    def _deliver(self, row_id: int, done: TransferDone) -> None:
-        row = self.get(row_id).row
-        hook = self.done_hooks.get((done.direction, done.kind))
-        if hook is not None:
-            self._link_to(row, lambda: hook(row, done), done.transfer_id)
-
     def _broken(self, row: Transfer, update: TransferUpdate) -> None:
-        hook = self.broken_hooks.get(row.kind)
-        if hook is None or update.direction is not Direction.DOWN or not update.stored:
+        if update.direction is not Direction.DOWN or not update.stored:
             return
         with self._link.lock:
             data, held = self._link.session.partial(update.transfer_id)
-        self._link_to(row, lambda: hook(row, data, held, update))
+        part = PartArrived(row, data, held, update)
+        self._storing.append(Storing(row, part.answers, None))
+        self._parts_arrived.append(part)
 
-    def _link_to(self, row: Transfer, ask: Callable[[], Links], transfer_id: int | None = None) -> None:
-        """Put into the row what its content became, now or when it is stored."""
+    def _link_to(self, row: Transfer, answers: Answers) -> None:
+        """Put into the row what its content became."""
         try:
-            links = ask()
+            links = answers.links()
         except GssError as error:
-            text = f"{row.subject} came, but cannot be used: {error}"
+            text = f"{row.subject} was received, but cannot be used: {error}"
             self._bus.record("transfer", "warning", text, transfer_id=row.id)
             self._rows.note(row.id, text)
             return
-        if isinstance(links, Later):
-            self._storing.append(Storing(row, links, transfer_id))
-        elif links:
+        if links:
             self._rows.note(row.id, **links)
 
     def _forget(self, row_id: int, session_id: int) -> None:

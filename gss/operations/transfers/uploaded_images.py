@@ -8,19 +8,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from gss.device.session import Compatibility
-from gss.device.session_events import HelloReceived, TransferDone
+from gss.device.session_events import Direction, HelloReceived, TransferDone
 from gss.domain.errors import BadInput, Conflict, GssError
-from gss.operations.commanding.commanding import CommandService
+from gss.operations.commanding.command_record import CommandCompleted
+from gss.operations.commanding.commanding import SERVER, SOFTWARE, CommandService
 from gss.operations.events import EventBus
 from gss.operations.frames.frames import FrameService
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
+from gss.operations.transfers.content_events import ContentArrived
 from gss.operations.transfers.device_frames import Shape, wire_bytes
 from gss.operations.transfers.transfer_rows import TransferView
 from gss.operations.transfers.transfers import TransferService
 from gss.store.models import Frame, Transfer
 
 REMEMBERED = 64
-SOFTWARE = "gss"
 CHAIN = ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE")
 
 
@@ -80,14 +82,25 @@ class UploadedImages:
 
     # --- what happens -------------------------------------------------------------------------------------------
 
-    def sent(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        """An image is in image memory: learn its number there, then have it solved if that was asked for."""
+    def handle(self, batch: LineBatch) -> None:
+        """Follow uploads of images and the commands of their solutions."""
+        for event in batch.events:
+            if (
+                isinstance(event, ContentArrived)
+                and event.done.direction is Direction.UP
+                and event.done.kind == "image"
+            ):
+                self._sent(event.transfer, event.done)
+            elif isinstance(event, CommandCompleted):
+                self._completed(event.name, event.arguments, event.values)
+
+    def _sent(self, transfer: Transfer, done: TransferDone) -> None:
+        """An image is in image memory: learn its number there, then have it solved if that was requested."""
         if transfer.frame_id is not None:
             self._remember(done.sha256, transfer.frame_id)
         if transfer.options.get("solve"):
             self._waiting.append(int(transfer.options["slot"]))
         self._send("LIST_FRAMES", {})
-        return {}
 
     def frame_of(self, info: Mapping[str, Any]) -> Frame | None:
         """The stored frame that an image on board was sent from; None for any other image."""
@@ -97,7 +110,7 @@ class UploadedImages:
             return None
         return self._frames.get(self._frame_of[key])
 
-    def completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    def _completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
         """A command completed: send the next one of a solution that is under way. Where one fails the solution ends there."""
         if name == "LIST_FRAMES" and self._waiting:
             self._searched_slot = self._waiting.popleft()
@@ -111,7 +124,7 @@ class UploadedImages:
 
     def _send(self, name: str, arguments: Mapping[str, Any]) -> None:
         try:
-            self._commands.send(name, arguments, confirm="", user=SOFTWARE, source="server")
+            self._commands.send(name, arguments, confirm="", user=SOFTWARE, source=SERVER)
         except GssError as error:
             self._bus.record("command", "warning", f"{name} was not sent: {error}")
 

@@ -38,11 +38,15 @@ class Station:
         parts = (self.dictionary, database, self.bus)
         self.events = LineEventQueue(self.now, sensor.monotonic_s)
         self.link = LinkService(*parts, self.folder, self.now, sensor.monotonic_s, self.events, retention=retention)
-        self.telemetry = TelemetryService(*parts, self.now)
-        self.telemetry.contact = lambda: self.link.contact_id
+        self.telemetry = TelemetryService(*parts, self.now, lambda: self.link.contact_id, lambda: True)
         self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
         self.commands = CommandService(
-            self.link, database, self.bus, self.now, AuthorityService(database, self.bus, self.now)
+            self.link,
+            database,
+            self.bus,
+            self.now,
+            AuthorityService(database, self.bus, self.now),
+            lambda user, permission: None,
         )
         self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now)
         subscribers = [

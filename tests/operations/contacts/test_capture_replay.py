@@ -120,7 +120,7 @@ def test_a_replay_takes_the_contacts_time_over_its_speed(contact):
 def view(contact):
     """(station, contact id, replay)."""
     station, contact_id = contact
-    replay = CaptureReplay(station.dictionary, station.folder, station.telemetry.limits.rule, station.bus, monotonic_s)
+    replay = CaptureReplay(station.dictionary, station.folder, station.telemetry.limits, station.bus, monotonic_s)
     yield station, contact_id, replay
     replay.stop()
 

@@ -115,7 +115,7 @@ class Store:
 @pytest.fixture
 def store(database, bus, clock, tmp_path) -> Iterator[Store]:
     """An empty one."""
-    blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock)
+    blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock, lambda _: None)
     link = LinkService(
         load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
     )

@@ -32,9 +32,11 @@ class Room:
         self.link = LinkService(
             DICTIONARY, database, bus, folder, clock, lambda: self.mono_s, LineEventQueue(clock, lambda: self.mono_s)
         )
-        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock)
+        self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: self.contact, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
-        commands = CommandService(self.link, database, bus, clock, AuthorityService(database, bus, clock))
+        commands = CommandService(
+            self.link, database, bus, clock, AuthorityService(database, bus, clock), lambda *_: None
+        )
         self.schedule = ScheduleService(self.link, commands, bus, clock)
         self.contacts = ContactService(self.link, self.alarms, database, bus, folder, clock)
         self.clocks = ClockWatch(bus, clock, lambda: self.mono_s)
@@ -42,7 +44,6 @@ class Room:
         with database.unit_of_work() as session:
             self.contact = devices.open_contact(session, "x", clock(), "c").id
         self.link.line_is_open, self.link.contact.is_open, self.link.contact.contact_id = True, True, self.contact
-        self.telemetry.contact = lambda: self.contact
 
     def live(self, seconds: int, heard: bool = True) -> None:
         """So many seconds, each with housekeeping or silent, and a look of the ticker."""
@@ -54,7 +55,7 @@ class Room:
                 packets = LineBatch(
                     (Telemetry("housekeeping", self.device_s, 0, values, values),), self.clock(), self.mono_s
                 )
-                self.telemetry.handle(packets)
+                self.alarms.handle(packets.with_derived(self.telemetry.handle(packets)))
                 self.schedule.handle(packets)
             self.tick()
 

@@ -103,7 +103,7 @@ def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, senso
     sensor = sensor_in_memory()
     events = LineEventQueue(clock, sensor.monotonic_s)
     link = LinkService(DICTIONARY, database, bus, small_disk.folder, clock, sensor.monotonic_s, events)
-    telemetry = TelemetryService(DICTIONARY, database, bus, clock)
+    telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(DICTIONARY, telemetry, link, database, bus, clock)
     watch = DiskWatch(DiskGuard(small_disk.folder, 0, 0), alarms, link, telemetry)
     dispatcher = Dispatcher(events, bus, sensor.monotonic_s, [link.handle, telemetry.handle])
@@ -151,7 +151,7 @@ def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_di
     migrate(url)
     database = Database(open_engine(url))
     bus = EventBus(database, clock)
-    telemetry = TelemetryService(DICTIONARY, database, bus, clock)
+    telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     telemetry.handle(LineBatch(housekeeping(1), clock(), 0.0))
     with small_disk.full():
         for k in range(2, 2000):
@@ -186,8 +186,7 @@ def test_large_things_stop_before_the_disk_is_full_and_making_room_does_not(data
     """Jobs, imports and downloads are refused with words while there is still room to say so; retention may always run."""
     room = [10_000]
     guard = DiskGuard(tmp_path, 5000, 1000, lambda _: (room[0], 20_000))
-    jobs = JobService(database, bus, clock)
-    jobs.room = guard.check
+    jobs = JobService(database, bus, clock, guard.check)
     for kind in ("retention", "catalogue"):
         jobs.resumable(kind, lambda run: {})
     assert (guard.look().level, guard.has_room_for_rows()) == (State.OK, True)

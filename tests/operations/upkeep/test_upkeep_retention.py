@@ -118,7 +118,7 @@ def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock
     store.jobs.resumable("retention", dying)
     store.end(store.retention.run(user="ann"))
     (database,) = after
-    second = JobService(database, EventBus(database, clock), clock)
+    second = JobService(database, EventBus(database, clock), clock, lambda _: None)
     retention = RetentionService(
         database, store.blobs, second, EventBus(database, clock), store.link, tmp_path / "upkeep.lock", clock
     )

@@ -1,0 +1,178 @@
+"""Frames of the device: downloaded when they are taken, stored with everything that is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from gss.device.session import Part
+from gss.device.session_events import Direction, HelloReceived, Telemetry, TransferState
+from gss.domain.errors import GssError
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.frames.frames import FrameService
+from gss.operations.intake.frame_records import FrameRecords
+from gss.operations.line.clock_correlation import Correlation
+from gss.operations.line.line_events import LineBatch
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.transfers.arrivals import Writer
+from gss.operations.transfers.content_events import ContentArrived, Later, Links, PartArrived
+from gss.operations.transfers.device_frames import Picture, picture_of, shape_of
+from gss.operations.transfers.transfers import TransferService
+from gss.operations.transfers.uploaded_images import UploadedImages
+from gss.store.models import Frame, Transfer
+
+IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
+SHOWN_IN_PARTS = ("frame", "region")
+
+
+class FrameIntake:
+    """Downloads the newest frame that the device reports, one at a time, and stores what arrives.
+
+    ``clock`` returns the correlation of the device's clock with the ground's, None before there is one.
+    """
+
+    def __init__(
+        self,
+        link: LinkService,
+        telemetry: TelemetryService,
+        transfers: TransferService,
+        frames: FrameService,
+        images: UploadedImages,
+        records: FrameRecords,
+        writer: Writer,
+        clock: Callable[[], Correlation | None],
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._link, self._telemetry, self._transfers, self._frames = link, telemetry, transfers, frames
+        self._images, self._records, self._writer = images, records, writer
+        self._clock, self._bus, self._now = clock, bus, now
+        self._wanted: tuple[int, int] | None = None
+        self._refused = ""
+
+    def handle(self, batch: LineBatch) -> None:
+        """Follow greetings, descriptions of frames, and contents."""
+        for event in batch.events:
+            if isinstance(event, HelloReceived):
+                self._records.forget()
+            elif isinstance(event, Telemetry) and event.packet == "frame_info":
+                self._described(event.values)
+            elif isinstance(event, Telemetry) and event.packet == "frame_truth":
+                quaternion = [float(event.values[f"quaternion_{axis}"]) for axis in "xyzw"]
+                self._records.memory.true_attitude(int(event.values["frame_number"]), quaternion)
+            elif isinstance(event, ContentArrived) and event.done.direction is Direction.DOWN:
+                self._arrived(event)
+            elif isinstance(event, PartArrived) and event.transfer.kind in SHOWN_IN_PARTS:
+                self._part_arrived(event)
+        self._fetch_wanted()
+
+    def _described(self, info: Mapping[str, Any]) -> None:
+        number = int(info["frame_number"])
+        if not self._records.memory.told(number, info, self._records.settings()):
+            return
+        sent = self._images.frame_of(info)
+        if sent is not None:
+            self._records.stored(number, self._as_on_board(sent, number, info))
+        else:
+            self._wanted = (number, int(info["slot"]))
+
+    def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
+        """A frame that was sent up, with what the sensor works with: camera, exposure, settings. The stored row stays."""
+        settings, hello = dict(self._records.memory.facts(number).settings), self._link.hello
+        values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
+        own = {
+            "number": number,
+            "profile": hello.profile if hello else sent.profile,
+            "exposure_s": float(info["exposure_ms"]) / 1000,
+            "bank_sha256": settings.pop("bank_sha256", None),
+            "parameters": settings,
+        }
+        return Frame(**(values | own))
+
+    def _fetch_wanted(self) -> None:
+        """Download the newest frame that was reported, one at a time; older ones that were overtaken stay on board."""
+        if self._wanted is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
+            return
+        number, slot = self._wanted
+        self._wanted = None
+        try:
+            facts = self._records.memory.facts(number).plain()
+            self._transfers.download("frame", slot, f"frame {number}", facts=facts)
+            self._refused = ""
+        except GssError as error:
+            if error.message != self._refused:  # a full disk says the same of every frame: once is enough
+                self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
+            self._refused = error.message
+
+    # --- content ------------------------------------------------------------------------------------------------
+
+    def _arrived(self, event: ContentArrived) -> None:
+        if event.done.kind in IMAGE_KINDS:
+            transfer, done = event.transfer, event.done
+            event.answers.accept(lambda: self._store(transfer, done.data, done.frame_number, []))
+
+    def _part_arrived(self, event: PartArrived) -> None:
+        """What a broken download brought is shown, once while it may continue and once when it has ended."""
+        transfer, update = event.transfer, event.update
+        if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
+            return
+        held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.held]
+        event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
+
+    def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
+        """Everything that is known now goes into the row; the pixels are stored by the writer."""
+        hello, kind, facts = self._link.hello, transfer.kind, self._records.memory.facts_for(transfer, number)
+        info, settings = facts.info, dict(facts.settings)
+        shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
+        part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
+        picture = picture_of(kind, data, shape, part, held_bytes)
+        values = {
+            "contact_id": self._link.contact_id or transfer.contact_id,
+            "number": number or None,
+            "slot": int(transfer.target),
+            "name": _name(kind, number),
+            "taken": self._taken(info),
+            "bits": shape.bits,
+            "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
+            "profile": hello.profile if hello and kind != "thumbnail" else None,
+            "mode": str(info["mode"]) if "mode" in info else None,
+            "complete": picture.complete,
+            "rows_held": [list(rows) for rows in picture.rows_held],
+            "truth": facts.truth,
+            "bank_sha256": settings.pop("bank_sha256", None),
+            "parameters": settings | _part_of(kind, picture),
+        }
+        starts = self._records.device_starts
+        job = self._writer.submit(lambda: self._frames.add_from_device(picture.pixels, values))
+        return Later(job, lambda frame: self._stored(kind, number, frame, fresh=starts == self._records.device_starts))
+
+    def _stored(self, kind: str, number: int, frame: Frame, *, fresh: bool) -> Links:
+        """``fresh``: the device has not restarted since the frame arrived, so that the number is still its own."""
+        if kind == "frame" and frame.complete and fresh:
+            self._records.stored(number, frame)
+        return {"frame_id": frame.id}
+
+    def _taken(self, info: Mapping[str, Any]) -> datetime:
+        """The device's mid-exposure time on the ground's clock, by the correlation of the clocks, or before there is one by the
+        difference to its newest housekeeping."""
+        now = self._now()
+        newest = self._telemetry.latest_packet("housekeeping")
+        if newest is None or "frame_time_s" not in info:
+            return now
+        correlation = self._clock()
+        if correlation is not None:
+            # The same correlation for all frames of a contact: they keep the distances that the device's own clock gives them.
+            return min(now, datetime.fromtimestamp(correlation.utc_of(float(info["frame_time_s"])), UTC))
+        return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
+
+
+def _name(kind: str, number: int) -> str:
+    return f"frame {number}" if kind == "frame" else f"{kind.replace('_', ' ')} of frame {number}"
+
+
+def _part_of(kind: str, picture: Picture) -> dict[str, Any]:
+    """What kind of part of an image this is, and the rectangles that are real."""
+    return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}
