@@ -45,6 +45,7 @@ from gss.operations.line.raw_capture import Retention
 from gss.operations.line.replay_capture import CaptureReplay
 from gss.operations.line.sensor_knowledge import SensorKnowledge
 from gss.operations.line.status import StatusService
+from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.operations.recordings.live import LiveRecordings
 from gss.operations.recordings.scope import Scopes
 from gss.operations.recordings.stored import Recordings
@@ -130,6 +131,7 @@ class Services:
     accounts: AccountService
     audit: AuditService
     upkeep: Upkeep
+    parsing: ParseProcesses
     stopping: threading.Event = field(default_factory=threading.Event)
     workers: Callable[[], list[dict[str, Any]]] = list
     """Number, process, seconds since its start and restarts of each API worker; none where this process answers itself."""
@@ -151,9 +153,10 @@ class Services:
             self.link.open_later(self.settings.device)
 
     def announce_stop(self) -> None:
-        """Let the open streams end, so that the server need not cut them off."""
+        """End the open streams and the parsing of files, so that the server need not cut them off."""
         self.stopping.set()
         self.bus.wake_all()
+        self.parsing.stop()
 
     def stop(self) -> None:
         """Close the line first, so that nothing new comes; then end what still works."""
@@ -242,7 +245,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         dark=darks.pattern,
     )
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
-    frames = FrameService(database, blobs, bus, solver, solver.cache.stars(epoch_jyear), utc_now, settings.solve_chain)
+    parsing = ParseProcesses()
+    epoch_stars = solver.cache.stars(epoch_jyear)
+    frames = FrameService(database, blobs, bus, solver, epoch_stars, utc_now, settings.solve_chain, parsing)
     banks = BankService(database, blobs, bus, stars, utc_now)
     planners = [uploads(transfers, database), activations(schedule)]
     bank_history = BankHistoryService(link, database, utc_now, planners)
@@ -252,7 +257,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     reprocessing = ReprocessService(
         database, settings.blobs_url, jobs, utc_now, epoch_jyear, executor, profiles=book.profiles
     )
-    star_lists = StarListService(database, blobs, utc_now)
+    star_lists = StarListService(database, blobs, utc_now, parsing)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)
     replay = ReplayService(frames, banks, tables, stopwatch_s)
     images = UploadedImages(link, commands, transfers, frames, bus)
@@ -345,6 +350,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         accounts=accounts,
         audit=AuditService(database, utc_now),
         upkeep=upkeep,
+        parsing=parsing,
         place=place,
         scopes=Scopes(database, utc_now),
         recordings=recordings,

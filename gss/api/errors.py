@@ -17,6 +17,7 @@ from gss.api.guard.headers import HEADERS
 from gss.api.schemas.base import ProblemOut
 from gss.domain.errors import (
     BadInput,
+    Busy,
     Conflict,
     CorruptData,
     GssError,
@@ -25,6 +26,7 @@ from gss.domain.errors import (
     NotPermitted,
     NotSignedIn,
     StoreDown,
+    TooCostly,
     TooOften,
 )
 
@@ -32,6 +34,7 @@ SEE = "see /api/openapi.json for what there is and what each field takes"
 log = logging.getLogger("gss.api")
 
 STATUS: tuple[tuple[type[GssError], int], ...] = (
+    (TooCostly, 413),  # before its base class
     (BadInput, 400),
     (NotFound, 404),
     (Conflict, 409),
@@ -41,6 +44,7 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (NotSignedIn, 401),
     (NotPermitted, 403),
     (TooOften, 429),
+    (Busy, 503),
 )
 PROBLEMS: dict[int | str, dict[str, Any]] = {
     code: {"model": ProblemOut} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
@@ -70,7 +74,7 @@ def install(app: FastAPI) -> None:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
         deed = getattr(request.state, "detail", "")
         request.state.detail = f"{deed}: {error.message}" if deed else error.message  # for the audit record
-        wait_s = error.retry_after_s if isinstance(error, TooOften) else 0.0
+        wait_s = error.retry_after_s if isinstance(error, TooOften | Busy) else 0.0
         return problem(status, error.message, error.expected, error.got, error.hint, retry_after_s=wait_s)
 
     @app.exception_handler(RequestValidationError)

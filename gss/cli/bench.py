@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gss.cli.input_files import TEXT_BYTES, read_limited
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
 
@@ -115,7 +116,7 @@ def _corners(text: str) -> tuple[int, int]:
 def read_rows(name: str) -> tuple[tuple[float, ...], ...]:
     """Rows of numbers; BadInput names the line that is none."""
     try:
-        text = Path(name).read_text("utf-8-sig")
+        text = read_limited(Path(name), TEXT_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput("the file cannot be read", got=f"{name}: {error}") from None
     rows = []

@@ -22,6 +22,7 @@ from gss.catalogue_tools.selection.selection import THINNINGS, Rules
 from gss.catalogue_tools.tables.terms import altitude_m, mounting_of
 from gss.cli import catalogue_files, catalogue_sky, catalogue_upload
 from gss.cli.catalogue_files import print_facts, write_file
+from gss.cli.input_files import TLE_BYTES, read_limited
 from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
@@ -240,7 +241,7 @@ def _orbit(a: argparse.Namespace) -> ElementsOrbit | TleOrbit | None:
         if a.inclination_deg or a.raan_deg:
             raise BadInput("two orbits were given", expected="either --tle or --inclination-deg with --raan-deg")
         try:
-            return TleOrbit(a.tle.read_text("utf-8"))
+            return TleOrbit(read_limited(a.tle, TLE_BYTES).decode("utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise BadInput("the TLE file cannot be read", got=f"{a.tle}: {error}") from None
     if a.inclination_deg is None and a.raan_deg is None:

@@ -14,6 +14,7 @@ from gss.catalogue_tools.diff import compare, coverage_change
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.manifest import Manifest, check_image, manifest_of, read_manifest
 from gss.catalogue_tools.onboard import decode
+from gss.cli.input_files import IMAGE_BYTES, TABLE_FILE_BYTES, TEXT_BYTES, read_limited
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile
@@ -139,8 +140,11 @@ def run_import(arguments: argparse.Namespace) -> int:
     """Read the tables, verify, write the image."""
     from gss.catalogue_tools.onboard import read_header
     from gss.operations.catalogues.catalogue_files import import_file
+    from gss.operations.parsing.parse_processes import ParseProcesses
 
-    image = import_file(_bytes(arguments.file), arguments.file.name)
+    name = arguments.file.name
+    with ParseProcesses() as parsing:
+        image = parsing.parse(import_file, _bytes(arguments.file, TABLE_FILE_BYTES), name, what=name)
     write_file(arguments.out, image)
     header = read_header(image)
     facts = {"profile": header.profile_name, "format": header.format_name, "stars": header.stars, "bytes": len(image)}
@@ -230,7 +234,7 @@ def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, d
     paper = path.with_name(path.name + ".json")
     image = _bytes(path)
     try:
-        manifest = read_manifest(paper.read_text("utf-8"))
+        manifest = read_manifest(read_limited(paper, TEXT_BYTES).decode("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput("the catalogue cannot be read", expected=f"{path} and {paper}", got=str(error)) from None
     check_image(manifest, image)
@@ -247,9 +251,9 @@ def _services(arguments: argparse.Namespace) -> Services:
     return services_of(arguments)
 
 
-def _bytes(path: Path) -> bytes:
+def _bytes(path: Path, most_bytes: int = IMAGE_BYTES) -> bytes:
     try:
-        return path.read_bytes()
+        return read_limited(path, most_bytes)
     except OSError as error:
         raise BadInput("the catalogue cannot be read", expected=f"{path} with its manifest", got=str(error)) from None
 

@@ -19,8 +19,9 @@ from gss.catalogue_tools.selection.screening import ACTIONS, ScreeningRules
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.sources import SOURCES, Source, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
-from gss.catalogue_tools.sources.star_lists import ImportedList, read_star_list, require_camera
+from gss.catalogue_tools.sources.star_lists import ImportedList, require_camera
 from gss.catalogue_tools.tables.terms import occultation_of, orbital_velocity, pole_of
+from gss.cli.input_files import read_limited
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 
@@ -82,7 +83,8 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
         return load_stars()
     if request.source != "list":
         return load_source(request.source, request.depth_mag)
-    from gss.operations.catalogues.star_lists import kind_of
+    from gss.operations.catalogues.star_lists import LARGEST_BYTES, kind_of, parse_star_list
+    from gss.operations.parsing.parse_processes import ParseProcesses
 
     mapping = ListMapping(
         columns=_pairs(a.list_column),
@@ -92,10 +94,11 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
         bad_rows="refuse" if a.refuse_bad_rows else "drop",
     )
     try:
-        data = Path(a.list).read_bytes()
+        data = read_limited(Path(a.list), LARGEST_BYTES)
     except OSError as error:
         raise BadInput("the star list cannot be read", got=str(error)) from None
-    read = read_star_list(data, kind_of(a.list), mapping)
+    with ParseProcesses() as parsing:
+        read = parse_star_list(parsing, data, kind_of(a.list), mapping)
     require_camera(read.camera, request.profile_name)
     _tell_dropped(read)
     return of_list(read.stars, a.list)

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli.input_files import IMAGE_BYTES, read_limited
+
 if TYPE_CHECKING:
     from gss.cli import Subparsers
     from gss.device.session_events import TransferUpdate
@@ -37,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not arguments.image.is_file():
         raise BadInput("no such file", got=str(arguments.image))
-    image = arguments.image.read_bytes()
+    image = read_limited(arguments.image, IMAGE_BYTES)
     with direct_device(arguments.device, load_dictionary(), monotonic_s) as device:
         sha256 = device.upload(image, arguments.bank, _show)
         if arguments.activate:

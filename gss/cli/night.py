@@ -6,17 +6,19 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gss.cli.input_files import read_limited
 from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, CameraProfile, profile
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
+    from gss.operations.frames.frame_files import ImportedFrame
     from gss.operations.report.parts import Report
     from gss.operations.studies.calibrate import Found
     from gss.operations.studies.night_frames import Shot
@@ -146,17 +148,11 @@ def shots_of(
     files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
 ) -> list[Shot]:
     """Image files as shots; BadInput names the file that cannot be read."""
-    from gss.operations.frames.frame_files import read_frame
     from gss.operations.frames.observer import observer_at
     from gss.operations.studies.night_frames import Shot
 
     shots = []
-    for k, name in enumerate(files):
-        try:
-            data = Path(name).read_bytes()
-        except OSError as error:
-            raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
-        frame = read_frame(data, name)
+    for k, (name, frame) in enumerate(zip(files, _frames(files), strict=True)):
         taken = frame.taken_at
         observer = None if frame.seen_at is None or keep_aberration else observer_at(frame.seen_at)
         if taken is None or interval_s is not None:
@@ -165,6 +161,20 @@ def shots_of(
         pixels = partial(_given, frame.pixels)
         shots.append(Shot(Path(name).name, taken, exposure, frame.bits, pixels, observer=observer))
     return shots
+
+
+def _frames(files: Sequence[str]) -> Iterator[ImportedFrame]:
+    """The frames of the files, one after the other."""
+    from gss.operations.frames.frame_files import MAX_BYTES, ImportedFrame, read_frame
+    from gss.operations.parsing.parse_processes import ParseProcesses
+
+    with ParseProcesses() as parsing:
+        for name in files:
+            try:
+                data = read_limited(Path(name), MAX_BYTES)
+            except OSError as error:
+                raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
+            yield parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
 
 
 def _given(pixels: Any) -> Any:

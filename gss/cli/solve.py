@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
+from gss.cli.input_files import TEXT_BYTES, TLE_BYTES, read_limited
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.profiles import PROFILES
@@ -21,6 +22,7 @@ from gss.domain.results import Outcome, SolveResult, Turning
 
 if TYPE_CHECKING:
     from gss.cli import Subparsers
+    from gss.operations.parsing.parse_processes import ParseProcesses
 
 SOLVED_EXIT, FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT = 0, 1, 2, 3
 J2000_UNIX_S = 946_727_935.8
@@ -94,6 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.frames.sequence import Sequencer
     from gss.operations.frames.solve import Solver
     from gss.operations.frames.solver_cache import SolverCache
+    from gss.operations.parsing.parse_processes import ParseProcesses
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
@@ -101,12 +104,13 @@ def run(arguments: argparse.Namespace) -> int:
     sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
     truths = read_truths(arguments.truth, arguments.files)
     codes = []
-    for name in arguments.files:
-        try:
-            codes.append(_one(name, arguments, solver, sequencer, truths.get(Path(name).name)))
-        except GssError as error:
-            print(f"gss: {error}", file=sys.stderr)
-            codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
+    with ParseProcesses() as parsing:
+        for name in arguments.files:
+            try:
+                codes.append(_one(name, arguments, parsing, solver, sequencer, truths.get(Path(name).name)))
+            except GssError as error:
+                print(f"gss: {error}", file=sys.stderr)
+                codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
     return _worst(codes)
 
 
@@ -114,15 +118,19 @@ def _worst(codes: Sequence[int]) -> int:
     return next((c for c in (FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT) if c in codes), SOLVED_EXIT)
 
 
-def _one(name: str, arguments: argparse.Namespace, solver: Any, sequencer: Any, truth: Any) -> int:
+def _one(
+    name: str, arguments: argparse.Namespace, parsing: ParseProcesses, solver: Any, sequencer: Any, truth: Any
+) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frames.frame_files import LONGEST_EXPOSURE_S, read_frame
+    from gss.operations.frames.frame_files import LONGEST_EXPOSURE_S, MAX_BYTES, ImportedFrame, read_frame
     from gss.operations.frames.observer import observer_at
     from gss.operations.frames.sequence import truth_record
     from gss.operations.frames.solve import SolveRequest
     from gss.pipeline.chains.options import parse
 
-    frame = read_frame(_bytes_of(name), name)
+    frame = parsing.parse(
+        read_frame, _bytes_of(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), what=name
+    )
     taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
     seen = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
@@ -174,7 +182,7 @@ def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
         angles = _attitude(_numbers(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
         return {Path(name).name: angles for name in files}
     try:
-        rows = json.loads(Path(text).read_text("utf-8"))
+        rows = json.loads(read_limited(Path(text), TEXT_BYTES))
         return {str(name): _attitude([float(v) for v in row]) for name, row in rows.items()}
     except (ValueError, TypeError, AttributeError, UnicodeDecodeError) as error:
         raise BadInput(
@@ -214,12 +222,14 @@ def _moment(text: str) -> datetime:
 
 
 def _tle(name: str | None) -> str | None:
-    return None if name is None else _bytes_of(name, "a two-line element set").decode("ascii", "replace")
+    if name is None:
+        return None
+    return _bytes_of(name, "a two-line element set", TLE_BYTES).decode("ascii", "replace")
 
 
-def _bytes_of(name: str, what: str = "an image file") -> bytes:
+def _bytes_of(name: str, what: str, most_bytes: int) -> bytes:
     try:
-        return Path(name).read_bytes()
+        return read_limited(Path(name), most_bytes)
     except IsADirectoryError:
         raise BadInput(f"{name} is a directory", expected=what, got="a directory") from None
     except FileNotFoundError:

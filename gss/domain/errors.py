@@ -24,6 +24,10 @@ class BadInput(GssError):
     """The caller gave something that cannot be used; nothing was changed."""
 
 
+class TooCostly(BadInput):
+    """A file reached a limit of memory, processor time or wall time while it was read."""
+
+
 class NotFound(GssError):
     """The thing asked for does not exist."""
 
@@ -54,6 +58,16 @@ class NotPermitted(GssError):
 
 class TooOften(GssError):
     """Too many tries; the next one is heard after ``retry_after_s``."""
+
+    def __init__(
+        self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0
+    ) -> None:
+        super().__init__(message, expected=expected, got=got, hint=hint)
+        self.retry_after_s = retry_after_s
+
+
+class Busy(GssError):
+    """All workers for this kind of request are in use; retry after ``retry_after_s``."""
 
     def __init__(
         self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0

@@ -169,6 +169,8 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
                 for hdu in hdus[1:]
                 if isinstance(hdu, fits.BinTableHDU)
             }
+    except MemoryError:
+        raise
     except Exception as error:  # whatever a reader of foreign bytes stumbles over
         raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
     if LAYOUT not in held or held[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
@@ -206,6 +208,8 @@ def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable
             if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
                 raise ValueError(f"more than {MOST_BYTES} bytes")
             files = {name: archive.read(name) for name in archive.namelist()}
+    except MemoryError:
+        raise
     except Exception as error:  # whatever a reader of foreign bytes stumbles over
         raise BadInput(
             "not a ZIP of tables", expected="one that export_table wrote", got=str(error), hint=HINT
@@ -221,6 +225,8 @@ def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable
                 raise CorruptData("a table is missing", expected=f"{name}.{kind}", got=", ".join(files))
             try:
                 read[name] = READERS[kind](files[f"{name}.{kind}"])
+            except MemoryError:
+                raise
             except Exception as error:  # whatever a reader of foreign bytes stumbles over
                 raise CorruptData(f"table {name} cannot be read", expected=kind, got=str(error)) from None
         return read[name]
@@ -280,7 +286,12 @@ def _write_parquet(name: str, columns: Columns, facts: Mapping[str, Any]) -> byt
 def _read_parquet(data: bytes) -> Columns:
     import pyarrow.parquet as pq
 
-    table = pq.read_table(io.BytesIO(data))
+    file = pq.ParquetFile(io.BytesIO(data))
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    if 8 * max(values, file.metadata.num_rows * file.metadata.num_columns) > MOST_BYTES:
+        raise ValueError(f"{values} values, more than {MOST_BYTES} bytes")
+    table = file.read()
     return {n: table[n].to_numpy() for n in table.column_names}
 
 

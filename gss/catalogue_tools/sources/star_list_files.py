@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,10 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.sources.star_list_guards import check_ecsv_header, check_quotes, check_votable
+from gss.catalogue_tools.sources.star_list_guards import (
+    check_column_names,
+    check_ecsv_header,
+    check_lines,
+    check_quotes,
+    check_table_size,
+    check_unit,
+    check_votable,
+    require_columns,
+)
 from gss.domain.errors import BadInput
 
-MOST_ROWS = 5_000_000
+MOST_EXTENSIONS = 100
 # The libraries would unpack these on their own, to any size.
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
@@ -64,13 +74,13 @@ def read_columns(data: bytes, kind: str) -> RawList:
         )
     try:
         raw = readers[kind](data)
-    except BadInput:
+    except (BadInput, MemoryError):
         raise
     except Exception as error:  # each library has its own family of errors for a file that is not one
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BadInput(f"the star list is not a {kind} table", expected=f"a {kind} file", got=text[:200]) from None
-    if len(raw.rows) > MOST_ROWS:
-        raise BadInput("the star list is too long", expected=f"at most {MOST_ROWS} rows", got=str(len(raw.rows)))
+    check_column_names(list(raw.columns))
+    check_table_size(len(raw.rows), 0)
     return raw
 
 
@@ -101,13 +111,20 @@ def _csv(data: bytes) -> RawList:
     while text.startswith("#", start):
         end = text.find("\n", start)
         end = len(text) if end < 0 else end
-        if match := re.match(r"#\s*(\w+)\s*[=:]\s*(.+?)\s*$", text[start:end]):
-            meta[match[1]] = match[2]
+        if stated := _statement(text[start + 1 : end]):
+            meta[stated[0]] = stated[1]
         start = end + 1
     raw = _delimited(text[start:], None)
     raw.epoch, raw.frame = _stated(meta, EPOCH_KEYS), _stated(meta, FRAME_KEYS)
     raw.camera = _stated(meta, CAMERA_KEYS)
     return raw
+
+
+def _statement(comment: str) -> tuple[str, str] | None:
+    """Name and value of a comment ``name = value`` or ``name: value``; None for any other."""
+    end = next((k for k, sign in enumerate(comment) if sign in "=:"), len(comment))
+    name, value = comment[:end].strip(), comment[end + 1 :].strip()
+    return (name, value) if name.replace("_", "a").isalnum() and value else None
 
 
 def _ecsv(data: bytes) -> RawList:
@@ -136,6 +153,7 @@ def _ecsv(data: bytes) -> RawList:
 
 
 def _text(data: bytes) -> str:
+    check_lines(data)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -153,9 +171,7 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
     first = text.split("\n", 1)[0].rstrip("\r")
     mark = delimiter or max(",;\t", key=first.count)
     names = [name.strip() for name in next(csv.reader([first], delimiter=mark), [])]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise BadInput("two columns of the star list have one name", expected="each name once", got=", ".join(twice))
+    check_column_names(names)
     check_quotes(text, mark)
     broken: list[tuple[int, str, str]] = []
 
@@ -207,22 +223,33 @@ def _fits(data: bytes) -> RawList:
     from astropy.table import Table
 
     with fits.open(io.BytesIO(data), memmap=False) as files:
-        tables = [hdu for hdu in files if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
-        if not tables:
+        extensions = itertools.islice(files, MOST_EXTENSIONS)
+        first = next((hdu for hdu in extensions if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)), None)
+        if first is None:
             raise BadInput("the FITS file holds no table", expected="a binary table", got=f"{len(files)} extensions")
-        table = Table.read(tables[0])
-        header = {**dict(files[0].header), **dict(tables[0].header)}
+        _check_fits_table(first.header)
+        table = Table.read(first)
+        header = {**dict(files[0].header), **dict(first.header)}
     raw = _of_astropy(table)
     raw.epoch, raw.frame = _stated(header, EPOCH_KEYS), _stated(header, FRAME_KEYS)
     raw.camera = _stated(header, CAMERA_KEYS)
     return raw
 
 
+def _check_fits_table(header: Mapping[str, Any]) -> None:
+    """What the header says of the table is measured before anything is allocated."""
+    count = int(header["TFIELDS"])
+    require_columns(count)
+    check_table_size(int(header["NAXIS2"]), int(header["NAXIS1"]))
+    for k in range(1, count + 1):
+        check_unit(str(header.get(f"TUNIT{k}", "")))
+
+
 def _votable(data: bytes) -> RawList:
     from astropy.io import votable
 
     check_votable(data)
-    file = votable.parse(io.BytesIO(data), verify="ignore")
+    file = votable.parse(io.BytesIO(data), verify="ignore", table_number=0)
     first = next(file.iter_tables(), None)
     if first is None:
         raise BadInput("the VOTable holds no table", expected="a TABLE element", got="none")

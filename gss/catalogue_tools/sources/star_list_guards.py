@@ -1,23 +1,141 @@
-"""What a star list may not hold, found before any library reads it: references to other files, entities, aliases, open quotes.
+"""Checks of a star list before a library reads it: references to other files, entities, aliases, open quotes, and size.
 
-A list comes from anybody. A VOTable may name a file or an address in place of its rows, and a reader that follows it opens what the
-sender chose; entities and aliases grow a few bytes into gigabytes.
+The sender of a list is not trusted. A VOTable may name a file or an address in place of its rows, and a reader that follows it
+opens what the sender chose. Entities, aliases, fixed-length text, powers in units and nested headers turn a few bytes into
+gigabytes or minutes; each check takes time in proportion to the size of the file.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.parsers import expat
 
+import numpy as np
 import yaml
 
 from gss.domain.errors import BadInput
 
 ECSV_HEADER_BYTES = 1 << 17
 """Gaia's source table, the longest list we know, describes its 152 columns in a quarter of it."""
+DEEPEST_HEADER = 20
+MOST_COLUMNS = 1000
+"""FITS allows 999."""
+MOST_ROWS = 5_000_000
+LONGEST_LINE = 1 << 16
+LONGEST_NAME = 200
+LONGEST_UNIT = 64
+LONGEST_TEXT = 1024
+"""Characters of a value of fixed length."""
+LARGEST_TABLE_BYTES = 1 << 29
+"""Of the columns as the reader holds them in memory."""
+DEEPEST_VOTABLE = 32
+WIDTHS = {"char": 1, "unicodeChar": 4, "floatComplex": 8, "doubleComplex": 16}
 SHOWN = 60
+
+
+def check_unit(unit: str) -> None:
+    """Refuses a unit that is long or has a number of more than four digits before its point: the parser computes 10**9999999."""
+    if len(unit) > LONGEST_UNIT or re.search(r"(?<![.\d])\d{5}", unit):
+        raise BadInput(
+            "a unit of the star list is too long",
+            expected=f"at most {LONGEST_UNIT} characters, and numbers of at most 4 digits",
+            got=unit[:SHOWN],
+            hint="write the unit as deg, mas/yr or mag",
+        )
+
+
+def require_columns(count: int) -> None:
+    """Refuses too many columns."""
+    if count > MOST_COLUMNS:
+        raise BadInput(
+            "the star list has too many columns",
+            expected=f"at most {MOST_COLUMNS}",
+            got=str(count),
+            hint="keep position, magnitude and names only",
+        )
+
+
+def check_column_names(names: Sequence[str]) -> None:
+    """Refuses too many columns, a name that is too long and a name that occurs twice."""
+    require_columns(len(names))
+    if long := next((name for name in names if len(name) > LONGEST_NAME), None):
+        raise BadInput(
+            "a column of the star list has too long a name",
+            expected=f"at most {LONGEST_NAME} characters",
+            got=f"{len(long)} characters: {long[:SHOWN]}",
+        )
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise BadInput("two columns of the star list have one name", expected="each name once", got=", ".join(twice))
+
+
+def check_table_size(rows: int, row_bytes: int) -> None:
+    """Refuses a table by the size that its header states."""
+    if not 0 <= rows <= MOST_ROWS:
+        raise BadInput("the star list is too long", expected=f"at most {MOST_ROWS} rows", got=str(rows))
+    if rows * row_bytes > LARGEST_TABLE_BYTES:
+        raise BadInput(
+            "the star list is too large when it is unpacked",
+            expected=f"at most {LARGEST_TABLE_BYTES >> 20} MiB",
+            got=f"{rows} rows of {row_bytes} bytes",
+            hint="keep position, magnitude and names only",
+        )
+
+
+def check_lines(data: bytes) -> None:
+    """Refuses a line that is too long to be a row of a table."""
+    ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
+    lengths = np.diff(ends, prepend=-1, append=len(data))
+    if lengths.max() > LONGEST_LINE:
+        raise BadInput(
+            f"line {int(lengths.argmax()) + 1} of the star list is too long",
+            expected=f"at most {LONGEST_LINE} bytes",
+            got=f"{int(lengths.max())} bytes",
+        )
+
+
+class _VotableSize:
+    """Adds up what a VOTable makes its reader allocate."""
+
+    def __init__(self) -> None:
+        self._depth = self._fields = self._rows = self._row_bytes = 0
+
+    def start(self, name: str, attributes: Mapping[str, str]) -> None:
+        """Count an element; refuse one that is too large on its own."""
+        self._depth += 1
+        if self._depth > DEEPEST_VOTABLE:
+            raise BadInput("the VOTable is nested too deeply", expected=f"{DEEPEST_VOTABLE} levels", got="more")
+        check_unit(attributes.get("unit", ""))
+        if name == "tr":
+            self._rows += 1
+        elif name == "table":
+            self._fields = self._row_bytes = self._rows = 0
+            check_table_size(_count("nrows", attributes.get("nrows", "0")), 0)
+        elif name in ("field", "param"):
+            self._value(name, attributes)
+
+    def end(self, name: str) -> None:
+        """Check the rows of a table that is complete."""
+        self._depth -= 1
+        if name == "table":
+            check_table_size(self._rows, self._row_bytes)
+
+    def _value(self, name: str, attributes: Mapping[str, str]) -> None:
+        size = _elements(attributes.get("arraysize", ""))
+        if size > LONGEST_TEXT:
+            raise BadInput(
+                f"a {name.upper()} of the VOTable is too large",
+                expected=f'arraysize up to {LONGEST_TEXT}, or "*"',
+                got=attributes["arraysize"][:SHOWN],
+            )
+        if name == "field":
+            self._fields += 1
+            self._row_bytes += size * WIDTHS.get(attributes.get("datatype", ""), 8)
+            require_columns(self._fields)
 
 
 def check_votable(data: bytes) -> None:
@@ -32,8 +150,11 @@ def check_votable(data: bytes) -> None:
             hint="take that line out",
         )
 
+    size = _VotableSize()
+
     def element(name: str, attributes: Mapping[str, str]) -> None:
         local = _local(name)
+        size.start(local, attributes)
         if local == "fits":
             raise BadInput("the VOTable holds a FITS file", expected="rows in TABLEDATA or BINARY", got="<FITS>")
         if local != "link" and any(_local(a) == "href" for a in attributes):
@@ -47,6 +168,7 @@ def check_votable(data: bytes) -> None:
     parser.StartDoctypeDeclHandler = doctype
     parser.EntityDeclHandler = doctype
     parser.StartElementHandler = element
+    parser.EndElementHandler = lambda name: size.end(_local(name))
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
@@ -55,20 +177,33 @@ def check_votable(data: bytes) -> None:
         ) from None
 
 
+def _count(what: str, text: str) -> int:
+    """A whole number of a VOTable's attribute; int() would take long for many digits."""
+    if not re.fullmatch(r"\s{0,9}\d{1,18}\s{0,9}", text, re.ASCII):
+        raise BadInput(f"{what} of the VOTable is not a number", expected="a whole number", got=text[:SHOWN])
+    return int(text)
+
+
+def _elements(arraysize: str) -> int:
+    """Elements of fixed size: 12 for "3x4", "3x4*" and "3x4x*"."""
+    parts = [part for part in arraysize.strip().rstrip("*").split("x", 9) if part.strip()]
+    return math.prod(_count("arraysize", part) for part in parts)
+
+
 def _local(name: str) -> str:
     """A name without its prefix; XML is strict about case, a sender need not be."""
     return name.rpartition(":")[2].lower()
 
 
 def check_ecsv_header(lines: list[str]) -> None:
-    """Refuses a header that is too long or repeats parts of itself by YAML's anchors and aliases."""
+    """Refuses a header that is too long, nested too deeply, or repeats parts of itself by YAML's anchors and aliases."""
     size = sum(map(len, lines))
     if size > ECSV_HEADER_BYTES:
         raise BadInput(
             "the header of the star list is too long", expected=f"at most {ECSV_HEADER_BYTES} characters", got=str(size)
         )
     try:
-        held = any(isinstance(t, yaml.AliasToken | yaml.AnchorToken) for t in yaml.scan("\n".join(lines)))
+        held = _repeats_itself("\n".join(lines))
     except yaml.YAMLError as error:
         got = str(error).splitlines()[0][:200]
         raise BadInput("the star list is not an ecsv table", expected="a YAML header", got=got) from None
@@ -78,6 +213,31 @@ def check_ecsv_header(lines: list[str]) -> None:
             expected="plain values",
             got="& or * in its YAML",
         )
+
+
+OPENING = (
+    yaml.FlowSequenceStartToken,
+    yaml.FlowMappingStartToken,
+    yaml.BlockSequenceStartToken,
+    yaml.BlockMappingStartToken,
+)
+CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+
+
+def _repeats_itself(header: str) -> bool:
+    """True if there are anchors or aliases. Stops at the deepest level allowed: the scanner's time grows with the square of it."""
+    depth = 0
+    for token in yaml.scan(header):
+        if isinstance(token, yaml.AliasToken | yaml.AnchorToken):
+            return True
+        depth += isinstance(token, OPENING) - isinstance(token, CLOSING)
+        if depth > DEEPEST_HEADER:
+            raise BadInput(
+                "the header of the star list is nested too deeply",
+                expected=f"at most {DEEPEST_HEADER} levels",
+                got="more",
+            )
+    return False
 
 
 def check_quotes(text: str, delimiter: str) -> None:

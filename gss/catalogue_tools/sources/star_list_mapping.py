@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gss.catalogue_tools.sources.star_list_guards import check_unit
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
 
@@ -133,6 +134,7 @@ def _short(value: object) -> str:
 
 def plain_unit(name: str, unit: str) -> str:
     """The unit of a field in our spelling."""
+    check_unit(unit)
     text = str(unit).strip().lower().replace(" ", "").replace("**-1", "-1").replace("^-1", "-1")
     if match := re.fullmatch(r"(.+?)(?:/|\.?)(a|y|yr|year|cy|century|ha)(-1)?", text):
         angle, time, power = match.groups()
@@ -202,7 +204,7 @@ def unit_in_name(ours: str, column: str) -> str | None:
 
 
 def _plain(name: str) -> str:
-    text = re.sub(r"\[.*?\]|\(.*?\)", "", name.strip().lower())
+    text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", "", name.strip().lower())
     text = re.sub(r"[_ ](deg|rad|hourangle|arcsec|mas|arcmin|mag|mas_yr|arcsec_yr|deg_yr|rad_yr)$", "", text)
     return re.sub(r"[^a-z0-9]", "", text)
 

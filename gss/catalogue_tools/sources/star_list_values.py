@@ -30,6 +30,8 @@ LARGEST_PARALLAX_RAD = 1.0 * ARCSEC_RAD
 # A place at an end of its range, rounded.
 ROUNDING_RAD = 1e-9
 LARGEST_NUMBER = 2**31 - 1
+LONGEST_NUMBER = 100
+"""Characters; NUMBERS may try a text of blanks in many ways."""
 # So few rows say nothing of a unit.
 TELLING_ROWS = 20
 NUMBERS = re.compile(
@@ -104,7 +106,7 @@ def _is_text(values: NDArray[Any]) -> bool:
 
 def _looks_sexagesimal(values: NDArray[Any]) -> bool:
     first = next((str(v).strip() for v in values if str(v).strip()), "")
-    return bool(re.match(r"^[+-]?\d+[\s:hd°]+\d+", first))
+    return bool(re.match(r"^[+-]?\d+[\s:hd°]+\d+", first[:LONGEST_NUMBER]))
 
 
 def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) -> Array:
@@ -128,14 +130,16 @@ def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) ->
 
 
 def number_of(value: object) -> float:
+    """The number in a text, NaN where there is none."""
+    text = str(value)
     try:
-        return float(str(value))
+        return float(text) if len(text) <= LONGEST_NUMBER else np.nan
     except ValueError:
         return np.nan
 
 
 def _degrees(text: str, scale: float) -> float:
-    match = NUMBERS.match(text)
+    match = NUMBERS.match(text) if len(text) <= LONGEST_NUMBER else None
     if not match:
         return np.nan
     whole, minutes, seconds = (float(part or 0) for part in match.groups()[1:])

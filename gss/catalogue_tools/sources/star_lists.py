@@ -30,6 +30,8 @@ from gss.domain.profiles import PROFILES
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
+LONGEST_EPOCH = 100
+"""Characters of what a file states about its epoch and frame."""
 
 
 @dataclass(frozen=True)
@@ -119,9 +121,10 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
     """Julian year of the places. A contradiction between file and caller is not settled here."""
     stated = None
     if raw.epoch is not None:
-        match = re.search(r"(B?)\s*(\d{4}(?:\.\d*)?)", raw.epoch)
-        if not match:
-            raise BadInput("the star list's epoch is not a year", expected="a Julian year, as 2016.0", got=raw.epoch)
+        match = re.search(r"(B?)\s{0,8}(\d{4}(?:\.\d*)?)", raw.epoch[:LONGEST_EPOCH])
+        if not match or len(raw.epoch) > LONGEST_EPOCH:
+            got = raw.epoch[:LONGEST_EPOCH]
+            raise BadInput("the star list's epoch is not a year", expected="a Julian year, as 2016.0", got=got)
         stated = float(match[2])
         if match[1]:  # a Besselian year (Lieske 1979)
             stated = 2000.0 + (2415020.31352 + (stated - 1900.0) * 365.242198781 - 2451545.0) / 365.25
@@ -154,7 +157,7 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
             raise BadInput(
                 "the star list's frame is unknown",
                 expected="ICRS | FK5 | FK4",
-                got=raw.frame,
+                got=raw.frame[:LONGEST_EPOCH],
                 hint="say it with the list: --list-frame in the shell, axes on the page",
             )
     if stated is None:

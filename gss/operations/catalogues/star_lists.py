@@ -8,10 +8,13 @@ from typing import Any
 
 from gss.catalogue_tools.sources.sources import Source, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping
+from gss.catalogue_tools.sources.star_list_values import DroppedRow
 from gss.catalogue_tools.sources.star_lists import ImportedList, read_star_list, require_camera
 from gss.domain.errors import BadInput
 from gss.domain.profiles import profile as profile_named
+from gss.domain.stars import StarTable
 from gss.operations.clock import Now
+from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.store import star_lists as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
@@ -34,8 +37,8 @@ SHOWN_ROWS = 20
 class StarListService:
     """Keeps lists, and knows every source by name."""
 
-    def __init__(self, database: Database, blobs: BlobStore, now: Now) -> None:
-        self._database, self._blobs, self._now = database, blobs, now
+    def __init__(self, database: Database, blobs: BlobStore, now: Now, parsing: ParseProcesses) -> None:
+        self._database, self._blobs, self._now, self._parsing = database, blobs, now, parsing
         self._read: dict[int, Source] = {}
         self._lock = threading.Lock()
 
@@ -51,7 +54,7 @@ class StarListService:
         if profile:
             profile_named(profile)
         kind = kind_of(filename)
-        read = read_star_list(data, kind, mapping)
+        read = parse_star_list(self._parsing, data, kind, mapping)
         if profile:
             require_camera(read.camera, profile)
         row = StarList(
@@ -96,15 +99,30 @@ class StarListService:
         row = self.get(list_id)
         require_camera(row.profile, profile)
         with self._lock:
-            if list_id not in self._read:
-                read = read_star_list(self._blobs.get(row.sha256), row.format, ListMapping(**row.mapping))
-                self._keep(list_id, of_list(read.stars, row.name))
-            return self._read[list_id]
+            held = self._read.get(list_id)
+        if held is None:
+            data, mapping = self._blobs.get(row.sha256), ListMapping(**row.mapping)
+            held = of_list(parse_star_list(self._parsing, data, row.format, mapping).stars, row.name)
+            with self._lock:
+                self._keep(list_id, held)
+        return held
 
     def _keep(self, list_id: int, source: Source) -> None:
+        self._read.pop(list_id, None)
         while len(self._read) >= KEPT_LISTS:
             del self._read[next(iter(self._read))]
         self._read[list_id] = source
+
+
+def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: ListMapping) -> ImportedList:
+    """:func:`read_star_list` in a child process; also TooCostly and Busy."""
+    classes = (ImportedList, StarTable, DroppedRow)
+    return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, what="the star list")
+
+
+def read_with_mapping(data: bytes, kind: str, mapping: dict[str, Any]) -> ImportedList:
+    """:func:`read_star_list` with a mapping in plain values."""
+    return read_star_list(data, kind, ListMapping(**mapping))
 
 
 def kind_of(filename: str) -> str:

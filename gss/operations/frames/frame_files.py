@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import itertools
+import math
 import warnings
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -16,6 +18,10 @@ from gss.domain.errors import BadInput
 MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
 MAX_SIDE_PX = 20_000
+MAX_UNPACKED_BYTES = 4 * MAX_PIXELS
+"""Of a tile-compressed FITS image."""
+MOST_TILES = 2 * MAX_SIDE_PX
+MOST_EXTENSIONS = 100
 LONGEST_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
@@ -108,7 +114,7 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
             meta = _picture_meta(image)
             image.load()
             return _luminance(image, name), meta
-    except BadInput:
+    except (BadInput, MemoryError):
         raise
     except Image.DecompressionBombError:
         raise BadInput(
@@ -174,22 +180,10 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # header oddities are common and harmless; the data are checked below
             with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as hdus:
-                for hdu in hdus:
-                    if not getattr(hdu, "is_image", False) or hdu.header.get("NAXIS", 0) < 2:
-                        continue
-                    header = hdu.header
-                    _check_size(int(header["NAXIS1"]), int(header["NAXIS2"]), name)
-                    if int(np.prod([header[f"NAXIS{k + 1}"] for k in range(header["NAXIS"])])) > 8 * MAX_PIXELS:
-                        raise BadInput(
-                            f"{name} is a data cube that is too large", expected="one image", got=str(hdu.shape)
-                        )
-                    if header["NAXIS"] == 2 and header["BITPIX"] == -64:
-                        return _read_bands(hdu, name), _fits_meta(header)
-                    array = np.asarray(hdu.data)
-                    while array.ndim > 2:
-                        array = array[0]
-                    return array, _fits_meta(header)
-    except BadInput:
+                for hdu in itertools.islice(hdus, MOST_EXTENSIONS):
+                    if getattr(hdu, "is_image", False) and hdu.header.get("NAXIS", 0) >= 2:
+                        return _first_plane(hdu, name), _fits_meta(hdu.header)
+    except (BadInput, MemoryError):
         raise
     except Exception as error:  # astropy raises OSError, ValueError, TypeError, VerifyError on damaged files
         raise BadInput(
@@ -201,6 +195,35 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
     raise BadInput(
         f"{name} holds no image", expected="a FITS extension with rows and columns", got="tables or empty headers only"
     )
+
+
+def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
+    """The first (rows, columns) of an image or a data cube; the other planes are not read."""
+    header = hdu.header
+    sides = [int(header[f"NAXIS{k + 1}"]) for k in range(int(header["NAXIS"]))]
+    _check_size(sides[0], sides[1], name)
+    if math.prod(sides) > 8 * MAX_PIXELS:
+        raise BadInput(f"{name} is a data cube that is too large", expected="one image", got=str(hdu.shape))
+    if hasattr(hdu, "compression_type"):
+        _check_tiles(hdu, name)
+    elif len(sides) == 2 and header["BITPIX"] == -64:
+        return _read_bands(hdu, name)
+    first = (0,) * (len(sides) - 2)
+    return np.asarray(hdu.section[(*first, slice(None), slice(None))])
+
+
+def _check_tiles(hdu: Any, name: str) -> None:
+    """Refuses a tile-compressed image by what its first plane unpacks to; every tile that is touched is unpacked whole."""
+    tile = [min(side, whole) for side, whole in zip(hdu.tile_shape, hdu.shape, strict=True)]
+    tiles = math.prod(-(-whole // side) for side, whole in zip(tile[-2:], hdu.shape[-2:], strict=True))
+    unpacked = tiles * math.prod(tile) * abs(int(hdu.header["BITPIX"])) // 8
+    if tiles > MOST_TILES or unpacked > MAX_UNPACKED_BYTES:
+        raise BadInput(
+            f"{name} is too large when it is unpacked",
+            expected=f"at most {MOST_TILES} tiles and {MAX_UNPACKED_BYTES >> 20} MiB",
+            got=f"{tiles} tiles, {unpacked >> 20} MiB",
+            hint="save it without compression, or with one row per tile",
+        )
 
 
 def _read_bands(hdu: Any, name: str) -> NDArray[np.float32]:

@@ -24,6 +24,7 @@ from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.onboard_told import told_of
 from gss.operations.frames.solution_rows import solution_row, with_overlays
 from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.pipeline.chains.systems import on_board
 from gss.store import frames as store
 from gss.store.blobs import BlobStore
@@ -58,12 +59,12 @@ class FrameService:
         stars: StarTable,
         now: Now,
         chain: str,
+        parsing: ParseProcesses,
     ) -> None:
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
-        self._solver, self._stars, self._chain = solver, stars, chain
+        self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
-        # Decoded pictures and the solver's tables take memory; many at once would take all of it.
-        self._one_import = threading.Lock()
+        # The solver's tables take memory; many at once would take all of it.
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
         self._unsolved: deque[int] = deque()
         self.skipped = 0
@@ -112,8 +113,7 @@ class FrameService:
             profile(profile_name)
         self.room("an import")
         name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
-        with self._one_import:
-            imported: ImportedFrame = read_frame(data, name)
+        imported = self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
         frame = self._add(
             imported.pixels,
             source="import",

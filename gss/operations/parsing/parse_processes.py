@@ -1,0 +1,298 @@
+"""Parse untrusted files outside the server: a file that freezes a library, fills the memory or crashes it costs a child process.
+
+Every upload and every file of the command line that a library decodes goes through here. Text that is short and read by linear code
+(a TLE, a manifest, rows of bench measurements) is limited in length where it is read and parsed in the server itself.
+
+A child is started as a fresh program (``fork`` would copy locks that other threads hold), which takes 0.1 to 0.6 s, most of it the
+import of astropy. It inherits no files, sockets or settings, ends with the server, and is kept for the next file only if it read
+the last one. This protects the server from files that cost too much; it is not a sandbox against code in a library's defect.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import BinaryIO, Self, TypeVar
+
+from gss.domain.errors import BadInput, Busy, CorruptData, GssError, TooCostly
+from gss.operations.parsing.parse_worker import HEAD, REFUSED, read_into, write_message
+from gss.operations.parsing.plain_data import decode
+
+WORKER = "gss.operations.parsing.parse_worker"
+SECRET_SETTINGS = ("GSS_", "AWS_", "PG")
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+"""Thread pools reserve address space, which is what the memory limit counts."""
+LONGEST_REPLY_TEXT = 16 << 20
+EXIT_WITHIN_S = 5.0
+"""From the end of its output to the end of the process."""
+EXPECTED_ERRORS: dict[str, type[GssError]] = {"BadInput": BadInput, "CorruptData": CorruptData}
+Result = TypeVar("Result")
+log = logging.getLogger("gss.parsing")
+
+
+@dataclass(frozen=True)
+class ParseLimits:
+    """What one file may cost.
+
+    ``memory_bytes``: address space of the child, libraries included. ``result_bytes``: content that it returns. ``idle_s``: how
+    long a child waits for its next file.
+    """
+
+    memory_bytes: int = 3 << 30
+    cpu_s: float = 30.0
+    wall_s: float = 60.0
+    result_bytes: int = 1 << 30
+    idle_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class Turns:
+    """How many files are parsed at once, how many more requests wait for their turn, and for how long."""
+
+    at_once: int = 2
+    waiting: int = 4
+    wait_s: float = 15.0
+
+
+class ParseProcesses:
+    """Starts a child for a file, keeps one that is idle, and ends all of them in :meth:`stop`. Safe to use from any thread."""
+
+    def __init__(self, limits: ParseLimits | None = None, turns: Turns | None = None) -> None:
+        self._limits, self._turns = limits or ParseLimits(), turns or Turns()
+        self._free = threading.BoundedSemaphore(self._turns.at_once)
+        self._places = threading.BoundedSemaphore(self._turns.at_once + self._turns.waiting)
+        self._lock = threading.Lock()
+        self._children: set[_Child] = set()
+        self._idle: _Child | None = None
+        self._stopped = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def parse(
+        self,
+        function: Callable[..., Result],
+        data: bytes,
+        *arguments: object,
+        classes: tuple[type, ...] = (),
+        what: str = "the file",
+    ) -> Result:
+        """``function(data, *arguments)``, called in a child. ``function`` is at the top of a module, ``arguments`` are JSON values,
+        the result is plain data or one of the dataclasses ``classes``; ``what`` names the file in messages.
+
+        Raises the BadInput or CorruptData of the function, TooCostly where a limit was reached, and Busy.
+        """
+        job = json.dumps(
+            {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
+        ).encode()
+        with self._turn():
+            reply, body = self._ask(job, data, what)
+        if reply.startswith(REFUSED):
+            raise self._error(json.loads(reply[1:]), what)
+        result: Result = decode(reply[1:], body, {kind.__name__: kind for kind in classes})
+        return result
+
+    def stop(self) -> None:
+        """End all children; requests that wait for one get Busy."""
+        with self._lock:
+            self._stopped = True
+            children, idle, self._idle = list(self._children), self._idle, None
+        for child in children:
+            child.kill()
+        if idle is not None:
+            idle.end()
+            self._forget(idle)
+
+    @contextlib.contextmanager
+    def _turn(self) -> Iterator[None]:
+        if not self._places.acquire(blocking=False):
+            raise self._busy("others wait already")
+        try:
+            if not self._free.acquire(timeout=self._turns.wait_s):
+                raise self._busy(f"no turn within {self._turns.wait_s:g} s")
+            try:
+                yield
+            finally:
+                self._free.release()
+        finally:
+            self._places.release()
+
+    def _busy(self, got: str) -> Busy:
+        return Busy(
+            "the server is busy reading other files",
+            expected=f"at most {self._turns.at_once} files at once",
+            got=got,
+            hint="send the file again in a few seconds",
+            retry_after_s=self._turns.wait_s,
+        )
+
+    def _ask(self, job: bytes, data: bytes, what: str) -> tuple[bytes, bytearray]:
+        while True:
+            child = self._take()
+            answer = child.ask(job, data)
+            if answer is not None:
+                self._give_back(child, answer[0])
+                return answer
+            self._forget(child)
+            if self._stopped:
+                raise Busy("the server stops", hint="send the file again later", retry_after_s=self._turns.wait_s)
+            if not child.ended_idle:
+                raise self._killed(child, what)
+
+    def _take(self) -> _Child:
+        with self._lock:
+            if self._stopped:
+                raise Busy("the server stops", hint="send the file again later", retry_after_s=self._turns.wait_s)
+            child, self._idle = self._idle, None
+            if child is None:
+                child = _Child(self._limits)
+                self._children.add(child)
+        return child
+
+    def _give_back(self, child: _Child, reply: bytes) -> None:
+        """Keep it if it read its file: one that refused a file may have grown."""
+        with self._lock:
+            if self._idle is None and not self._stopped and not reply.startswith(REFUSED):
+                self._idle = child
+                return
+        child.end()
+        self._forget(child)
+
+    def _forget(self, child: _Child) -> None:
+        with self._lock:
+            self._children.discard(child)
+
+    def _error(self, error: dict[str, str], what: str) -> GssError:
+        kind = error.pop("kind")
+        if kind in EXPECTED_ERRORS:
+            message = error.pop("message")
+            return EXPECTED_ERRORS[kind](message, **error)
+        if kind == "MemoryError":
+            return self._too_costly(what, "memory", f"{self._limits.memory_bytes >> 20} MiB")
+        log.error("%s could not be read: %s", what, error["log"])
+        return BadInput(
+            f"{what} cannot be read",
+            expected="a file that the library for its kind can read",
+            got=error["got"][:200],
+            hint="save it again with another program; the server's log has the details",
+        )
+
+    def _killed(self, child: _Child, what: str) -> BadInput:
+        if child.timed_out or child.code == -signal.SIGALRM:
+            return self._too_costly(what, "time", f"{self._limits.wall_s:g} s")
+        if child.code == -signal.SIGXCPU:
+            return self._too_costly(what, "processor time", f"{self._limits.cpu_s:g} s")
+        if child.reply_too_large:
+            return self._too_costly(what, "result", f"{self._limits.result_bytes >> 20} MiB of content")
+        how = signal.Signals(-child.code).name if child.code < 0 else f"exit code {child.code}"
+        log.error("the process that read %s ended with %s", what, how)
+        return BadInput(
+            f"{what} cannot be read: the process that read it crashed or ran out of memory",
+            expected=f"a file that can be read with {self._limits.memory_bytes >> 20} MiB of memory",
+            got=how,
+            hint="save it again with another program, or send a smaller file",
+        )
+
+    def _too_costly(self, what: str, limit: str, amount: str) -> TooCostly:
+        return TooCostly(
+            f"{what} costs too much to read: its limit of {limit} was reached",
+            expected=f"at most {amount}",
+            got="more; the process that read it was ended",
+            hint="send a smaller file, or save it uncompressed with another program",
+        )
+
+
+class _Child:
+    """One process and its two pipes."""
+
+    def __init__(self, limits: ParseLimits) -> None:
+        self._limits = limits
+        self.timed_out = self.reply_too_large = False
+        self._files = 0
+        self._process = subprocess.Popen(  # noqa: S603 - our own program
+            [sys.executable, "-m", WORKER, json.dumps(asdict(limits))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={k: v for k, v in os.environ.items() if not k.startswith(SECRET_SETTINGS)} | ONE_THREAD,
+        )
+
+    @property
+    def code(self) -> int:
+        """Exit code, negative for a signal; waits for the end."""
+        return self._process.wait()
+
+    @property
+    def ended_idle(self) -> bool:
+        """True if it ended for lack of jobs while the next one was on its way."""
+        return self._files > 1 and self.code == 0
+
+    def ask(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
+        """Text and data of the answer; None where the process ended, which then is ended for certain."""
+        self._files += 1
+        timer = threading.Timer(self._limits.wall_s, self._time_out)
+        timer.start()
+        answer = None
+        try:
+            answer = self._talk(job, data)
+        except OSError:  # it closed its end
+            pass
+        finally:
+            timer.cancel()
+            if answer is None:
+                self._let_it_end()
+        return answer
+
+    def _let_it_end(self) -> None:
+        """Its own exit code says why there is no answer."""
+        if not self.reply_too_large:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(timeout=EXIT_WITHIN_S)
+        self.end()
+
+    def _talk(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
+        to, back = self._pipes()
+        write_message(to, job, [data])
+        head = read_into(back, HEAD.size)
+        if head is None:
+            return None
+        text_bytes, data_bytes = HEAD.unpack(head)
+        if text_bytes > LONGEST_REPLY_TEXT or data_bytes > self._limits.result_bytes:
+            self.reply_too_large = True
+            return None
+        text, body = read_into(back, text_bytes), read_into(back, data_bytes)
+        return None if text is None or body is None else (bytes(text), body)
+
+    def _pipes(self) -> tuple[BinaryIO, BinaryIO]:
+        to, back = self._process.stdin, self._process.stdout
+        if to is None or back is None:
+            raise OSError("a child process without pipes")
+        return to, back  # type: ignore[return-value]
+
+    def _time_out(self) -> None:
+        self.timed_out = True
+        self.kill()
+
+    def kill(self) -> None:
+        """End it now; whoever waits for its answer gets none."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """Kill it, wait for its end and close the pipes."""
+        self.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe:
+                with contextlib.suppress(OSError):
+                    pipe.close()

@@ -1,0 +1,146 @@
+"""The program of a child process that parses untrusted files: ``python -m gss.operations.parsing.parse_worker LIMITS``.
+
+It reads one job after the other from standard input and answers on standard output. It ends after a file that it could not read,
+after some time without a job, and when its parent ends. The kernel enforces the limits, so that they also hold inside a library
+that never returns to the interpreter.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import importlib
+import json
+import math
+import os
+import resource
+import select
+import signal
+import struct
+import sys
+import traceback
+from collections.abc import Iterable
+from typing import Any, BinaryIO
+
+from gss.domain.errors import BadInput, CorruptData
+from gss.operations.parsing.plain_data import encode, padding
+
+HEAD = struct.Struct("<QQ")
+"""Before each message: bytes of its JSON text, and of the data behind it."""
+READ, REFUSED = b"+", b"-"
+"""First byte of an answer: a result in plain data, or an error as JSON."""
+LONGEST_TEXT = 4000
+NICE = 10
+"""The line and ABORT get the processor first."""
+MOST_FILES = 64
+
+
+def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview]) -> None:
+    """One message; padding lies between the pieces of data, none behind the last."""
+    parts: list[bytes | memoryview] = []
+    size = 0
+    for part in data:
+        parts += [bytes(padding(size)), part]
+        size += padding(size) + memoryview(part).nbytes
+    to.write(HEAD.pack(len(text), size) + text)
+    for part in parts:
+        to.write(part)
+    to.flush()
+
+
+def read_into(source: BinaryIO, size: int) -> bytearray | None:
+    """Exactly that many bytes; None where the stream ends before."""
+    data = bytearray(size)
+    view = memoryview(data)
+    done = 0
+    while done < size:
+        count = source.readinto(view[done:])  # type: ignore[attr-defined]
+        if not count:
+            return None
+        done += count
+    return data
+
+
+def main() -> None:
+    """Answer jobs until there is none for a while."""
+    limits = json.loads(sys.argv[1])
+    source, answers = _own_streams()
+    _limit(limits)
+    for _ in range(MOST_FILES):
+        if not select.select([source], [], [], limits["idle_s"])[0]:
+            return
+        head = read_into(source, HEAD.size)
+        sizes = HEAD.unpack(head) if head else (0, 0)
+        text, data = read_into(source, sizes[0]), read_into(source, sizes[1])
+        if not text or data is None:
+            return
+        _begin(source, limits)
+        reply, buffers = _answer(json.loads(text), data)
+        del data
+        _end(source)
+        write_message(answers, reply, buffers)
+        if reply.startswith(REFUSED):
+            return
+
+
+def _own_streams() -> tuple[BinaryIO, BinaryIO]:
+    """The two pipes; whatever a library prints must not get into the answers."""
+    answers = os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)
+    os.close(nothing)
+    return os.fdopen(os.dup(0), "rb", buffering=0), answers
+
+
+def _limit(limits: dict[str, Any]) -> None:
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_AS, (limits["memory_bytes"],) * 2)
+    for number in (signal.SIGXCPU, signal.SIGALRM, signal.SIGIO):
+        signal.signal(number, signal.SIG_DFL)
+    fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
+
+
+def _begin(source: BinaryIO, limits: dict[str, Any]) -> None:
+    """From here the process is killed when it takes too long or when its parent ends."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    soft = math.ceil(used.ru_utime + used.ru_stime + limits["cpu_s"])
+    resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
+    signal.setitimer(signal.ITIMER_REAL, limits["wall_s"])
+    # Nothing more is sent before the answer, so that SIGIO can only mean that the other end was closed.
+    _signal_on_close(source, True)
+
+
+def _end(source: BinaryIO) -> None:
+    _signal_on_close(source, False)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _signal_on_close(source: BinaryIO, on: bool) -> None:
+    flags = fcntl.fcntl(source, fcntl.F_GETFL)
+    fcntl.fcntl(source, fcntl.F_SETFL, flags | os.O_ASYNC if on else flags & ~os.O_ASYNC)
+
+
+def _answer(job: dict[str, Any], data: bytearray) -> tuple[bytes, list[memoryview]]:
+    """The result, or why there is none: an expected error, too little memory, or a defect with its traceback."""
+    try:
+        module, _, name = job["function"].partition(":")
+        content = bytes(data)
+        data.clear()
+        reply, buffers = encode(getattr(importlib.import_module(module), name)(content, *job["arguments"]))
+        return READ + reply, buffers
+    except (BadInput, CorruptData) as error:
+        texts = {"message": error.message, "expected": error.expected, "got": error.got, "hint": error.hint}
+        return _refusal(type(error).__name__, **texts), []
+    except MemoryError:
+        return _refusal("MemoryError"), []
+    except Exception as error:  # a defect of ours, or of a library, that a file brought to light
+        return _refusal("defect", got=f"{type(error).__name__}: {error}", log=traceback.format_exc()), []
+
+
+def _refusal(kind: str, **texts: str) -> bytes:
+    return REFUSED + json.dumps({"kind": kind} | {name: text[:LONGEST_TEXT] for name, text in texts.items()}).encode()
+
+
+if __name__ == "__main__":
+    main()

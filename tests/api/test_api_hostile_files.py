@@ -1,0 +1,118 @@
+"""Uploads made to freeze the server or to fill its memory: one clear answer, and ABORT meanwhile."""
+
+from __future__ import annotations
+
+import io
+import threading
+import time
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+from PIL import Image
+
+from gss.operations.parsing.parse_processes import ParseLimits
+
+LISTS = [
+    "unit.vot",
+    "unit.fits",
+    "unit.ecsv",
+    "line.csv",
+    "brackets.csv",
+    "value.csv",
+    "epoch.csv",
+    "columns.csv",
+    "columns.vot",
+    "chars.vot",
+    "wide.vot",
+    "rows.vot",
+    "deep.vot",
+    "rows.fits",
+    "columns.fits",
+    "nested.ecsv",
+    "nested-line.ecsv",
+]
+FRAMES = ["tiles.fits", "cube.fits", "planes.fits"]
+STATED = '{"epoch_jyear": 2000, "frame": "icrs"}'
+BOUND_S = ParseLimits().wall_s + 5
+
+
+@pytest.fixture
+def admin(clients: dict[str, TestClient]) -> TestClient:
+    """Who may do all this."""
+    return clients["admin"]
+
+
+def send(client: TestClient, name: str, data: bytes) -> Any:
+    """Upload a file; a star list states its epoch unless the file is about that."""
+    if name in FRAMES or name.endswith(".png"):
+        return client.post("/api/frames/import", files={"file": (name, data)})
+    form = {} if name == "epoch.csv" else {"mapping": STATED}
+    return client.post("/api/catalogues/sources", files={"file": (name, data)}, data=form)
+
+
+@pytest.mark.parametrize("name", [*LISTS, *FRAMES])
+def test_a_hostile_file_is_refused_and_abort_is_answered(admin: TestClient, hostile: ModuleType, name: str) -> None:
+    """4xx with what was expected, within the limits, while ABORT and the health of the server are answered."""
+    data, replies, began_s = hostile.content(name), [], time.monotonic()
+    upload = threading.Thread(target=lambda: replies.append(send(admin, name, data)))
+    upload.start()
+    while True:
+        under_way = upload.is_alive()
+        asked_s = time.monotonic()
+        assert admin.post("/api/commands/abort").status_code == 409  # the line is down
+        assert admin.get("/api/health").status_code in (200, 503)
+        assert time.monotonic() - asked_s < 10
+        if not under_way:
+            break
+        upload.join(0.05)
+    assert time.monotonic() - began_s < BOUND_S
+    assert replies[0].status_code in (400, 409, 413, 422), replies[0].text
+    assert all(replies[0].json()[part] for part in ("message", "expected", "got"))
+
+
+def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> None:
+    """40 000 blanks in a comment take no time; the list below them is kept."""
+    reply = send(admin, "blanks.csv", hostile.content("blanks.csv"))
+    assert (reply.status_code, reply.json()["stars"]) == (201, 24)
+
+
+def test_files_beyond_the_turns_are_sent_away(app: FastAPI, admin: TestClient) -> None:
+    """With every turn taken, an upload is answered 503 with the time after which to try again, and ABORT as ever."""
+    places = app.state.services.parsing._places
+    taken = [places.acquire(blocking=False) for _ in range(6)]
+    try:
+        reply = send(admin, "a.csv", b"id,ra,dec,v\n1,2,3,4\n")
+        assert (reply.status_code, reply.json()["message"]) == (503, "the server is busy reading other files")
+        assert int(reply.headers["retry-after"]) > 0
+        assert admin.post("/api/commands/abort").status_code == 409
+    finally:
+        for _ in filter(None, taken):
+            places.release()
+    assert len(taken) == sum(taken) == 6
+
+
+def test_a_frame_comes_through_the_child_as_it_was(app: FastAPI, admin: TestClient) -> None:
+    """Pixels of an imported picture are those of the file."""
+    pixels = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    reply = send(admin, "a.png", file.getvalue())
+    assert reply.status_code == 201, reply.text
+    frames = app.state.services.frames
+    assert (frames.pixels(frames.get(reply.json()["id"])) == pixels).all()
+
+
+def test_a_stop_of_the_server_ends_the_reading(
+    app_of: Callable[..., FastAPI], signed_in: Callable[..., dict[str, str]], hostile: ModuleType
+) -> None:
+    """A server that stops does not wait for a file that is being read."""
+    app = app_of({})
+    headers = signed_in(app.state.services, "admin", "ann")
+    client = TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
+    app.state.services.announce_stop()
+    assert send(client, "blanks.csv", hostile.content("blanks.csv")).status_code == 503

@@ -1,0 +1,254 @@
+"""Files are parsed in child processes: what they return, what they may cost, and what becomes of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gss.domain.errors import BadInput, Busy, CorruptData, TooCostly
+from gss.operations.frames.frame_files import ImportedFrame
+from gss.operations.parsing.parse_processes import ParseLimits, ParseProcesses, Turns
+from gss.operations.parsing.plain_data import decode, encode, padding
+
+SOURCE = """
+    import ctypes, os, re, socket, sys, time
+    from pathlib import Path
+    from gss.domain.errors import BadInput, CorruptData
+
+    def length(data): return len(data)
+    def process(data): return os.getpid()
+    def refuse(data): raise BadInput("no good", expected="a", got="b", hint="c")
+    def damaged(data): raise CorruptData("damaged")
+    def defect(data): raise ZeroDivisionError("oh")
+    def hold_interpreter(data): re.match("(a+)+$", "a" * 60 + "b")
+    def sleep(data): time.sleep(600)
+    def allocate(data): return len(bytearray(1 << 40))
+    def crash(data): ctypes.string_at(0)
+    def leave(data): os._exit(0)
+    def much(data): return bytes(3 << 20)
+    def chatter(data): os.write(1, b"x" * 1000); print("y" * 1000, flush=True); return "quiet"
+    def strange(data): return {1, 2}
+    def inside(data):
+        names = [f"/proc/self/fd/{n}" for n in os.listdir("/proc/self/fd")]
+        return [os.readlink(name) for name in names if os.path.lexists(name)]
+    def settings(data): return sorted(os.environ)
+    def wait_for(data, path):
+        Path(path + ".began").touch()
+        while not Path(path).exists(): time.sleep(0.01)
+        return "done"
+"""
+LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=2.0, wall_s=20.0, result_bytes=2 << 20)
+
+
+@pytest.fixture
+def parsers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Functions that a child process can import."""
+    (tmp_path / "some_parsers.py").write_text(textwrap.dedent(SOURCE))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    sys.modules.pop("some_parsers", None)
+    import some_parsers  # type: ignore[import-not-found]
+
+    return some_parsers
+
+
+@pytest.fixture
+def parsing() -> Iterator[ParseProcesses]:
+    """Child processes with small limits."""
+    with ParseProcesses(LIMITS) as processes:
+        yield processes
+
+
+def until(true: Callable[[], Any]) -> None:
+    """Wait for it, for 30 s at most."""
+    for _ in range(3000):
+        if true():
+            return
+        time.sleep(0.01)
+    raise AssertionError("it did not happen within 30 s")
+
+
+def is_alive(pid: int) -> bool:
+    """True while the process runs; one that ended and was not waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Of all that plain data can hold."""
+
+    values: tuple[Any, ...]
+    names: dict[int, str]
+
+
+def test_plain_data_comes_back_as_it_was() -> None:
+    """Numbers, text, times, arrays of any shape, numbered names and allowed dataclasses survive the way."""
+    pixels = np.arange(12, dtype=">u2").reshape(3, 4)
+    frame = ImportedFrame(pixels, 16, None, datetime(2026, 1, 2, tzinfo=UTC), {"a": "b"})
+    whole = Nested(
+        (frame, None, True, 1.5, float("inf"), "ü\n", b"\0\1", [1, []], np.zeros((0, 3)), {}), {7: "é", 9: ""}
+    )
+    text, buffers = encode(whole)
+    body = bytearray()
+    for part in buffers:
+        body += bytes(padding(len(body))) + part
+    found = decode(text, body, {"Nested": Nested, "ImportedFrame": ImportedFrame})
+    assert (found.values[0].pixels == pixels).all()
+    assert found.values[0].taken_at == frame.taken_at
+    assert found.values[1:8] == whole.values[1:8]
+    assert found.values[8].shape == (0, 3)
+    assert found.names == whole.names
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"[",
+        b"[]",
+        b'["object", "Path", {}]',
+        b'["array", "|O", [1], 0, 8]',
+        b'["array", "<f8", [1], 0, 8]',
+        b'["array", "<f8", [-1], 0, -8]',
+        b'["bytes", -1, 1]',
+        b'["texts", 1, 2, 3]',
+        b'["time", 3]',
+    ],
+)
+def test_an_answer_that_is_not_plain_data_is_refused(text: bytes) -> None:
+    """Other classes, objects, and ranges outside the answer raise CorruptData, whatever a child writes."""
+    with pytest.raises(CorruptData, match="result of the file parser"):
+        decode(text, bytearray(4), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "words"),
+    [
+        ("refuse", BadInput, "no good; expected a; got b. Try: c"),
+        ("damaged", CorruptData, "damaged"),
+        ("defect", BadInput, "ZeroDivisionError: oh"),
+        ("strange", BadInput, "not plain data"),
+        ("hold_interpreter", TooCostly, "limit of processor time.*2 s"),
+        ("allocate", TooCostly, "limit of memory.*1024 MiB"),
+        ("much", TooCostly, "limit of result.*2 MiB"),
+        ("crash", BadInput, "SIGSEGV"),
+        ("leave", BadInput, "exit code 0"),
+    ],
+)
+def test_every_end_is_one_clear_error(
+    parsing: ParseProcesses, parsers: ModuleType, name: str, kind: type[Exception], words: str
+) -> None:
+    """A refusal, a defect, a crash and each limit reach the caller as one error that says which; the next file is read."""
+    for _ in range(2):  # also in a child that read a file before
+        with pytest.raises(kind, match=f"(?s){words}"):
+            parsing.parse(getattr(parsers, name), b"x")
+        assert parsing.parse(parsers.length, b"12345") == 5
+
+
+def test_a_parser_that_waits_is_ended_by_the_wall_time(parsers: ModuleType) -> None:
+    """A child that uses neither processor nor memory ends at the limit of time."""
+    with ParseProcesses(ParseLimits(wall_s=3.0)) as parsing, pytest.raises(TooCostly, match=r"limit of time.*3 s"):
+        parsing.parse(parsers.sleep, b"")
+
+
+def test_a_child_holds_nothing_of_the_server(
+    parsing: ParseProcesses, parsers: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its open files are pipes and the null device, its environment has no settings; what it prints is not in the answer."""
+    monkeypatch.setenv("GSS_DATABASE", "postgresql://someone:secret@host/gss")
+    opened = parsing.parse(parsers.inside, b"")
+    assert {name.split(":")[0] for name in opened} <= {"pipe", "/dev/null"}
+    assert not [name for name in parsing.parse(parsers.settings, b"") if name.startswith("GSS_")]
+    assert parsing.parse(parsers.chatter, b"") == "quiet"
+
+
+def test_a_child_is_kept_for_the_next_file_only_if_it_read_the_last(
+    parsing: ParseProcesses, parsers: ModuleType
+) -> None:
+    """The same process reads two good files; after a refusal another one reads."""
+    first = parsing.parse(parsers.process, b"")
+    assert parsing.parse(parsers.process, b"") == first
+    with pytest.raises(BadInput):
+        parsing.parse(parsers.refuse, b"")
+    assert parsing.parse(parsers.process, b"") != first
+    assert not is_alive(first)
+
+
+def test_an_idle_child_ends_and_the_next_file_is_read(parsers: ModuleType) -> None:
+    """A child without work ends by itself; the file that comes afterwards gets a new one."""
+    with ParseProcesses(ParseLimits(idle_s=0.1)) as parsing:
+        first = parsing.parse(parsers.process, b"")
+        until(lambda: not is_alive(first))
+        assert parsing.parse(parsers.process, b"") != first
+
+
+def test_more_files_than_turns_are_refused_and_a_stop_ends_all(parsers: ModuleType, tmp_path: Path) -> None:
+    """One is read, one waits, the third is told that the server is busy; a stop ends the first and the second."""
+    errors: list[Exception] = []
+    with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=60.0)) as parsing:
+
+        def read() -> None:
+            try:
+                parsing.parse(parsers.wait_for, b"", str(tmp_path / "never"))
+            except Busy as error:
+                errors.append(error)
+
+        threads = [threading.Thread(target=read) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        until((tmp_path / "never.began").exists)
+        until(lambda: parsing._places._value == 0)
+        with pytest.raises(Busy, match="busy") as refused:
+            parsing.parse(parsers.length, b"")
+        assert refused.value.retry_after_s > 0
+        parsing.stop()
+        for thread in threads:
+            thread.join(30)
+    assert [str(error)[:16] for error in errors] == ["the server stops"] * 2
+    with pytest.raises(Busy):
+        parsing.parse(parsers.length, b"")
+
+
+def test_a_file_that_gets_no_turn_in_time_is_refused(parsers: ModuleType, tmp_path: Path) -> None:
+    """Waiting is bounded too."""
+    with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=0.1)) as parsing:
+        thread = threading.Thread(target=lambda: parsing.parse(parsers.wait_for, b"", str(tmp_path / "go")))
+        thread.start()
+        until((tmp_path / "go.began").exists)
+        with pytest.raises(Busy, match=r"no turn within 0\.1 s"):
+            parsing.parse(parsers.length, b"")
+        (tmp_path / "go").touch()
+        thread.join(30)
+
+
+@pytest.mark.parametrize("function", ["wait_for", "hold_interpreter"])
+def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, function: str) -> None:
+    """Kill -9 of the server ends the child in the middle of a file, also in code that never returns to the interpreter."""
+    more = f", {str(tmp_path / 'x')!r}" if function == "wait_for" else ""
+    program = "import some_parsers as p; from gss.operations.parsing.parse_processes import ParseProcesses as P; "
+    program += f"P().parse(p.{function}, b''{more})"
+    parent = subprocess.Popen([sys.executable, "-c", program])
+    children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
+    until(lambda: children.read_text().split())
+    child = int(children.read_text().split()[0])
+    time.sleep(1.0)  # into the file; earlier, the end of its input ends it
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    until(lambda: not is_alive(child))
