@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -115,6 +116,10 @@ def test_the_median_dark_frame_is_kept_and_shown(warm: Warm, detector: Calibrati
     assert b"/Image" in export_calibration(detector, "pdf")
     with pytest.raises(CorruptData):
         from_bytes(b"not a dark frame")
+    bomb = io.BytesIO()
+    np.savez_compressed(bomb, pattern_dn=np.zeros((12_000, 12_000), np.float16))
+    with pytest.raises(CorruptData, match="when it is unpacked"):
+        from_bytes(bomb.getvalue())
 
 
 def test_reruns_see_more_stars_without_the_pattern_and_say_so(warm: Warm, detector: Calibration) -> None:

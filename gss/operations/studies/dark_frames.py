@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import threading
+import zipfile
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -19,6 +20,8 @@ from gss.pipeline.fixed_pattern import FixedPattern
 DARK = "dark frame"
 """Name of the source that a profile carries when a dark frame is in use: the key of its bytes, and of which calibration."""
 KEPT_IN_MEMORY = 4
+MOST_BYTES = 256 << 20
+"""Of an unpacked dark frame: a map of the largest detector in half precision, twice."""
 GREYS = 16
 """Of the picture: noise does not compress, and nobody tells more apart."""
 
@@ -83,6 +86,10 @@ def as_bytes(pattern: FixedPattern) -> bytes:
 def from_bytes(data: bytes) -> FixedPattern:
     """The inverse; CorruptData where it is not one."""
     try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MOST_BYTES:
+            raise ValueError(f"{size} bytes when it is unpacked, more than {MOST_BYTES}")
         with np.load(io.BytesIO(data), allow_pickle=False) as held:
             return FixedPattern(
                 held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])

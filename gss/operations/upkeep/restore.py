@@ -32,6 +32,10 @@ KEYS_ENDED = (
 MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
+MOST_UNPACKED = 100
+"""Times the size of the file, for one that was compressed. Databases and captures shrink to a tenth at best."""
+SPARE_BYTES = 256 << 20
+"""Of the disk, that unpacking leaves free."""
 Tell = Callable[[str], None]
 
 
@@ -106,11 +110,20 @@ def _opened(source: Path, beside: Path, tell: Tell) -> Iterator[Path]:
 
 def _unpack(source: Path, held: Path) -> Path:
     name = ""
+    room_bytes = min(MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(held).free - SPARE_BYTES)
     try:
         with tarfile.open(source, "r|*") as tar:
             for member in tar:
-                if not member.isfile() or not MEMBER.fullmatch(member.name):
+                if member.issparse() or not member.isfile() or not MEMBER.fullmatch(member.name):
                     raise CorruptData("this is no backup", expected="files of a backup only", got=member.name[:100])
+                room_bytes -= member.size
+                if room_bytes < 0:
+                    raise BadInput(
+                        "the backup is too large when it is unpacked",
+                        expected=f"at most {MOST_UNPACKED} times its file, and {SPARE_BYTES >> 20} MiB of disk to spare",
+                        got=f"{member.size} bytes more for {member.name[:100]}",
+                        hint="restore into a folder on a larger disk",
+                    )
                 if not member.name.startswith(f"{POOL}/"):
                     name = name or member.name.split("/")[0]
                 path = held / member.name

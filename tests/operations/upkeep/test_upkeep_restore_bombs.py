@@ -1,0 +1,29 @@
+"""Backup files that are small and unpack to more than a disk holds."""
+
+from __future__ import annotations
+
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gss.domain.errors import BadInput, CorruptData
+from gss.operations.upkeep.restore import restore
+
+
+@pytest.mark.parametrize("kind", ["sparse", "gzip"])
+def test_a_tar_that_unpacks_to_far_more_than_it_is_is_refused(kind: str, clock: Any, tmp_path: Path) -> None:
+    """A sparse member and a compressed gigabyte of zeros are refused before they are written."""
+    evil, member = tmp_path / "evil.tar", tarfile.TarInfo("2026-01-01T000000Z/gss.db")
+    if kind == "gzip":
+        member.size = 1 << 30
+        with tarfile.open(evil, "w:gz", compresslevel=9) as tar, Path("/dev/zero").open("rb") as zeros:
+            tar.addfile(member, zeros)
+    else:
+        member.pax_headers = {"GNU.sparse.size": str(1 << 40), "GNU.sparse.map": "0,0", "GNU.sparse.numblocks": "1"}
+        with tarfile.open(evil, "w", format=tarfile.PAX_FORMAT) as tar:
+            tar.addfile(member)
+    with pytest.raises((BadInput, CorruptData), match=r"too large when it is unpacked|this is no backup"):
+        restore(evil, tmp_path / "new", clock)
+    assert [p.name for p in tmp_path.iterdir()] == ["evil.tar"]
