@@ -10,7 +10,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gss import __version__
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound
@@ -18,40 +18,70 @@ from gss.domain.errors import BadInput, Conflict, GssError, NotFound
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-GROUPS = (
-    "serve",
-    "simulate",
-    "catalogue",
-    "design",
-    "solve",
-    "night",
-    "bench",
-    "export",
-    "check",
-    "upkeep",
-    "experiments",
-    "replay",
-    "user",
-    "token",
-    "audit",
-)
+COMMANDS = {
+    "serve": ("serve", "start the server; prints one address"),
+    "simulate": ("simulate", "start a simulated star tracker on a pseudo-terminal or TCP port"),
+    "catalogue": ("catalogue", "build star catalogues for a sensor's flash banks"),
+    "design": ("design", "what a camera would see: limits, stars in view, accuracy, baffle, lens trade"),
+    "solve": ("solve", "find where an image of the sky was pointed"),
+    "calibrate": ("night", "a camera's geometry, light and detector from its own frames"),
+    "analyse": ("night", "accuracy, rates, sensitivity and noise from the frames of a night"),
+    "bench": ("bench", "optical centre, tilt, focal length, distortion, dark current or focus, each by its own method"),
+    "export": ("export", "write recordings and documents"),
+    "check": ("check", "test a device against the interface document, or a record for gaps"),
+    "backup": ("upkeep", "make a backup; the server may run"),
+    "restore": ("upkeep", "put a backup into a new data folder"),
+    "retention": ("upkeep", "list what retention would remove; the server removes once a day"),
+    "experiments": ("experiments", "rerun the documents' own tables"),
+    "replay": ("replay", "print a raw capture, decoded, or rerun the sensor's chain on a stored frame"),
+    "user": ("user", "manage the users who may sign in"),
+    "token": ("token", "manage keys for programs"),
+    "audit": ("audit", "export or verify the audit log"),
+}
+"""Module and summary of each command. A command's module is imported only when the command is used."""
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
 
 
-def whole_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+class Commands:
+    """The commands of a parser; each is added with its summary."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self._subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
+        """The parser of a command of ``COMMANDS``."""
+        return self._subparsers.add_parser(name, help=COMMANDS[name][1], **options)
+
+
+def parser_of(*modules: str) -> argparse.ArgumentParser:
+    """A parser of the commands of these modules; without any, of all names and summaries but no arguments."""
     parser = argparse.ArgumentParser(prog="gss", description="Ground-support system for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
-    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in GROUPS:
-        importlib.import_module(f"gss.cli.{group}").register(subparsers)
+    commands = Commands(parser)
+    for module in modules:
+        importlib.import_module(f"gss.cli.{module}").register(commands)
+    if not modules:
+        for name in COMMANDS:
+            commands.add_parser(name)
     return parser
+
+
+def whole_parser() -> argparse.ArgumentParser:
+    """The parser of all commands, in the order of ``COMMANDS``."""
+    return parser_of(*dict.fromkeys(module for module, _ in COMMANDS.values()))
+
+
+def _parser_for(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser that the first word needs."""
+    first = argv[0] if argv else ""
+    return parser_of(COMMANDS[first][0]) if first in COMMANDS else parser_of()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    arguments = whole_parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    arguments = _parser_for(words).parse_args(words)
     try:
         return int(arguments.run(arguments))
     except GssError as error:

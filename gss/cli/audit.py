@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from gss.cli.accounts_store import desk, with_data
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("audit", help="the record of who did what")
+    parser = subparsers.add_parser("audit")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = with_data(kinds.add_parser("export", help="all rows, oldest first"))
     p.add_argument("--format", default="jsonl", choices=("jsonl", "csv"), help="default jsonl")

@@ -13,16 +13,15 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 TABLE = "CSV file of numbers; lines that do not begin with a number are passed over"
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command and its methods."""
     p = subparsers.add_parser(
         "bench",
-        help="optical centre, tilt, focal length, distortion, dark current or focus, each by its own method",
         description="Methods of Jacobs 1995 ch. 6 and Erlank 2013 §5.4. Exit code 0: done, 2: bad input.",
     )
     methods = p.add_subparsers(dest="method", required=True, metavar="METHOD")

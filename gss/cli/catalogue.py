@@ -28,7 +28,7 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, profile
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands, Subparsers
 
 # Values such as -10:10 are numbers to argparse too, not unknown options.
 NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:,-]*$")
@@ -37,9 +37,9 @@ USUAL_DEG: dict[str, tuple[Range, Range, Range]] = {"sunsat": ((-10.0, 10.0), (-
 OTHER_USUAL_DEG: tuple[Range, Range, Range] = ((-5.0, 5.0), (-5.0, 5.0), (-5.0, 5.0))
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the group to the command line."""
-    group = subparsers.add_parser("catalogue", help="build star catalogues for a sensor's flash banks")
+    group = subparsers.add_parser("catalogue")
     commands = group.add_subparsers(dest="catalogue_command", required=True, metavar="COMMAND")
     _register_build(commands)
     catalogue_files.register(commands)

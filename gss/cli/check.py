@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from gss.cli import records, upkeep
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.checks.check_findings import Findings
 
 DESCRIPTION = """Try a device on a port against each clause of docs/icd.md. The port must be free and the device idle: the
@@ -18,9 +18,9 @@ cycle is stopped for the time, image memories are overwritten and the attitude h
 back. Commands with a hazard are not carried out. Exit code 0: nothing failed; 1: something did."""
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("check", help="try a device against the interface document, or a record for gaps")
+    parser = subparsers.add_parser("check")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = kinds.add_parser("device", help="a simulator or a unit on a port", description=DESCRIPTION)
     p.add_argument(

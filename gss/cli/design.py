@@ -17,16 +17,15 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command."""
     p = subparsers.add_parser(
         "design",
-        help="what a camera would see: limits, stars in view, accuracy, baffle, lens trade",
         description="Starts from a document's camera; every number of it can be changed. Ranges are MIN:MAX in degrees.",
     )
     p.add_argument("--profile", default="cubestar", help=" | ".join(PROFILES))

@@ -13,12 +13,12 @@ from gss import __version__
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("experiments", help="rerun the documents' own tables")
+    parser = subparsers.add_parser("experiments")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     listing = kinds.add_parser("list", help="names and titles")
     listing.set_defaults(run=list_experiments)

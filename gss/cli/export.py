@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from gss.cli import export_commands, export_rerun, export_tables, records
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("export", help="write recordings and documents")
+    parser = subparsers.add_parser("export")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     export_rerun.register(kinds)
     fits = kinds.add_parser("fits", help="stored frames as FITS files with the coordinates of their solution")

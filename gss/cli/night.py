@@ -17,7 +17,7 @@ from gss.domain.errors import BadInput
 from gss.domain.profiles import PROFILES, CameraProfile, profile
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.frames.frame_files import ImportedFrame
     from gss.operations.report.parts import Report
     from gss.operations.studies.calibrate import Found
@@ -27,11 +27,10 @@ UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
 """Of images that carry no time: only the distances between them count, and stars move little."""
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
     p = subparsers.add_parser(
         "calibrate",
-        help="a camera's geometry, light and detector from its own frames",
         description="From frames of stars, or with --darks from dark frames (FITS, PNG, TIFF, JPEG). Exit code 0: done, "
         "2: bad input.",
     )
@@ -55,7 +54,6 @@ def register(subparsers: Subparsers) -> None:
     p.set_defaults(run=run_calibrate)
     p = subparsers.add_parser(
         "analyse",
-        help="accuracy, rates, sensitivity and noise from the frames of a night",
         description="earth-fixed, celestial-fixed, slew, sensitivity, nea, spatial or two-cameras. Exit code 0: done, "
         "2: bad input.",
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.line.capture_decoder import Replayed
 
 DESCRIPTION = """Decode the raw capture of a contact and print what was said: telemetry, events, commands and reports. Give all
@@ -23,11 +23,10 @@ as it was on board and as it is on the ground. Exit code 0: equal; 3: there is a
 NOTHING_EXIT = DIFFERENT_EXIT = 3
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command."""
     p = subparsers.add_parser(
         "replay",
-        help="print a raw capture, decoded, or rerun the sensor's chain on a stored frame",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import FrameType
 
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.line.simulated_sensor import SimulatedSensor
     from gss.settings import Settings
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command."""
-    parser = subparsers.add_parser("serve", help="start the server; prints one address")
+    parser = subparsers.add_parser("serve")
     parser.add_argument("--host", help="address to listen on; another than loopback needs TLS or a proxy (GSS_HOST)")
     parser.add_argument("--port", type=int, help="port of the console; 0 takes a free one (GSS_PORT)")
     parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")

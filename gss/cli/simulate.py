@@ -8,16 +8,15 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 MODULE = "gss.device.simulator"
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command. Its options are the simulator's own: ``gss simulate --help`` shows them."""
     parser = subparsers.add_parser(
         "simulate",
-        help="start a simulated star tracker on a pseudo-terminal or TCP port",
         add_help=False,
         prefix_chars="\0",
     )

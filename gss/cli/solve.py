@@ -21,7 +21,7 @@ from gss.domain.profiles import PROFILES
 from gss.domain.results import Outcome, SolveResult, Turning
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.parsing.parse_processes import ParseProcesses
 
 SOLVED_EXIT, FAILED_EXIT, BAD_INPUT_EXIT, NO_SOLUTION_EXIT = 0, 1, 2, 3
@@ -29,11 +29,10 @@ J2000_UNIX_S = 946_727_935.8
 JULIAN_YEAR_S = 365.25 * 86400
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the command to the parser."""
     parser = subparsers.add_parser(
         "solve",
-        help="find where an image of the sky was pointed",
         description="Find the attitude of images of the sky (FITS, PNG, TIFF, JPEG). Exit code 0: all solved, "
         "2: bad input, 3: no solution for at least one.",
     )

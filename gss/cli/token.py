@@ -9,12 +9,12 @@ from gss.cli.accounts_store import desk, with_data
 from gss.operations.accounts.permissions import ALL, ROLES
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("token", help="keys for programs")
+    parser = subparsers.add_parser("token")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     with_data(kinds.add_parser("list", help="all of them, without the keys")).set_defaults(run=list_tokens)
     p = with_data(kinds.add_parser("add", help="a new token; the key is printed this once"))

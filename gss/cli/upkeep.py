@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.operations.upkeep.check_store import Report
 
     Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -74,11 +74,10 @@ _REMOVED_ROWS: Rows = (
 )
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
     p = subparsers.add_parser(
         "backup",
-        help="make a backup; the server may run",
         description="The database at one moment and all bytes it names. What an earlier backup holds is not copied again.",
     )
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
@@ -90,14 +89,13 @@ def register(subparsers: Subparsers) -> None:
     p.set_defaults(run=backup)
     p = subparsers.add_parser(
         "restore",
-        help="put a backup into a new data folder",
         description="Everything is verified first; nothing is ever written over. A PostgreSQL backup goes into the empty database "
         "that GSS_DATABASE names.",
     )
     p.add_argument("backup", type=Path, help="folder or tar file of a backup")
     p.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="a new or empty data folder")
     p.set_defaults(run=restore)
-    p = subparsers.add_parser("retention", help="what retention would remove; the server removes once a day")
+    p = subparsers.add_parser("retention")
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument("--run", action="store_true", dest="now", help="remove it now; the server must be stopped")
     p.add_argument("--json", action="store_true", help="print one JSON object")

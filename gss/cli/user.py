@@ -11,13 +11,13 @@ from gss.cli.accounts_store import Desk, desk, with_data
 from gss.operations.accounts.permissions import ROLES
 
 if TYPE_CHECKING:
-    from gss.cli import Subparsers
+    from gss.cli import Commands
     from gss.store.models import User
 
 
-def register(subparsers: Subparsers) -> None:
+def register(subparsers: Commands) -> None:
     """Add the commands."""
-    parser = subparsers.add_parser("user", help="who may sign in")
+    parser = subparsers.add_parser("user")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     with_data(kinds.add_parser("list", help="everybody")).set_defaults(run=list_users)
     p = with_data(kinds.add_parser("add", help="a new user; without a password a link is printed"))
