@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from PIL import Image
 
-from gss.operations.parsing.parse_processes import ParseLimits
+from gss.operations.parsing.parse_processes import ParseLimits, Turns
 
 LISTS = [
     "unit.vot",
@@ -84,7 +84,8 @@ def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> 
 def test_files_beyond_the_turns_are_sent_away(app: FastAPI, admin: TestClient) -> None:
     """With every turn taken, an upload is answered 503 with the time after which to try again, and ABORT as ever."""
     places = app.state.services.parsing._places
-    taken = [places.acquire(blocking=False) for _ in range(6)]
+    count = Turns().at_once + Turns().waiting
+    taken = [places.acquire(blocking=False) for _ in range(count)]
     try:
         reply = send(admin, "a.csv", b"id,ra,dec,v\n1,2,3,4\n")
         assert (reply.status_code, reply.json()["message"]) == (503, "the server is busy reading other files")
@@ -93,7 +94,7 @@ def test_files_beyond_the_turns_are_sent_away(app: FastAPI, admin: TestClient) -
     finally:
         for _ in filter(None, taken):
             places.release()
-    assert len(taken) == sum(taken) == 6
+    assert sum(taken) == count
 
 
 def test_a_frame_comes_through_the_child_as_it_was(app: FastAPI, admin: TestClient) -> None:

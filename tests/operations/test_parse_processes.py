@@ -172,7 +172,7 @@ def test_a_child_holds_nothing_of_the_server(
     parsing: ParseProcesses, parsers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its open files are pipes and the null device, its environment has no settings; what it prints is not in the answer."""
-    monkeypatch.setenv("GSS_DATABASE", "postgresql://someone:secret@host/gss")
+    monkeypatch.setenv("GSS_DATABASE", "sqlite:///elsewhere.db")
     opened = parsing.parse(parsers.inside, b"")
     assert {name.split(":")[0] for name in opened} <= {"pipe", "/dev/null"}
     assert not [name for name in parsing.parse(parsers.settings, b"") if name.startswith("GSS_")]

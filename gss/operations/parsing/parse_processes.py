@@ -55,10 +55,13 @@ class ParseLimits:
 
 @dataclass(frozen=True)
 class Turns:
-    """How many files are parsed at once, how many more requests wait for their turn, and for how long."""
+    """How many files are parsed at once, how many more requests wait for their turn, and for how long.
+
+    A request that waits holds one of the server's 40 request threads; ABORT has its own.
+    """
 
     at_once: int = 2
-    waiting: int = 4
+    waiting: int = 14
     wait_s: float = 15.0
 
 
