@@ -42,7 +42,8 @@ async function fetched(path: string, init?: RequestInit): Promise<Response> {
     response = await fetch(`/api${path}`, init);
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
-    throw new ApiError(0, { id: '', message: 'the server does not answer', expected: '', got: '', hint: 'Is the server running? The page keeps trying.' });
+    const hint = init?.method === undefined ? 'The page reads it again when the server is back.' : 'The request is not repeated. Check whether it took effect before you repeat it.';
+    throw new ApiError(0, { id: '', message: 'no answer from the server', expected: '', got: '', hint });
   }
   if (response.ok) return response;
   if (response.status === 401 && !OPEN.includes(path)) {
@@ -119,7 +120,8 @@ export const api = {
   check: (name: string, args: Record<string, T.ArgumentValue>, signal?: AbortSignal) => post<T.Check>('/commands/check', { name, arguments: args }, signal),
   retry: (id: number) => post<T.Command>(`/commands/${id}/retry`),
   resolve: (id: number, note: string) => post<T.Command>(`/commands/${id}/resolve`, { note }),
-  abort: () => post<T.Command>('/commands/abort'),
+  /** Keeps `keepalive` beside the signal: a press of ABORT leaves even when its page is closed in the same moment. */
+  abort: (signal: AbortSignal) => answer<T.Command>('/commands/abort', { ...change('POST'), signal }),
   latest: () => get<T.Latest>('/telemetry/latest'),
   cycles: (limit = 12) => get<T.Cycle[]>(`/telemetry/cycles?limit=${limit}`),
   history: (names: string[], start: string, end: string, points = 600) => {

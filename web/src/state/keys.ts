@@ -1,20 +1,10 @@
 /** Keyboard: pages, go-to letters, abort, freeze; the page on show adds its own. */
 import { PAGES, type Page } from '../lib/pages';
-import { attempt, live } from './live.svelte';
-import { api } from '../api/client';
+import { abort } from './abort.svelte';
 import { go } from './router.svelte';
-import { toast } from './toasts.svelte';
 import { view } from './view.svelte';
 
 export { PAGES, type Page };
-
-/** ABORT never waits for a dialog. */
-export async function abort(): Promise<void> {
-  const sent = await attempt(() => api.abort());
-  if (!sent) return;
-  live.putCommand(sent);
-  toast('warning', `ABORT ${sent.result}`, `#${sent.request_id}`);
-}
 
 /** Keeps a key from whoever has the focus. */
 function claim(e: KeyboardEvent): void {
@@ -44,7 +34,7 @@ function typing(target: EventTarget | null): boolean {
 export function onKey(e: KeyboardEvent): void {
   if (e.key === 'Escape' && e.shiftKey) {
     claim(e);
-    void abort();
+    if (!e.repeat) abort.send();
     return;
   }
   if ((e.ctrlKey || e.metaKey) && !e.altKey && !e.shiftKey && e.key.toLowerCase() === 'k') {

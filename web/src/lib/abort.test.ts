@@ -1,0 +1,168 @@
+import { describe, expect, it } from 'vitest';
+import { ApiError } from '../api/client';
+import type { Command, Stage } from '../api/types';
+import { answerOf, headlineOf, Presses, stepsOf, WINDOW_MS, type Press } from './abort';
+
+const START = Date.parse('2026-12-01T18:42:07Z');
+const UNREACHABLE = (): ApiError => new ApiError(0, { id: '', message: 'no answer', expected: '', got: '', hint: '' });
+const refused = (status: number, message: string, got = ''): ApiError => new ApiError(status, { id: 'x', message, expected: '', got, hint: '' });
+function command(over: Partial<Command> = {}): Command {
+  const stages: Stage[] = [{ name: 'queued', state: 'passed', at: '2026-12-01T18:42:07.100Z' }, { name: 'sent', state: 'passed', at: '2026-12-01T18:42:07.200Z' }];
+  return { id: 5, request_id: 23, name: 'ABORT', user: 'kim', created: '2026-12-01T18:42:07.100Z', result: 'sent', detail: '', stages, ...over } as Command;
+}
+
+/** A clock that only moves when it is told to, a server that answers as `answers` says, and a storage. */
+function rig(answers: (Command | Error | 'hang')[], over: { online?: boolean; stored?: string; history?: Command[] } = {}) {
+  let now = START;
+  let timers: { at: number; run: () => void }[] = [];
+  const seen: { presses: readonly Press[]; saved: string; posts: number } = { presses: [], saved: over.stored ?? '[]', posts: 0 };
+  const world = { online: over.online ?? true, history: over.history ?? [] };
+  const presses = new Presses({
+    post: () => {
+      seen.posts += 1;
+      const next = answers.length > 1 ? answers.shift() : answers[0];
+      return next === 'hang' ? new Promise(() => undefined) : next instanceof Error ? Promise.reject(next) : Promise.resolve(next as Command);
+    },
+    history: async () => world.history,
+    online: () => world.online,
+    now: () => now,
+    user: () => 'kim',
+    later: (run, ms) => { const timer = { at: now + ms, run }; timers.push(timer); return () => { timers = timers.filter((t) => t !== timer); }; },
+    load: () => seen.saved,
+    save: (text) => { seen.saved = text; },
+    changed: (list) => { seen.presses = list; },
+  });
+  const settle = (): Promise<void> => new Promise((r) => setTimeout(r, 0));
+  async function pass(ms: number): Promise<void> {
+    const end = now + ms;
+    for (;;) {
+      await settle();
+      const due = timers.filter((t) => t.at <= end).sort((a, b) => a.at - b.at)[0];
+      if (!due) break;
+      timers = timers.filter((t) => t !== due);
+      now = due.at;
+      due.run();
+    }
+    now = end;
+    await settle();
+  }
+  return { presses, seen, pass, world };
+}
+
+describe('a press of ABORT', () => {
+  it('ends as not sent when the server cannot be reached for the whole window', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE()], { online: false });
+    void presses.press();
+    await pass(WINDOW_MS - 100);
+    expect(seen.presses[0]?.fate).toBe('sending');
+    await pass(200);
+    expect(seen.presses[0]).toMatchObject({ fate: 'not_sent' });
+    expect(headlineOf(seen.presses[0] as Press).word).toBe('ABORT NOT SENT');
+    expect(headlineOf(seen.presses[0] as Press).text).toContain('server could not be reached in 10 tries, 5 s');
+  });
+  it('sends nothing after the window, however long the server stays away', async () => {
+    const { presses, seen, pass, world } = rig([UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), command()], { online: false });
+    void presses.press();
+    await pass(WINDOW_MS + 1);
+    const before = seen.posts;
+    world.online = true;
+    await pass(600_000);
+    await presses.check();
+    expect(seen.posts).toBe(before);
+    expect(seen.presses[0]).toMatchObject({ fate: 'not_sent', notInHistory: true });
+  });
+  it('is sent when the server answers within the window', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE(), UNREACHABLE(), command()], { online: false });
+    void presses.press();
+    await pass(1500);
+    expect(seen.presses[0]).toMatchObject({ fate: 'recorded', tries: 3 });
+  });
+  it('is unknown, not "not sent", when the request left and the connection broke', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE()], { online: true });
+    void presses.press();
+    await pass(WINDOW_MS);
+    expect(seen.presses[0]?.fate).toBe('unknown');
+    expect(headlineOf(seen.presses[0] as Press).text).toContain('may or may not have reached the sensor');
+  });
+  it('is unknown when no answer comes within the window, and the request is cancelled', async () => {
+    const { presses, seen, pass } = rig(['hang']);
+    void presses.press();
+    await pass(WINDOW_MS);
+    expect(seen.presses[0]).toMatchObject({ fate: 'unknown', reason: 'no answer from the server within 5 s' });
+    expect(seen.posts).toBe(1);
+  });
+  it('is not sent, with the reason, when the server refuses because the line is down', async () => {
+    const { presses, seen, pass } = rig([refused(409, 'the line is down', 'port closed')]);
+    void presses.press();
+    await pass(0);
+    expect(headlineOf(seen.presses[0] as Press)).toEqual({ word: 'ABORT NOT SENT', level: 'critical', text: 'The server answered 409: the line is down (port closed). The sensor has not received it.' });
+  });
+  it('does not claim "not sent" of a server error: the command may have left before it', () => {
+    expect(answerOf(refused(503, 'ABORT goes out, but cannot be recorded'), true, false)).toEqual({ fate: 'unknown', again: false, answered: true, reason: 'the server answered 503: ABORT goes out, but cannot be recorded' });
+  });
+  it('stays until it is acknowledged, also over a reload of the page', async () => {
+    const first = rig([UNREACHABLE()], { online: false });
+    void first.presses.press();
+    await first.pass(WINDOW_MS);
+    const second = rig([command()], { stored: first.seen.saved });
+    expect(second.seen.presses[0]?.fate).toBe('not_sent');
+    second.presses.acknowledge();
+    expect(rig([command()], { stored: second.seen.saved }).seen.presses).toEqual([]);
+  });
+  it('is unknown when the page was loaded again before the answer', async () => {
+    const first = rig(['hang']);
+    void first.presses.press();
+    await first.pass(10);
+    expect(rig([command()], { stored: first.seen.saved }).seen.presses[0]).toMatchObject({ fate: 'unknown' });
+  });
+  it('is followed when the history shows that it did arrive', async () => {
+    const { presses, seen, pass, world } = rig([UNREACHABLE()], { online: true });
+    void presses.press();
+    await pass(WINDOW_MS);
+    world.history = [command({ id: 9, created: '2026-12-01T18:42:07.300Z', result: 'completed' })];
+    await presses.check();
+    expect(seen.presses[0]).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it('does not take the ABORT of another user, or of another time, for its own', async () => {
+    const { presses, seen, pass, world } = rig([UNREACHABLE()], { online: false });
+    void presses.press();
+    await pass(WINDOW_MS);
+    world.history = [command({ user: 'lee' }), command({ created: '2026-12-01T18:30:00Z' })];
+    await presses.check();
+    expect(seen.presses[0]?.fate).toBe('not_sent');
+  });
+  it('shows pressed, sent, accepted and completed with the times of the command', async () => {
+    const { presses, seen, pass } = rig([command()]);
+    void presses.press();
+    await pass(0);
+    const points = (): string[] => stepsOf(seen.presses[0] as Press).map((s) => s.point);
+    expect(points()).toEqual(['done', 'done', 'now', 'to_come']);
+    const done = command({ result: 'completed', stages: (['sent', 'accepted', 'completed'] as const).map((name) => ({ name, state: 'passed', at: '2026-12-01T18:42:08Z' })) });
+    presses.reconcile([done]);
+    expect(points()).toEqual(['done', 'done', 'done', 'done']);
+    expect(stepsOf(seen.presses[0] as Press)[3]?.at).toBe('2026-12-01T18:42:08Z');
+    expect(headlineOf(seen.presses[0] as Press).word).toBe('ABORT completed');
+  });
+  it('does not search the history for a press that the server refused', async () => {
+    const { presses, seen, pass } = rig([refused(409, 'the line is down')]);
+    void presses.press();
+    await pass(0);
+    await presses.check();
+    expect(seen.presses[0]?.notInHistory).toBe(false);
+  });
+  it('keeps the newer report when the answer to the request arrives after it', async () => {
+    const { presses, seen, pass } = rig([command({ result: 'queued' })]);
+    void presses.press();
+    presses.reconcile([command({ result: 'completed' })]);
+    await pass(0);
+    expect(seen.presses[0]?.command?.result).toBe('completed');
+  });
+  it('keeps an earlier press that was not sent while a later one completes', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE()], { online: false });
+    void presses.press();
+    await pass(WINDOW_MS);
+    void presses.press();
+    await pass(WINDOW_MS);
+    expect(seen.presses.map((p) => p.fate)).toEqual(['not_sent', 'not_sent']);
+  });
+});

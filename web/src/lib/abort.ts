@@ -1,0 +1,254 @@
+/**
+ * One press of ABORT, from the key to its end. A press is never lost: it is followed to the device's report, or it ends as
+ * `not_sent` or `unknown`, which the strip shows until an operator acknowledges it.
+ *
+ * The request is tried for WINDOW_MS after the press and then cancelled. Nothing is sent later than that: by then the state of the
+ * sensor may have changed, and sending ABORT again is the operator's decision.
+ */
+import { ApiError } from '../api/client';
+import type { Command, Stage } from '../api/types';
+
+export const WINDOW_MS = 5_000;
+const PAUSE_MS = 500;
+/** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
+const CLOCK_MS = 2_000;
+const MOST_KEPT = 20;
+
+/** `sending`: the request is under way. `recorded`: the server has the command and reports its stages. */
+export type Fate = 'sending' | 'recorded' | 'not_sent' | 'unknown';
+export interface Press {
+  key: string;
+  user: string;
+  /** UTC on the server's clock, milliseconds. */
+  pressedMs: number;
+  fate: Fate;
+  reason: string;
+  tries: number;
+  command: Command | null;
+  /** Whether the server's command history was searched since, and has no ABORT of this press. */
+  notInHistory: boolean;
+  /** Whether the server itself answered with an error. */
+  answered: boolean;
+}
+export interface Answer { fate: 'not_sent' | 'unknown'; reason: string; again: boolean; answered: boolean }
+
+export interface AbortParts {
+  post: (signal: AbortSignal) => Promise<Command>;
+  /** ABORT commands created in a span, from the server's history. */
+  history: (startMs: number, endMs: number) => Promise<Command[]>;
+  online: () => boolean;
+  /** UTC on the server's clock, milliseconds. */
+  now: () => number;
+  user: () => string;
+  later: (run: () => void, ms: number) => () => void;
+  load: () => string | null;
+  save: (text: string) => void;
+  changed: (presses: readonly Press[]) => void;
+}
+
+/** What an error says about the press. Only an answer that refuses the request, or a server that was unreachable from before the press on, means "not sent". */
+export function answerOf(error: unknown, reachable: boolean, timedOut: boolean): Answer {
+  if (error instanceof ApiError && error.status >= 400) {
+    const { message, got } = error.problem;
+    const words = `the server answered ${error.status}: ${message}${got ? ` (${got})` : ''}`;
+    return { fate: error.status < 500 ? 'not_sent' : 'unknown', reason: words, again: false, answered: true };
+  }
+  if (timedOut) return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, again: false, answered: false };
+  return reachable
+    ? { fate: 'unknown', reason: 'the connection broke before the server answered', again: true, answered: false }
+    : { fate: 'not_sent', reason: 'the server could not be reached', again: true, answered: false };
+}
+
+/** True if this can be the command of that press. */
+function belongs(command: Command, press: Press): boolean {
+  const after = Date.parse(command.created) - press.pressedMs;
+  return command.name === 'ABORT' && command.user === press.user && after >= -CLOCK_MS && after <= WINDOW_MS + CLOCK_MS;
+}
+
+export class Presses {
+  private list: readonly Press[];
+  /** Commands as last reported; the answer to a request may arrive after a newer report. */
+  private reported: readonly Command[] = [];
+
+  constructor(private readonly parts: AbortParts) {
+    this.list = restored(parts.load());
+    this.publish();
+  }
+
+  /** Send ABORT. Returns when the press is recorded by the server, or has ended as not sent or unknown. */
+  async press(): Promise<void> {
+    const key = `${this.parts.now()}-${this.list.length}`;
+    const press: Press = { key, user: this.parts.user(), pressedMs: this.parts.now(), fate: 'sending', reason: '', tries: 0, command: null, notInHistory: false, answered: false };
+    this.put(press);
+    const cancel = new AbortController();
+    const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
+    const over = ended(cancel.signal);
+    let reachable = this.parts.online();
+    for (let tries = 1; ; tries += 1) {
+      this.change(key, { tries });
+      try {
+        const command = await Promise.race([this.parts.post(cancel.signal), over]);
+        stop();
+        this.change(key, { fate: 'recorded', command });
+        return this.reconcile(this.reported);
+      } catch (error) {
+        reachable ||= this.parts.online();
+        const answer = answerOf(error, reachable, cancel.signal.aborted);
+        if (answer.again) await Promise.race([new Promise<void>((next) => this.parts.later(next, PAUSE_MS)), over]).catch(() => undefined);
+        if (answer.again && !cancel.signal.aborted) continue;
+        stop();
+        const since = answer.again ? ` in ${tries} ${tries === 1 ? 'try' : 'tries'}, ${WINDOW_MS / 1000} s` : '';
+        return this.change(key, { fate: answer.fate, reason: answer.reason + since, answered: answer.answered });
+      }
+    }
+  }
+
+  /** Take over what the stream or the history reports of commands. */
+  reconcile(commands: readonly Command[]): void {
+    this.reported = commands;
+    for (const press of this.list) {
+      const newer = press.command && commands.find((c) => c.id === press.command?.id);
+      if (newer && newer !== press.command) this.change(press.key, { command: newer });
+    }
+    this.claim(commands);
+  }
+
+  /** Give presses without a command the one that the server created for them. */
+  private claim(commands: readonly Command[]): void {
+    const taken = new Set(this.list.map((p) => p.command?.id));
+    for (const press of this.list.filter((p) => p.command === null && p.fate !== 'sending')) {
+      const command = commands.find((c) => !taken.has(c.id) && belongs(c, press));
+      if (!command) continue;
+      taken.add(command.id);
+      this.change(press.key, { fate: 'recorded', command, reason: '' });
+    }
+  }
+
+  /** The server can be reached: search its history for presses that it did not answer, or answered with an internal error. */
+  async check(): Promise<void> {
+    for (const press of this.list.filter(isOpen)) {
+      const found = await this.parts.history(press.pressedMs - CLOCK_MS, press.pressedMs + WINDOW_MS + CLOCK_MS).catch(() => null);
+      if (!found) continue;
+      this.claim(found);
+      if (!this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
+    }
+  }
+
+  /** Acknowledge: everything that has ended leaves the strip. */
+  acknowledge(): void {
+    this.list = this.list.filter((p) => !isOver(p));
+    this.publish();
+  }
+
+  private put(press: Press): void {
+    this.list = [press, ...this.list.filter((p) => !isGood(p))].slice(0, MOST_KEPT);
+    this.publish();
+  }
+
+  private change(key: string, to: Partial<Press>): void {
+    this.list = this.list.map((p) => (p.key === key ? { ...p, ...to } : p));
+    this.publish();
+  }
+
+  private publish(): void {
+    this.parts.save(JSON.stringify(this.list));
+    this.parts.changed(this.list);
+  }
+}
+
+/** Presses of the page before it was loaded again; one that was under way has lost its answer. */
+function restored(text: string | null): Press[] {
+  try {
+    const list = JSON.parse(text ?? '[]') as Press[];
+    return list.map((p) => (p.fate === 'sending' ? { ...p, fate: 'unknown', reason: 'the page was loaded again before the server answered' } : p));
+  } catch {
+    return [];
+  }
+}
+
+/** Rejects when the window is over, also where the request itself does not notice. */
+function ended(signal: AbortSignal): Promise<never> {
+  const over = new Promise<never>((_, reject) => signal.addEventListener('abort', () => reject(new DOMException('no answer in time', 'AbortError')), { once: true }));
+  over.catch(() => undefined);
+  return over;
+}
+
+const BAD_ENDS = ['rejected', 'failed', 'unknown', 'resolved', 'withdrawn'];
+
+/** True if nothing more is expected of the press without the operator. */
+export function isOver(p: Press): boolean {
+  return p.fate === 'not_sent' || p.fate === 'unknown' || (p.command !== null && (p.command.result === 'completed' || BAD_ENDS.includes(p.command.result)));
+}
+
+/** True if the server's history can still show what became of the press. */
+export function isOpen(p: Press): boolean {
+  return !p.notInHistory && (p.fate === 'unknown' || (p.fate === 'not_sent' && !p.answered));
+}
+
+/** True if the device completed this ABORT. */
+export function isGood(p: Press): boolean {
+  return p.command?.result === 'completed';
+}
+
+/** True if the strip must stay until it is acknowledged. */
+export function needsOperator(p: Press): boolean {
+  return isOver(p) && !isGood(p);
+}
+
+export type Point = 'done' | 'now' | 'failed' | 'unknown' | 'to_come';
+export interface Step { name: 'pressed' | 'sent' | 'accepted' | 'completed'; point: Point; at: string | null }
+
+/** Pressed, sent, accepted, completed: of the seven stages of a command those that an operator waits for. */
+export function stepsOf(press: Press): Step[] {
+  const pressed: Step = { name: 'pressed', point: 'done', at: new Date(press.pressedMs).toISOString() };
+  const sent: Point = press.fate === 'sending' ? 'now' : press.fate === 'not_sent' ? 'failed' : 'unknown';
+  if (!press.command) return [pressed, { name: 'sent', point: sent, at: null }, { name: 'accepted', point: 'to_come', at: null }, { name: 'completed', point: 'to_come', at: null }];
+  const stages = new Map(press.command.stages.map((s) => [s.name, s]));
+  const steps = (['sent', 'accepted', 'completed'] as const).map((name): Step => ({ name, point: pointOf(stages.get(name)), at: stages.get(name)?.at ?? null }));
+  const next = steps.find((s) => s.point === 'to_come');
+  if (next && !isOver(press) && !steps.some((s) => s.point === 'now')) next.point = 'now';
+  const broken = steps.some((s) => s.point === 'failed' || s.point === 'unknown');
+  if (next && isOver(press) && !broken) next.point = press.command.result === 'unknown' ? 'unknown' : 'failed';
+  return [pressed, ...steps];
+}
+
+function pointOf(stage: Stage | undefined): Point {
+  switch (stage?.state) {
+    case 'passed': return 'done';
+    case 'now': return 'now';
+    case 'failed': return 'failed';
+    case 'unknown': return 'unknown';
+    default: return 'to_come';
+  }
+}
+
+export interface Headline { word: string; text: string; level: 'critical' | 'unknown' | 'progress' | 'ok' }
+
+/** What the strip says: exactly what is known, no more. */
+export function headlineOf(press: Press): Headline {
+  const history = press.notInHistory ? " The server's command history has no such ABORT." : '';
+  switch (press.fate) {
+    case 'sending': return { word: 'ABORT is being sent', text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '', level: 'progress' };
+    case 'not_sent': return { word: 'ABORT NOT SENT', text: `${sentence(press.reason)} The sensor has not received it.${history}`, level: 'critical' };
+    case 'unknown': return { word: 'ABORT UNKNOWN', text: `${sentence(press.reason)} It may or may not have reached the sensor.${history}`, level: 'unknown' };
+    case 'recorded': return ofCommand(press.command);
+  }
+}
+
+function ofCommand(command: Command | null): Headline {
+  const detail = command?.detail ? `${sentence(command.detail)}` : '';
+  switch (command?.result) {
+    case 'completed': return { word: 'ABORT completed', text: detail, level: 'ok' };
+    case 'rejected': return { word: 'ABORT REJECTED', text: `${detail} The sensor received it and did not run it.`.trim(), level: 'critical' };
+    case 'failed': return { word: 'ABORT FAILED', text: `${detail} The sensor received it and did not complete it.`.trim(), level: 'critical' };
+    case 'withdrawn': return { word: 'ABORT NOT SENT', text: `${detail} It was withdrawn before it was sent.`.trim(), level: 'critical' };
+    case 'unknown': return { word: 'ABORT UNKNOWN', text: `${detail} The sensor sent no report; it may or may not have run.`.trim(), level: 'unknown' };
+    case 'resolved': return { word: 'ABORT resolved by an operator', text: detail, level: 'unknown' };
+    default: return { word: `ABORT ${command?.result === 'queued' || command?.result === 'released' ? 'is being sent' : command?.result ?? ''}`, text: '', level: 'progress' };
+  }
+}
+
+function sentence(words: string): string {
+  const text = words.trim();
+  return text && `${text[0]?.toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? '' : '.'}`;
+}

@@ -1,0 +1,48 @@
+/** The presses of ABORT on this page, kept over a reload of it. */
+import { api } from '../api/client';
+import { Presses, type Press } from '../lib/abort';
+import { live } from './live.svelte';
+import { session } from './session.svelte';
+
+const KEY = 'gss-abort';
+
+class Abort {
+  presses = $state.raw<readonly Press[]>([]);
+  private readonly sender = new Presses({
+    post: async (signal) => {
+      const command = await api.abort(signal);
+      live.putCommand(command);
+      return command;
+    },
+    history: (startMs, endMs) => api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }),
+    online: () => live.online,
+    now: () => Date.now() + live.clockSkewMs,
+    user: () => session.name,
+    later: (run, ms) => {
+      const timer = setTimeout(run, ms);
+      return () => clearTimeout(timer);
+    },
+    load: () => sessionStorage.getItem(KEY),
+    save: (text) => sessionStorage.setItem(KEY, text),
+    changed: (list) => { this.presses = list; },
+  });
+
+  /** ABORT never waits for a dialog. */
+  send(): void {
+    void this.sender.press();
+  }
+
+  reconcile(): void {
+    this.sender.reconcile(live.commands);
+  }
+
+  check(): void {
+    void this.sender.check();
+  }
+
+  acknowledge(): void {
+    this.sender.acknowledge();
+  }
+}
+
+export const abort = new Abort();
