@@ -30,7 +30,7 @@ def tab_to(page: Page, testid: str, most: int = 80) -> None:
 
 
 def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
-    """Name, Tab, password, Enter; Ctrl K finds a page, Tab reaches the chain's steps, Space presses them."""
+    """Name, Tab, password, Enter; Ctrl K finds a page, Tab reaches the chain's steps, Enter presses them."""
     command = [sys.executable, "-m", "gss", "user", "add", "kim", "--role", "operator", "--password-stdin"]
     subprocess.run([*command, "--data", str(data_folder)], input=f"{PASSWORD}\n", text=True, check=True)
     page.context.clear_cookies()
@@ -56,7 +56,7 @@ def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
     ):
         expect(page.get_by_test_id(f"cmd-{step}")).to_be_visible()  # the page is there
         tab_to(page, f"cmd-{step}")
-        page.keyboard.press("Space")
+        page.keyboard.press("Enter")
         expect(page.get_by_test_id(f"cmd-{step}")).to_contain_text(words)
     expect(page.get_by_test_id("attitude")).to_contain_text("RA")
     tab_to(page, "authority-open", most=200)

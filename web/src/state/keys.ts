@@ -1,5 +1,6 @@
-/** Keyboard: pages, go-to letters, abort, freeze; the page on show adds its own. */
+/** Keyboard: pages, go-to letters, ABORT; the page on show adds its own. */
 import { PAGES, type Page } from '../lib/pages';
+import { focusOf, spaceUse } from '../lib/spacekey';
 import { abort } from './abort.svelte';
 import { go } from './router.svelte';
 import { view } from './view.svelte';
@@ -25,6 +26,7 @@ function guest(e: KeyboardEvent): void {
 }
 
 let pendingGo = false;
+let claimedSpace = false;
 
 function typing(target: EventTarget | null): boolean {
   return target instanceof HTMLElement && (target.isContentEditable || ['INPUT', 'SELECT', 'TEXTAREA'].includes(target.tagName));
@@ -51,12 +53,27 @@ export function onKey(e: KeyboardEvent): void {
     if (page) { claim(e); go(page.path); }
     return;
   }
+  if (e.key === ' ') return space(e);
   if (handled(e)) e.preventDefault();
 }
 
+/** The rule is in lib/spacekey.ts. Space is claimed: some browsers press the focused button on its way up, and repeat it on its way down. */
+function space(e: KeyboardEvent): void {
+  const own = view.allKeys.find((k) => k.key === ' ');
+  const use = spaceUse(focusOf(e.target), own !== undefined, view.opened !== 'none');
+  claimedSpace = use !== 'native';
+  if (!claimedSpace) return;
+  claim(e);
+  if (use === 'page' && !e.repeat) own?.run();
+}
+
+export function onKeyUp(e: KeyboardEvent): void {
+  if (e.key !== ' ' || !claimedSpace) return;
+  claimedSpace = false;
+  e.preventDefault();
+}
+
 function handled(e: KeyboardEvent): boolean {
-  const pressing = e.key === ' ' && e.target instanceof HTMLElement && (['BUTTON', 'A', 'SUMMARY'].includes(e.target.tagName) || e.target.closest('[role=option]') !== null);
-  if (pressing) return false;
   const own = view.allKeys.find((k) => k.key === e.key);
   if (own) { own.run(); return true; }
   const page = PAGES[Number(e.key) - 1];
@@ -67,7 +84,6 @@ function handled(e: KeyboardEvent): boolean {
     case ':': view.open('line'); return true;
     case 'Escape': if (view.opened !== 'none') view.close(); return true;
     case 'o': view.overlaysOff = !view.overlaysOff; return true;
-    case ' ': view.frozen = !view.frozen; return true;
     case '/': {
       const box = document.querySelector<HTMLInputElement>('[data-search]');
       box?.focus();
