@@ -58,7 +58,7 @@ describe('a press of ABORT', () => {
     await pass(200);
     expect(seen.presses[0]).toMatchObject({ fate: 'not_sent' });
     expect(headlineOf(seen.presses[0] as Press).word).toBe('ABORT NOT SENT');
-    expect(headlineOf(seen.presses[0] as Press).text).toContain('server could not be reached in 10 tries, 5 s');
+    expect(headlineOf(seen.presses[0] as Press).text).toContain('server could not be reached in 10 tries within 5 s');
   });
   it('sends nothing after the window, however long the server stays away', async () => {
     const { presses, seen, pass, world } = rig([UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), UNREACHABLE(), command()], { online: false });

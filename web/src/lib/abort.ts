@@ -97,7 +97,7 @@ export class Presses {
         if (answer.again) await Promise.race([new Promise<void>((next) => this.parts.later(next, PAUSE_MS)), over]).catch(() => undefined);
         if (answer.again && !cancel.signal.aborted) continue;
         stop();
-        const since = answer.again ? ` in ${tries} ${tries === 1 ? 'try' : 'tries'}, ${WINDOW_MS / 1000} s` : '';
+        const since = answer.again ? ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s` : '';
         return this.change(key, { fate: answer.fate, reason: answer.reason + since, answered: answer.answered });
       }
     }
