@@ -121,7 +121,7 @@ export const api = {
   retry: (id: number) => post<T.Command>(`/commands/${id}/retry`),
   resolve: (id: number, note: string) => post<T.Command>(`/commands/${id}/resolve`, { note }),
   /** Keeps `keepalive` beside the signal: a press of ABORT leaves even when its page is closed in the same moment. */
-  abort: (signal: AbortSignal) => answer<T.Command>('/commands/abort', { ...change('POST'), signal }),
+  abort: (signal: AbortSignal) => answer<T.Abort>('/commands/abort', { ...change('POST'), signal }),
   latest: () => get<T.Latest>('/telemetry/latest'),
   cycles: (limit = 12) => get<T.Cycle[]>(`/telemetry/cycles?limit=${limit}`),
   history: (names: string[], start: string, end: string, points = 600) => {

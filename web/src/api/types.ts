@@ -11,6 +11,7 @@ export type Argument = S['ArgumentOut'];
 export type FieldDefinition = S['FieldDefinitionOut'];
 export type Check = S['CheckOut'];
 export type Command = S['CommandOut'];
+export type Abort = S['AbortOut'];
 export type Stage = S['StageOut'];
 export type ByteGroup = S['ByteGroupOut'];
 export type Value = S['ValueOut'];

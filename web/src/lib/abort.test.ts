@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiError } from '../api/client';
-import type { Command, Stage } from '../api/types';
-import { answerOf, headlineOf, Presses, stepsOf, WINDOW_MS, type Press } from './abort';
+import type { Abort, Command, Stage } from '../api/types';
+import { answerOf, headlineOf, Presses, RECORD_MS, stepsOf, WINDOW_MS, type Press } from './abort';
 
 const START = Date.parse('2026-12-01T18:42:07Z');
 const UNREACHABLE = (): ApiError => new ApiError(0, { id: '', message: 'no answer', expected: '', got: '', hint: '' });
@@ -11,8 +11,10 @@ function command(over: Partial<Command> = {}): Command {
   return { id: 5, request_id: 23, name: 'ABORT', user: 'kim', created: '2026-12-01T18:42:07.100Z', result: 'sent', detail: '', stages, ...over } as Command;
 }
 
+const receipt = (command: Command | null): Abort => ({ request_id: 23, at: '2026-12-01T18:42:07.050Z', command });
+
 /** A clock that only moves when it is told to, a server that answers as `answers` says, and a storage. */
-function rig(answers: (Command | Error | 'hang')[], over: { online?: boolean; stored?: string; history?: Command[] } = {}) {
+function rig(answers: (Command | Abort | Error | 'hang')[], over: { online?: boolean; stored?: string; history?: Command[] } = {}) {
   let now = START;
   let timers: { at: number; run: () => void }[] = [];
   const seen: { presses: readonly Press[]; saved: string; posts: number } = { presses: [], saved: over.stored ?? '[]', posts: 0 };
@@ -21,7 +23,7 @@ function rig(answers: (Command | Error | 'hang')[], over: { online?: boolean; st
     post: () => {
       seen.posts += 1;
       const next = answers.length > 1 ? answers.shift() : answers[0];
-      return next === 'hang' ? new Promise(() => undefined) : next instanceof Error ? Promise.reject(next) : Promise.resolve(next as Command);
+      return next === 'hang' ? new Promise(() => undefined) : next instanceof Error ? Promise.reject(next) : Promise.resolve('stages' in (next as object) ? receipt(next as Command) : (next as Abort));
     },
     history: async () => world.history,
     online: () => world.online,
@@ -98,7 +100,7 @@ describe('a press of ABORT', () => {
     expect(headlineOf(seen.presses[0] as Press)).toEqual({ word: 'ABORT NOT SENT', level: 'critical', text: 'The server answered 409: the line is down (port closed). The sensor has not received it.' });
   });
   it('does not claim "not sent" of a server error: the command may have left before it', () => {
-    expect(answerOf(refused(503, 'ABORT goes out, but cannot be recorded'), true, false)).toEqual({ fate: 'unknown', again: false, answered: true, reason: 'the server answered 503: ABORT goes out, but cannot be recorded' });
+    expect(answerOf(refused(500, 'the server has a defect'), true, false)).toEqual({ fate: 'unknown', again: false, answered: true, reason: 'the server answered 500: the server has a defect' });
   });
   it('stays until it is acknowledged, also over a reload of the page', async () => {
     const first = rig([UNREACHABLE()], { online: false });
@@ -156,6 +158,20 @@ describe('a press of ABORT', () => {
     presses.reconcile([command({ result: 'completed' })]);
     await pass(0);
     expect(seen.presses[0]?.command?.result).toBe('completed');
+  });
+  it('is followed by its request id when the server records it after the answer', async () => {
+    const { presses, seen, pass } = rig([receipt(null)]);
+    void presses.press();
+    await pass(0);
+    expect(seen.presses[0]?.fate).toBe('taken');
+    presses.reconcile([command({ id: 8, request_id: 22 }), command({ id: 9, result: 'completed' })]);
+    expect(seen.presses[0]).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it('is unknown, and not "not sent", when the server sent it and cannot record it', async () => {
+    const { presses, seen, pass } = rig([receipt(null)]);
+    void presses.press();
+    await pass(RECORD_MS + 1);
+    expect(seen.presses[0]).toMatchObject({ fate: 'unknown', reason: 'the server sent ABORT (#23) but has not recorded it' });
   });
   it('keeps an earlier press that was not sent while a later one completes', async () => {
     const { presses, seen, pass } = rig([UNREACHABLE()], { online: false });

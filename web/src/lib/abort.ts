@@ -6,16 +6,19 @@
  * sensor may have changed, and sending ABORT again is the operator's decision.
  */
 import { ApiError } from '../api/client';
-import type { Command, Stage } from '../api/types';
+import type { Abort, Command, Stage } from '../api/types';
 
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
+/** The server sends ABORT before it records it; after this long without a record its stages cannot be shown. */
+export const RECORD_MS = 10_000;
 /** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
 const CLOCK_MS = 2_000;
 const MOST_KEPT = 20;
 
-/** `sending`: the request is under way. `recorded`: the server has the command and reports its stages. */
-export type Fate = 'sending' | 'recorded' | 'not_sent' | 'unknown';
+/** `sending`: the request is under way. `taken`: the server put ABORT on the line and has not recorded it yet. `recorded`: the server
+ *  has the command and reports its stages. */
+export type Fate = 'sending' | 'taken' | 'recorded' | 'not_sent' | 'unknown';
 export interface Press {
   key: string;
   user: string;
@@ -24,6 +27,8 @@ export interface Press {
   fate: Fate;
   reason: string;
   tries: number;
+  /** The id on the line, once the server has taken the request. */
+  requestId: number | null;
   command: Command | null;
   /** Whether the server's command history was searched since, and has no ABORT of this press. */
   notInHistory: boolean;
@@ -33,7 +38,7 @@ export interface Press {
 export interface Answer { fate: 'not_sent' | 'unknown'; reason: string; again: boolean; answered: boolean }
 
 export interface AbortParts {
-  post: (signal: AbortSignal) => Promise<Command>;
+  post: (signal: AbortSignal) => Promise<Abort>;
   /** ABORT commands created in a span, from the server's history. */
   history: (startMs: number, endMs: number) => Promise<Command[]>;
   online: () => boolean;
@@ -62,6 +67,7 @@ export function answerOf(error: unknown, reachable: boolean, timedOut: boolean):
 /** True if this can be the command of that press. */
 function belongs(command: Command, press: Press): boolean {
   const after = Date.parse(command.created) - press.pressedMs;
+  if (press.requestId !== null && press.requestId !== command.request_id) return false;
   return command.name === 'ABORT' && command.user === press.user && after >= -CLOCK_MS && after <= WINDOW_MS + CLOCK_MS;
 }
 
@@ -78,7 +84,7 @@ export class Presses {
   /** Send ABORT. Returns when the press is recorded by the server, or has ended as not sent or unknown. */
   async press(): Promise<void> {
     const key = `${this.parts.now()}-${this.list.length}`;
-    const press: Press = { key, user: this.parts.user(), pressedMs: this.parts.now(), fate: 'sending', reason: '', tries: 0, command: null, notInHistory: false, answered: false };
+    const press: Press = { key, user: this.parts.user(), pressedMs: this.parts.now(), fate: 'sending', reason: '', tries: 0, requestId: null, command: null, notInHistory: false, answered: false };
     this.put(press);
     const cancel = new AbortController();
     const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
@@ -87,10 +93,9 @@ export class Presses {
     for (let tries = 1; ; tries += 1) {
       this.change(key, { tries });
       try {
-        const command = await Promise.race([this.parts.post(cancel.signal), over]);
+        const receipt = await Promise.race([this.parts.post(cancel.signal), over]);
         stop();
-        this.change(key, { fate: 'recorded', command });
-        return this.reconcile(this.reported);
+        return this.taken(key, receipt);
       } catch (error) {
         reachable ||= this.parts.online();
         const answer = answerOf(error, reachable, cancel.signal.aborted);
@@ -101,6 +106,15 @@ export class Presses {
         return this.change(key, { fate: answer.fate, reason: answer.reason + since, answered: answer.answered });
       }
     }
+  }
+
+  private taken(key: string, { request_id, command }: Abort): void {
+    this.change(key, { fate: command ? 'recorded' : 'taken', requestId: request_id, command });
+    this.reconcile(this.reported);
+    if (command) return;
+    this.parts.later(() => {
+      if (this.list.some((p) => p.key === key && p.fate === 'taken')) this.change(key, { fate: 'unknown', reason: `the server sent ABORT (#${request_id}) but has not recorded it` });
+    }, RECORD_MS);
   }
 
   /** Take over what the stream or the history reports of commands. */
@@ -160,7 +174,7 @@ export class Presses {
 function restored(text: string | null): Press[] {
   try {
     const list = JSON.parse(text ?? '[]') as Press[];
-    return list.map((p) => (p.fate === 'sending' ? { ...p, fate: 'unknown', reason: 'the page was loaded again before the server answered' } : p));
+    return list.map((p) => (p.fate === 'sending' || p.fate === 'taken' ? { ...p, fate: 'unknown', reason: p.fate === 'sending' ? 'the page was loaded again before the server answered' : 'the page was loaded again before the server recorded it' } : p));
   } catch {
     return [];
   }
@@ -201,7 +215,7 @@ export interface Step { name: 'pressed' | 'sent' | 'accepted' | 'completed'; poi
 /** Pressed, sent, accepted, completed: of the seven stages of a command those that an operator waits for. */
 export function stepsOf(press: Press): Step[] {
   const pressed: Step = { name: 'pressed', point: 'done', at: new Date(press.pressedMs).toISOString() };
-  const sent: Point = press.fate === 'sending' ? 'now' : press.fate === 'not_sent' ? 'failed' : 'unknown';
+  const sent: Point = press.fate === 'sending' || press.fate === 'taken' ? 'now' : press.fate === 'not_sent' ? 'failed' : 'unknown';
   if (!press.command) return [pressed, { name: 'sent', point: sent, at: null }, { name: 'accepted', point: 'to_come', at: null }, { name: 'completed', point: 'to_come', at: null }];
   const stages = new Map(press.command.stages.map((s) => [s.name, s]));
   const steps = (['sent', 'accepted', 'completed'] as const).map((name): Step => ({ name, point: pointOf(stages.get(name)), at: stages.get(name)?.at ?? null }));
@@ -229,6 +243,7 @@ export function headlineOf(press: Press): Headline {
   const history = press.notInHistory ? " The server's command history has no such ABORT." : '';
   switch (press.fate) {
     case 'sending': return { word: 'ABORT is being sent', text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '', level: 'progress' };
+    case 'taken': return { word: 'ABORT is being sent', text: `The server has put it on the line (#${press.requestId}) and has not recorded it yet.`, level: 'progress' };
     case 'not_sent': return { word: 'ABORT NOT SENT', text: `${sentence(press.reason)} The sensor has not received it.${history}`, level: 'critical' };
     case 'unknown': return { word: 'ABORT UNKNOWN', text: `${sentence(press.reason)} It may or may not have reached the sensor.${history}`, level: 'unknown' };
     case 'recorded': return ofCommand(press.command);

@@ -10,9 +10,9 @@ class Abort {
   presses = $state.raw<readonly Press[]>([]);
   private readonly sender = new Presses({
     post: async (signal) => {
-      const command = await api.abort(signal);
-      live.putCommand(command);
-      return command;
+      const receipt = await api.abort(signal);
+      if (receipt.command) live.putCommand(receipt.command);
+      return receipt;
     },
     history: (startMs, endMs) => api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }),
     online: () => live.online,
