@@ -97,7 +97,10 @@ class Settings(BaseSettings):
         default="",
         description="URL of a Dask scheduler for reprocessing and campaigns; empty: processes of this machine.",
     )
-    solve_chain: str = Field(default="reference", description="Chain that runs on every frame that comes down.")
+    solve_chain: str = Field(
+        default="reference",
+        description="Chain of the operational ground result: runs on every received or imported frame.",
+    )
 
     @property
     def database_url(self) -> str:

@@ -255,7 +255,14 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     executor = make_executor(settings.cluster, WORKERS)
     campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
     reprocessing = ReprocessService(
-        database, settings.blobs_url, jobs, utc_now, epoch_jyear, executor, profiles=book.profiles
+        database,
+        settings.blobs_url,
+        jobs,
+        utc_now,
+        epoch_jyear,
+        executor,
+        settings.solve_chain,
+        profiles=book.profiles,
     )
     star_lists = StarListService(database, blobs, utc_now, parsing)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)

@@ -13,6 +13,9 @@ from gss.domain.camera import Camera
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 
+BLIND = "blind"
+"""Camera name of a solution that assumed no camera."""
+
 
 class Outcome(StrEnum):
     """Did the chain find an attitude?"""

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, insert, select
+from sqlalchemy import func, insert, select, update
 from sqlalchemy.orm import Session, defer
 
 from gss.domain.errors import NotFound
+from gss.domain.results import BLIND
 from gss.store.models import Frame, Solution
 
 
@@ -49,8 +50,8 @@ def page(
     least_stars: int | None = None,
     most_stars: int | None = None,
 ) -> tuple[int, list[Frame]]:
-    """Total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars are those of the newest ground
-    solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved where no chain has run yet."""
+    """Total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars are those of the operational
+    ground solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved where there is none yet."""
     query = select(Frame)
     for column, wanted in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
         if wanted is not None:
@@ -59,12 +60,11 @@ def page(
         query = query.where(Frame.taken >= start)
     if end is not None:
         query = query.where(Frame.taken < end)
-    ground = select(func.max(Solution.id)).where(Solution.frame_id == Frame.id, Solution.origin == "ground")
-    newest = ground.correlate(Frame).scalar_subquery()
+    shown = (Solution.frame_id == Frame.id) & Solution.operational
     if outcome == "unsolved":
-        query = query.where(newest.is_(None))
+        query = query.where(~select(Solution.id).where(shown).exists())
     elif outcome or least_stars is not None or most_stars is not None:
-        query = query.join(Solution, Solution.id == newest)
+        query = query.join(Solution, shown)
         if outcome in ("solved", "none"):
             query = query.where(Solution.outcome == outcome)
         elif outcome:
@@ -140,14 +140,43 @@ def newest_solution(session: Session, frame_id: int, origin: str) -> Solution | 
     return session.scalar(query.order_by(Solution.id.desc()).limit(1))
 
 
-def newest_solutions(session: Session, frame_ids: list[int], origin: str) -> dict[int, Solution]:
-    """The newest solution from that origin of each frame, in one query."""
-    newest = (
-        select(func.max(Solution.id))
-        .where(Solution.frame_id.in_(frame_ids), Solution.origin == origin)
-        .group_by(Solution.frame_id)
+def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[int, Solution]:
+    """The operational ground solution of each frame that has one, in one query."""
+    query = select(Solution).where(Solution.frame_id.in_(frame_ids), Solution.operational)
+    return {row.frame_id: row for row in session.scalars(query)}
+
+
+def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
+    """Make the oldest solution of ``chain`` with the frame's camera operational, for frames without an operational solution.
+
+    Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
+    _lock(session, frame_ids)
+    pinned = select(Solution.frame_id).where(Solution.operational)
+    oldest = (
+        select(func.min(Solution.id))
+        .join(Frame, Frame.id == Solution.frame_id)
+        .where(Frame.id.in_(frame_ids), Frame.id.not_in(pinned))
+        .where(Solution.origin == "ground", Solution.replay.is_(None), Solution.chain == chain)
+        .where(Solution.camera_name == func.coalesce(Frame.profile, BLIND))
+        .group_by(Frame.id)
     )
-    return {row.frame_id: row for row in session.scalars(select(Solution).where(Solution.id.in_(newest)))}
+    ids = list(session.scalars(oldest))
+    if ids:
+        session.execute(update(Solution).where(Solution.id.in_(ids)).values(operational=True))
+
+
+def pin(session: Session, frame_id: int, solution_id: int) -> None:
+    """Make a solution the operational one of its frame, in place of another."""
+    _lock(session, [frame_id])
+    mine = update(Solution).where(Solution.frame_id == frame_id)
+    session.execute(mine.where(Solution.operational).values(operational=False))
+    session.execute(mine.where(Solution.id == solution_id).values(operational=True))
+
+
+def _lock(session: Session, frame_ids: Sequence[int]) -> None:
+    """PostgreSQL: wait for other transactions that pin solutions of these frames. SQLite has one writer anyway."""
+    if session.get_bind().dialect.name != "sqlite":
+        session.execute(select(Frame.id).where(Frame.id.in_(frame_ids)).order_by(Frame.id).with_for_update())
 
 
 def solved_by(session: Session, chain: str, version: str) -> set[int]:

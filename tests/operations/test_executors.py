@@ -87,7 +87,9 @@ class Desk:
         self.bus = EventBus(self.database, lambda: datetime.now(UTC))
         self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC), lambda _: None)
         blobs = BlobStore(str(folder / "blobs"))
-        self.service = ReprocessService(self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor)
+        self.service = ReprocessService(
+            self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor, "reference"
+        )
         known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(11)
         with self.database.unit_of_work() as session:
             for k in range(FRAMES):

@@ -56,6 +56,8 @@ def value_of(table: sa.Table, column: sa.Column[Any], k: int) -> Any:
         return AT + timedelta(days=k, microseconds=k)
     if isinstance(kind, sa.JSON):
         return {"name": f"{table.name} {k}", "list": [1, "é", None, 2.5]}
+    if isinstance(kind, sa.LargeBinary):
+        return bytes([k])
     return f"{column.name} {k} é"[: getattr(kind, "length", None) or 60]
 
 
@@ -99,6 +101,43 @@ def test_data_of_every_released_schema_comes_through(database_url, schema):
     before = filled(database_url, schema)
     migrate(database_url)
     check(database_url, before)
+
+
+CAMERA, DRAWN = {"columns": 8}, {"stars": [], "grid": []}
+SHORT: dict[str, Any] = {"stars": []}
+OLD_SOLUTIONS = [
+    # frame, chain, origin, replay, camera, detail, outcome: pinned by the migration?
+    (1, "reference", "ground", None, CAMERA, DRAWN, "none", True),
+    (1, "cubestar", "ground", "equal", CAMERA, DRAWN, "solved", False),
+    (1, "reference", "ground", None, CAMERA, DRAWN, "solved", False),
+    (1, "oersted", "ground", None, CAMERA, SHORT, "solved", False),
+    (2, "cubestar", "ground", None, CAMERA, DRAWN, "solved", False),
+    (2, "cubestar", "ground", None, CAMERA, DRAWN, "solved", True),
+    (2, "reference", "ground", None, CAMERA, SHORT, "solved", False),
+    (3, "oersted", "ground", None, CAMERA, SHORT, "solved", False),
+    (3, "reference", "ground", None, {}, {}, "none", False),
+    (3, "reference", "ground", None, CAMERA, SHORT, "solved", True),
+    (3, "reference", "on board", None, CAMERA, DRAWN, "solved", False),
+]
+
+
+def test_stored_results_get_an_operational_one_per_frame(database_url):
+    """The configured chain's result at reception, else another that no campaign made, else the campaign's with that chain."""
+    filled(database_url, "0006")
+    engine = open_engine(database_url)
+    found = sa.MetaData()
+    with engine.begin() as connection:
+        found.reflect(connection, only=["solutions"])
+        table = found.tables["solutions"]
+        connection.execute(table.delete())
+        for k, (frame, chain, origin, replay, camera, detail, outcome, _) in enumerate(OLD_SOLUTIONS, 1):
+            values = {"frame_id": frame, "chain": chain, "origin": origin, "replay": replay, "outcome": outcome}
+            connection.execute(table.insert(), row_of(table, k) | values | {"camera": camera, "detail": detail})
+    engine.dispose()
+    migrate(database_url)
+    rows = read(database_url, ["solutions"])["solutions"]
+    assert [bool(row["operational"]) for row in rows] == [pinned for *_, pinned in OLD_SOLUTIONS]
+    assert {row["camera_name"] for row in rows} == {""}
 
 
 def migrate_and_die(url: str, statement: int) -> bool:

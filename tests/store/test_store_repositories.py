@@ -81,15 +81,15 @@ def test_a_failed_unit_of_work_leaves_nothing(database):
         assert frames.latest(session) is None
 
 
-def test_frames_are_paged_newest_first_and_filtered_by_newest_ground_outcome(database):
-    """Filters combine; the outcome is that of the newest ground solution, not of an older one."""
+def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(database):
+    """Filters combine; the outcome is that of the operational ground solution, not of one beside it."""
     with database.unit_of_work() as session:
         a, b, c = (
             frames.add(session, a_frame(number=n, source=s)) for n, s in ((1, "device"), (2, "import"), (3, "device"))
         )
-        for frame, outcomes in ((a, ("none", "solved")), (b, ("solved",)), (c, ("solved", "none"))):
-            for outcome in outcomes:
-                frames.add_solution(session, a_solution(frame.id, "ground", outcome))
+        for frame, outcomes in ((a, ("solved", "none")), (b, ("solved",)), (c, ("none", "solved"))):
+            first, *_ = [frames.add_solution(session, a_solution(frame.id, "ground", o)).id for o in outcomes]
+            frames.pin(session, frame.id, first)
         frames.add_solution(session, a_solution(c.id, "on board", "solved"))
     with database.unit_of_work() as session:
         assert [f.number for f in frames.page(session, 10, 0)[1]] == [3, 2, 1]
@@ -98,7 +98,7 @@ def test_frames_are_paged_newest_first_and_filtered_by_newest_ground_outcome(dat
         assert (total, [f.number for f in solved]) == (2, [2, 1])
         assert [f.number for f in frames.page(session, 10, 0, outcome="solved", source="device")[1]] == [1]
         assert frames.newest_solution(session, c.id, "on board").outcome == "solved"
-        assert {k: s.outcome for k, s in frames.newest_solutions(session, [a.id, c.id], "ground").items()} == {
+        assert {k: s.outcome for k, s in frames.operational_solutions(session, [a.id, c.id]).items()} == {
             a.id: "solved",
             c.id: "none",
         }

@@ -56,7 +56,7 @@ def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | Non
 
 
 def frame(row: Frame, best: Solution | None) -> FrameOut:
-    """A frame with the essence of its newest ground solution."""
+    """A frame with the essence of its operational ground solution."""
     return FrameOut(**_frame_values(row, best))
 
 
@@ -72,6 +72,7 @@ def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
         "verdict": best.verdict if best else None,
         "outcome": best.outcome if best else None,
         "chain": best.chain if best else None,
+        "camera_name": best.camera_name if best else None,
         "matched": best.matched if best else None,
         "centroids": best.found if best else None,
         "attitude": attitude(best.quaternion, best.sigma_rad) if best else None,
@@ -98,7 +99,7 @@ def solution(row: Solution) -> SolutionOut:
 def _solution_values(row: Solution) -> dict[str, Any]:
     names = (
         "id frame_id origin chain version created outcome reason found matched rejected rms_px "
-        "false_match_probability verdict replay notes"
+        "false_match_probability verdict replay notes camera_name operational"
     )
     values = {name: getattr(row, name) for name in names.split()}
     fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None

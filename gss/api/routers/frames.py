@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Form, Query, Response, UploadFile
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, ContactId, Moment, RowId, User, Who, need
+from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, Who, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
@@ -17,6 +17,7 @@ from gss.api.schemas.frames import (
     FrameDetailOut,
     FramePage,
     HistogramOut,
+    PinIn,
     PixelsOut,
     SolutionDetailOut,
     SolveIn,
@@ -48,7 +49,7 @@ def list_frames(
     least_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
     most_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
 ) -> FramePage:
-    """Newest first, taken from ``start`` to before ``end``; outcome and stars are those of the newest ground result."""
+    """Newest first, taken from ``start`` to before ``end``; outcome and stars: of the operational ground result."""
     wanted = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
     total, rows = app.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
     return FramePage(
@@ -158,7 +159,7 @@ def histogram(app: App, frame_id: RowId) -> HistogramOut:
 
 @router.get("/{frame_id}/file.fits", response_class=Response, dependencies=[EXPORT])
 def fits_file(app: App, frame_id: RowId) -> Response:
-    """FITS with the WCS of the best ground solution."""
+    """FITS with the WCS of the operational ground solution."""
     detail = app.frames.detail(frame_id)
     data = fits_bytes(app.frames.pixels(detail.frame), detail.frame, detail.ground)
     headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.fits"}
@@ -191,7 +192,9 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> Tr
 
 @router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
-    """Run a chain. Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
+    """Run a chain and store its result beside the operational one.
+
+    Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
     frame = app.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
     named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
@@ -205,3 +208,11 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
         exposure_s=frame.exposure_s,
     )
     return present.frames.solution_detail(app.frames.solve(frame_id, request))
+
+
+@router.put("/{frame_id}/operational", dependencies=[need("frames.pin")])
+def pin_solution(app: App, user: User, frame_id: RowId, body: PinIn, deed: Deed) -> FrameDetailOut:
+    """Make a stored ground solution the frame's operational one: what pages, comparisons and exports call the ground result."""
+    deed(f"frame {frame_id}: operational ground result is solution {body.solution_id}")
+    app.frames.pin(frame_id, body.solution_id, user=user)
+    return present.frames.frame_detail(app.frames.detail(frame_id))

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
 
 
 class AttitudeOut(Out):
@@ -21,7 +21,9 @@ class AttitudeOut(Out):
 
 
 class FrameOut(Out):
-    """One frame in the store. ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
+    """One frame in the store, with its operational ground result (``verdict`` to ``attitude``).
+
+    ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
     columns, rows) with real pixels where only a part was asked for, empty otherwise."""
 
     id: int
@@ -46,6 +48,7 @@ class FrameOut(Out):
     verdict: str | None
     outcome: str | None
     chain: str | None
+    camera_name: str | None
     matched: int | None
     centroids: int | None
     attitude: AttitudeOut | None
@@ -111,7 +114,8 @@ class GridLineOut(Out):
 
 
 class SolutionOut(Out):
-    """One chain's (or the device's) result on one frame."""
+    """One chain's (or the device's) result on one frame. ``camera_name``: camera profile that was assumed, "field of view" or
+    "blind"; empty where an older version stored it. ``operational``: this is the frame's ground result wherever one is shown."""
 
     id: int
     frame_id: int
@@ -135,6 +139,8 @@ class SolutionOut(Out):
     error_roll_arcsec: float | None
     replay: str | None
     notes: list[str]
+    camera_name: str
+    operational: bool
 
 
 class CameraOut(Out):
@@ -206,6 +212,12 @@ class SolveIn(In):
     aberration: bool | None = Field(
         default=None, description="take the Earth's motion out; without: where the frame's time is known"
     )
+
+
+class PinIn(In):
+    """Which stored solution of the frame becomes its operational ground result."""
+
+    solution_id: int = Field(ge=1, le=LARGEST_ID)
 
 
 class DownloadIn(In):

@@ -48,6 +48,7 @@ OPERATOR = (
 MANAGER = ("command.catalogue", "authority.take", *CATALOGUES, "tables", "jobs.cancel")
 ENGINEER = (
     *FRAMES,
+    "frames.pin",
     "calibrate",
     "analyse",
     "campaigns",

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.domain.errors import GssError, NotFound
+from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.profiles import profile
-from gss.domain.results import Outcome, SolveResult
+from gss.domain.results import SolveResult
 from gss.domain.stars import StarTable
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
@@ -39,7 +39,7 @@ TELL_EVERY_SKIPPED = 100
 
 @dataclass(frozen=True)
 class FrameDetail:
-    """A frame with its solutions, newest first, and the two that are compared."""
+    """A frame with its solutions, newest first, and the two that are compared: ``ground`` is the operational one."""
 
     frame: Frame
     solutions: list[Solution]
@@ -174,10 +174,10 @@ class FrameService:
         return data.reshape(frame.rows, frame.columns)
 
     def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
-        """Total and one page of frames with their newest ground solution."""
+        """Total and one page of frames with their operational ground solution."""
         with self._database.unit_of_work() as session:
             total, frames = store.page(session, limit, offset, **filters)
-            solutions = store.newest_solutions(session, [f.id for f in frames], "ground")
+            solutions = store.operational_solutions(session, [f.id for f in frames])
         return total, [(frame, solutions.get(frame.id)) for frame in frames]
 
     def modes(self) -> list[str]:
@@ -186,9 +186,9 @@ class FrameService:
             return store.modes(session)
 
     def with_solution(self, frame: Frame) -> tuple[Frame, Solution | None]:
-        """A frame with its newest ground solution."""
+        """A frame with its operational ground solution."""
         with self._database.unit_of_work() as session:
-            return frame, store.newest_solution(session, frame.id, "ground")
+            return frame, store.operational_solutions(session, [frame.id]).get(frame.id)
 
     def detail(self, frame_id: int) -> FrameDetail:
         """A frame with everything that was made of it."""
@@ -196,11 +196,10 @@ class FrameService:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
         on_board = next((s for s in solutions if s.origin == "on board"), None)
-        ground = [s for s in solutions if s.origin == "ground" and s.replay is None and s.camera]
-        best = next((s for s in ground if s.outcome == Outcome.SOLVED), ground[0] if ground else None)
+        ground = next((s for s in solutions if s.operational), None)
         for row in solutions:
             row.detail = with_overlays(row, self._stars, frame.profile)
-        return FrameDetail(frame, solutions, on_board, best)
+        return FrameDetail(frame, solutions, on_board, ground)
 
     def solution(self, solution_id: int) -> Solution:
         """The solution of that id."""
@@ -213,11 +212,34 @@ class FrameService:
     # --- solving ------------------------------------------------------------------------------------------------
 
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
-        """Run a chain on a stored frame and keep the result."""
+        """Run a chain on a stored frame and store the result. It becomes the operational one only where the frame has none and it
+        is from the configured chain with the frame's camera."""
         frame = self.get(frame_id)
         with self._few_solves:
             result = self._solver.solve(self.pixels(frame), request)
-        return self._keep(frame, result, "ground")
+        return self._store(self._row(frame, result, "ground", request.camera_name))
+
+    def pin(self, frame_id: int, solution_id: int, *, user: str) -> Solution:
+        """Make a stored ground solution the operational one of its frame; BadInput where it cannot be."""
+        with self._database.unit_of_work() as session:
+            row = store.get_solution(session, solution_id)
+            before = store.operational_solutions(session, [frame_id]).get(frame_id)
+        if row.frame_id != frame_id or row.origin != "ground" or row.replay is not None or not row.camera:
+            raise BadInput(
+                "this solution cannot be the operational result",
+                expected=f"a solution of frame {frame_id} made on the ground, not a rerun of the sensor's own chain",
+                got=f"solution {row.id} of frame {row.frame_id}, {row.origin}, chain {row.chain}",
+            )
+        with self._database.unit_of_work() as session:
+            store.pin(session, frame_id, solution_id)
+        old = "none" if before is None else f"solution {before.id}, chain {before.chain}"
+        text = (
+            f"frame {frame_id}: operational ground result is solution {row.id}, chain {row.chain}; was {old}; by {user}"
+        )
+        self._bus.record("solution", "watch", text, frame_id=frame_id, solution_id=row.id)
+        row = self.solution(solution_id)
+        self._bus.publish("solution", row)
+        return row
 
     def waiting(self) -> int:
         """Frames that wait to be solved."""
@@ -264,7 +286,7 @@ class FrameService:
             old = store.newest_solution(session, frame.id, "on board")
             if old is not None:
                 session.delete(old)
-        row = self._row(frame, result, "on board")
+        row = self._row(frame, result, "on board", known.name)
         row.detail = row.detail | {"told": told_of(record, frame)}
         return self._store(row)
 
@@ -278,18 +300,16 @@ class FrameService:
 
     def keep_replay(self, frame: Frame, result: SolveResult, text: str) -> Solution:
         """Keep the ground's rerun of the on-board chain with how it compares."""
-        return self._keep(frame, result, "ground", replay=text)
-
-    def _keep(self, frame: Frame, result: SolveResult, origin: str, replay: str | None = None) -> Solution:
-        row = self._row(frame, result, origin)
-        row.replay = replay
+        row = self._row(frame, result, "ground", frame.profile or "")
+        row.replay = text
         return self._store(row)
 
-    def _row(self, frame: Frame, result: SolveResult, origin: str) -> Solution:
-        return solution_row(frame, result, self._stars, origin, self._now())
+    def _row(self, frame: Frame, result: SolveResult, origin: str, camera_name: str) -> Solution:
+        return solution_row(frame, result, self._stars, origin, self._now(), camera_name)
 
     def _store(self, row: Solution) -> Solution:
         with self._database.unit_of_work() as session:
             store.add_solution(session, row)
+            store.pin_missing(session, [row.frame_id], self._chain)
         self._bus.publish("solution", row)
         return row

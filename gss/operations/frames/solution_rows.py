@@ -92,12 +92,14 @@ def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTa
     return values
 
 
-def solution_row(frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime) -> Solution:
+def solution_row(
+    frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime, camera_name: str
+) -> Solution:
     """A new row for a frame."""
     from gss.store.models import Solution
 
     values = solution_values(result, stars, frame.profile, frame.truth)
-    return Solution(frame_id=frame.id, origin=origin, created=created, **values)
+    return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 
 def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> dict[str, Any]:

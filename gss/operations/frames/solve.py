@@ -14,7 +14,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.profiles import CameraProfile, profile
-from gss.domain.results import SolveResult
+from gss.domain.results import BLIND, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.operations.clock import Monotonic
 from gss.operations.frames.observer import Observer
@@ -70,6 +70,15 @@ class SolveRequest:
     fast: bool | None = None
     options: tuple[tuple[str, str], ...] = ()
     started: Started | None = None
+
+    @property
+    def camera_name(self) -> str:
+        """How the camera is known, as solutions store it: name of the profile, "field of view", "geometry" or "blind"."""
+        if self.profile is not None:
+            return self.profile
+        if self.known is not None:
+            return self.known.name
+        return "geometry" if self.camera else "field of view" if self.fov_rad is not None else BLIND
 
 
 class Solver:

@@ -71,7 +71,8 @@ class Done:
 
 
 class ReprocessService:
-    """Starts reprocessing jobs."""
+    """Starts reprocessing jobs. Their results are stored beside the operational ground result of each frame; they become it only
+    for frames that have none, with ``operational_chain`` and the frame's camera."""
 
     def __init__(
         self,
@@ -81,10 +82,12 @@ class ReprocessService:
         now: Now,
         epoch_jyear: float,
         executor: Executor,
+        operational_chain: str,
         profiles: Callable[[], Mapping[str, CameraProfile]] = dict,
     ) -> None:
         self._database, self._blobs_url, self._jobs, self._now = database, blobs_url, jobs, now
         self._epoch_jyear, self._profiles, self._executor = epoch_jyear, profiles, executor
+        self._operational_chain = operational_chain
         jobs.resumable(KIND, self._resume)
 
     def start(self, wanted: Reprocessing, *, user: str, **filters: Any) -> Job:
@@ -178,6 +181,7 @@ class ReprocessService:
         common = {"origin": "ground", "created": self._now()}
         with self._database.unit_of_work() as session:
             store.add_solutions(session, [common | row for row in rows])
+            store.pin_missing(session, [row["frame_id"] for row in rows], self._operational_chain)
             if keep is not None:
                 keep(vars(done) | {}, session)
 

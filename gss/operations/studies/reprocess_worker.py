@@ -104,4 +104,4 @@ def _run(kept: _Kept, order: Order, task: Task) -> dict[str, Any]:
             "reason": str(error)
         }
     values = solution_values(result, kept.stars, task.profile, task.truth, drawn=False)
-    return {"frame_id": task.frame_id} | values
+    return {"frame_id": task.frame_id, "camera_name": request.camera_name} | values

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy import ForeignKey, Index, String, Text, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
@@ -42,9 +42,20 @@ class Frame(Base):
 
 
 class Solution(Base):
-    """One result on one frame. ``detail`` holds what the overlays draw."""
+    """One result on one frame. ``detail`` holds what the overlays draw. ``operational``: the frame's ground result wherever one is
+    shown; at most one per frame. ``camera_name``: camera profile that was assumed, "field of view" or "blind"; empty in rows
+    written before version 0007 of the schema."""
 
     __tablename__ = "solutions"
+    __table_args__ = (
+        Index(
+            "ix_solutions_operational",
+            "frame_id",
+            unique=True,
+            sqlite_where=text("operational"),
+            postgresql_where=text("operational"),
+        ),
+    )
     id: Mapped[int] = mapped_column(primary_key=True)
     frame_id: Mapped[int] = mapped_column(ForeignKey("frames.id"), index=True)
     origin: Mapped[str] = mapped_column(String(10))
@@ -68,4 +79,6 @@ class Solution(Base):
     replay: Mapped[str | None] = mapped_column(Text)
     camera: Mapped[dict[str, Any]] = mapped_column(default=dict)
     notes: Mapped[list[Any]] = mapped_column(default=list)
+    camera_name: Mapped[str] = mapped_column(String(40), default="", server_default="")
+    operational: Mapped[bool] = mapped_column(default=False, server_default=false())
     detail: Mapped[dict[str, Any]] = mapped_column(default=dict)

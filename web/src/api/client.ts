@@ -137,6 +137,7 @@ export const api = {
   raw,
   histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
   solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),
+  pin: (id: number, solutionId: number) => send<T.FrameDetail>('PUT', `/frames/${id}/operational`, { solution_id: solutionId }),
   solution: (id: number, signal?: AbortSignal) => get<T.SolutionDetail>(`/solutions/${id}`, signal),
   importFrame: (file: File, profile: string) => {
     const form = new FormData();

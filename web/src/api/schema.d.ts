@@ -1539,7 +1539,7 @@ export interface paths {
         };
         /**
          * List Frames
-         * @description Newest first, taken from ``start`` to before ``end``; outcome and stars are those of the newest ground result.
+         * @description Newest first, taken from ``start`` to before ``end``; outcome and stars: of the operational ground result.
          */
         get: operations["list_frames_api_frames_get"];
         put?: never;
@@ -1739,7 +1739,7 @@ export interface paths {
         };
         /**
          * Fits File
-         * @description FITS with the WCS of the best ground solution.
+         * @description FITS with the WCS of the operational ground solution.
          */
         get: operations["fits_file_api_frames__frame_id__file_fits_get"];
         put?: never;
@@ -1822,9 +1822,31 @@ export interface paths {
         put?: never;
         /**
          * Solve Frame
-         * @description Run a chain. Without a way to know the camera the frame's own profile is taken, else the solver goes blind.
+         * @description Run a chain and store its result beside the operational one.
+         *
+         *     Without a way to know the camera the frame's own profile is taken, else the solver goes blind.
          */
         post: operations["solve_frame_api_frames__frame_id__solve_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/frames/{frame_id}/operational": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        /**
+         * Pin Solution
+         * @description Make a stored ground solution the frame's operational one: what pages, comparisons and exports call the ground result.
+         */
+        put: operations["pin_solution_api_frames__frame_id__operational_put"];
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -5819,6 +5841,8 @@ export interface components {
             outcome: string | null;
             /** Chain */
             chain: string | null;
+            /** Camera Name */
+            camera_name: string | null;
             /** Matched */
             matched: number | null;
             /** Centroids */
@@ -5837,7 +5861,9 @@ export interface components {
         };
         /**
          * FrameOut
-         * @description One frame in the store. ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
+         * @description One frame in the store, with its operational ground result (``verdict`` to ``attitude``).
+         *
+         *     ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
          *     columns, rows) with real pixels where only a part was asked for, empty otherwise.
          */
         FrameOut: {
@@ -5896,6 +5922,8 @@ export interface components {
             outcome: string | null;
             /** Chain */
             chain: string | null;
+            /** Camera Name */
+            camera_name: string | null;
             /** Matched */
             matched: number | null;
             /** Centroids */
@@ -6544,6 +6572,14 @@ export interface components {
             png: string;
             /** Note */
             note: string;
+        };
+        /**
+         * PinIn
+         * @description Which stored solution of the frame becomes its operational ground result.
+         */
+        PinIn: {
+            /** Solution Id */
+            solution_id: number;
         };
         /**
          * PixelsOut
@@ -7500,6 +7536,10 @@ export interface components {
             replay: string | null;
             /** Notes */
             notes: string[];
+            /** Camera Name */
+            camera_name: string;
+            /** Operational */
+            operational: boolean;
             turning: components["schemas"]["TurningOut"] | null;
             /** Aberration Arcsec */
             aberration_arcsec: number | null;
@@ -7529,7 +7569,8 @@ export interface components {
         };
         /**
          * SolutionOut
-         * @description One chain's (or the device's) result on one frame.
+         * @description One chain's (or the device's) result on one frame. ``camera_name``: camera profile that was assumed, "field of view" or
+         *     "blind"; empty where an older version stored it. ``operational``: this is the frame's ground result wherever one is shown.
          */
         SolutionOut: {
             /** Id */
@@ -7586,6 +7627,10 @@ export interface components {
             replay: string | null;
             /** Notes */
             notes: string[];
+            /** Camera Name */
+            camera_name: string;
+            /** Operational */
+            operational: boolean;
         };
         /**
          * SolveIn
@@ -19774,6 +19819,122 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["SolutionDetailOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unauthorized */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Length Required */
+            411: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Request Entity Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Too Many Requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    pin_solution_api_frames__frame_id__operational_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                frame_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PinIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FrameDetailOut"];
                 };
             };
             /** @description Bad Request */

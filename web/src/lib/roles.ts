@@ -17,6 +17,7 @@ export const WORDS: Record<string, [string, readonly string[]]> = {
   'frames.import': ['importing images', ['engineer']],
   'frames.transfer': ['moving frames to and from the device', ['operator', 'engineer']],
   'frames.solve': ['running a chain on a frame', ['operator', 'engineer']],
+  'frames.pin': ['choosing the operational ground result', ['engineer']],
   'catalogues.build': ['building catalogues', ['catalogue manager']],
   'catalogues.upload': ['uploading catalogues', ['operator', 'catalogue manager']],
   tables: ['changing tables', ['operator', 'catalogue manager', 'engineer']],

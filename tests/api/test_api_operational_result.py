@@ -1,0 +1,158 @@
+"""The operational ground result of a frame: from the configured chain and the frame's camera, whatever else is run beside it."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from PIL import Image
+
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.domain.frames import cam_from_icrs
+from gss.domain.profiles import profile
+from gss.pipeline.render import render
+from gss.settings import Settings
+from gss.wiring import Services, build
+
+CHAIN = "oersted"
+PHOTOGRAPH = 4
+"""The last frame is imported without a camera."""
+
+
+def rendered(seed: int) -> bytes:
+    """A PNG of stars as the cubestar camera shows them."""
+    known, rng = profile("cubestar"), np.random.default_rng(seed)
+    stars = propagate(load_stars(known.sensor.faint_limit_mag + 0.5), 2026.5)
+    pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
+    out = io.BytesIO()
+    Image.fromarray(render(stars, known.camera, known.sensor, pose, 0.25, rng).pixels).save(out, "PNG")
+    return out.getvalue()
+
+
+def until(ready: Callable[[], bool]) -> None:
+    """Wait until it is so."""
+    for _ in range(1200):
+        if ready():
+            return
+        time.sleep(0.1)
+    pytest.fail("nothing happened")
+
+
+@pytest.fixture(scope="module")
+def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
+    """A server on an empty store."""
+    return build(Settings(data=tmp_path_factory.mktemp("operational")))
+
+
+@pytest.fixture(scope="module")
+def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator[TestClient]:
+    """Its store holds three frames of a known camera and one of an unknown camera, all solved at import."""
+    with client_of(services) as client:
+        for k in range(1, PHOTOGRAPH + 1):
+            data = {} if k == PHOTOGRAPH else {"profile": "cubestar"}
+            answer = client.post("/api/frames/import", files={"file": (f"{k}.png", rendered(20 + k))}, data=data)
+            assert answer.status_code == 201, answer.text
+        until(lambda: all(f["outcome"] for f in client.get("/api/frames").json()["frames"]))
+        yield client
+
+
+def ground(client: TestClient) -> dict[int, dict[str, Any]]:
+    """What the list, the frame's page and its FITS file say of the ground result, by frame."""
+    shown = {}
+    for row in client.get("/api/frames").json()["frames"]:
+        detail = client.get(f"/api/frames/{row['id']}").json()
+        names = ("outcome", "chain", "matched", "centroids", "attitude")
+        fits = client.get(f"/api/frames/{row['id']}/file.fits").content
+        shown[row["id"]] = {
+            "list": {name: row[name] for name in names},
+            "detail": {name: detail[name] for name in names},
+            "ground": detail["ground"],
+            "fits": fits,
+        }
+    return shown
+
+
+def ran(client: TestClient, job: Any) -> None:
+    """The job has ended well."""
+    assert job.status_code == 201, job.text
+    path = f"/api/jobs/{job.json()['id']}"
+    until(lambda: client.get(path).json()["finished"] is not None)
+    assert client.get(path).json()["state"] == "done", client.get(path).json()
+
+
+def test_a_campaign_with_another_chain_leaves_the_ground_result(client: TestClient) -> None:
+    """Every frame keeps the result of the configured chain in list, detail, filters and export; the campaign's is beside it."""
+    before = ground(client)
+    assert {v["list"]["outcome"] for v in before.values()} == {"solved"}
+    ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN}))
+    assert ground(client) == before
+    assert client.get("/api/frames?outcome=solved").json()["total"] == PHOTOGRAPH
+    for frame_id in before:
+        beside = [s for s in client.get(f"/api/frames/{frame_id}").json()["solutions"] if s["chain"] == CHAIN]
+        assert [s["operational"] for s in beside] == [False]
+
+
+def test_a_run_by_hand_and_the_same_chain_again_leave_it_too(client: TestClient) -> None:
+    """Another chain, another camera, and even the configured chain once more are stored beside the operational result."""
+    before = ground(client)
+    for body in ({"chain": "cubestar"}, {"fov_deg": 30.0}, {"blind": True}, {}):
+        assert client.post("/api/frames/1/solve", json=body).status_code == 201
+    ran(client, client.post("/api/campaigns/reprocess", json={"chain": "reference", "again": True}))
+    assert ground(client) == before
+
+
+def test_the_page_is_told_chain_and_camera(client: TestClient) -> None:
+    """The ground result says which chain and which camera it is from; an unknown camera is said to be solved blind."""
+    shown = {row["id"]: (row["chain"], row["camera_name"]) for row in client.get("/api/frames").json()["frames"]}
+    assert shown == dict.fromkeys(range(1, PHOTOGRAPH), ("reference", "cubestar")) | {PHOTOGRAPH: ("reference", "blind")}
+    assert client.get("/api/frames/1").json()["ground"]["camera_name"] == "cubestar"
+
+
+def test_an_engineer_pins_another_result(client: TestClient, services: Services, client_of: Any) -> None:
+    """A deliberate act changes the result of one frame, is audited, can be taken back, and is not an operator's."""
+    before = ground(client)
+    detail = client.get("/api/frames/2").json()
+    other = next(s for s in detail["solutions"] if s["chain"] == CHAIN)
+    path, body = "/api/frames/2/operational", {"solution_id": other["id"]}
+    assert client_of(services, "olga", "operator").put(path, json=body).status_code == 403
+    assert ground(client) == before
+    assert client_of(services, "emil", "engineer").put(path, json=body).json()["chain"] == CHAIN
+    after = ground(client)
+    assert {k for k in after if after[k] != before[k]} == {2}
+    assert [s["id"] for s in client.get("/api/frames/2").json()["solutions"] if s["operational"]] == [other["id"]]
+    rows = client.get("/api/audit?limit=20").json()
+    assert any(row["who"] == "emil" and str(other["id"]) in row["detail"] for row in rows), rows
+    first = before[2]["ground"]["id"]
+    assert client.put(path, json={"solution_id": first}).status_code == 200
+    assert ground(client) == before
+
+
+def test_what_cannot_be_the_ground_result_is_refused(client: TestClient) -> None:
+    """A result of another frame, and one that does not exist."""
+    other = client.get("/api/frames/3").json()["ground"]["id"]
+    wrong = client.put("/api/frames/2/operational", json={"solution_id": other})
+    assert (wrong.status_code, "frame 3" in wrong.json()["got"]) == (400, True), wrong.text
+    assert client.put("/api/frames/2/operational", json={"solution_id": 999999}).status_code == 404
+
+
+def test_a_frame_that_was_not_solved_when_it_came_gets_its_result_from_a_campaign(
+    client: TestClient, services: Services
+) -> None:
+    """The configured chain with the frame's camera fills an empty place; another chain or another camera does not."""
+    row = services.frames.get(1)
+    skipped = {"source": "import", "name": "skipped", "profile": "cubestar"}
+    known = {name: getattr(row, name) for name in ("bits", "exposure_s", "taken")}
+    frame = services.frames._add(services.frames.pixels(row), **skipped, **known)
+    ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN, "frame_ids": [frame.id]}))
+    assert client.post(f"/api/frames/{frame.id}/solve", json={"blind": True}).status_code == 201
+    assert client.get(f"/api/frames/{frame.id}").json()["ground"] is None
+    assert client.get("/api/frames?outcome=unsolved").json()["total"] == 1
+    again = {"chain": "reference", "frame_ids": [frame.id], "again": True}
+    ran(client, client.post("/api/campaigns/reprocess", json=again))
+    found = client.get(f"/api/frames/{frame.id}").json()["ground"]
+    assert (found["chain"], found["camera_name"], found["outcome"]) == ("reference", "cubestar", "solved")
