@@ -90,6 +90,18 @@ class Settings(BaseSettings):
     disk_stop_mb: int = Field(
         default=256, ge=0, description="Free space below which imports, downloads, builds and backups are refused."
     )
+    retention_pause_days: float = Field(
+        default=30,
+        gt=0,
+        le=3650,
+        description="Retention and rotation of backups pause where the clock is further ahead of the last trusted time.",
+    )
+    retention_share_percent: float = Field(
+        default=20,
+        ge=1,
+        le=100,
+        description="A removal of a larger part of the frames, packets or events waits for a person to confirm it.",
+    )
     catalogue_watch_days: float = Field(
         default=5.0, ge=0, le=366, description="Days before the active catalogue expires at which the alarm begins."
     )

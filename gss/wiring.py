@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import timedelta
 from typing import Any
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
@@ -72,12 +73,14 @@ from gss.operations.transfers.transfers import TransferService
 from gss.operations.transfers.uploaded_images import UploadedImages
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.check_store import CheckStoreService
+from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard, DiskWatch
 from gss.operations.upkeep.health import HealthService
 from gss.operations.upkeep.metrics import Metrics
 from gss.operations.upkeep.page_check import PageCheck
 from gss.operations.upkeep.retention import DailyRetention, RetentionService
+from gss.operations.upkeep.retention_watch import RetentionWatch
 from gss.operations.upkeep.upkeep import Upkeep
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
@@ -185,13 +188,16 @@ def make_upkeep(
     frames: FrameService,
     jobs: JobService,
     disk: DiskGuard,
+    trust: ClockTrust,
 ) -> Upkeep:
     """Disk, retention, backups, checks, health and figures."""
     captures, lock = settings.data / "captures", settings.data / "upkeep.lock"
     clocks = ClockWatch(bus, utc_now, monotonic_s)
-    retention = RetentionService(database, blobs, jobs, bus, link, lock, utc_now)
+    share = settings.retention_share_percent / 100
+    retention = RetentionService(database, blobs, jobs, bus, link, lock, utc_now, trust, share)
     folder = settings.backups_folder
-    backups = BackupService(database, settings.database_url, blobs, captures, folder, lock, disk, jobs, bus, utc_now)
+    url = settings.database_url
+    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, utc_now, trust)
     check = CheckStoreService(database, blobs, captures, jobs)
     health = HealthService(
         database, disk, captures, link, telemetry, frames, jobs, backups, clocks, utc_now, monotonic_s
@@ -200,7 +206,7 @@ def make_upkeep(
     metrics.collect.append(health.samples)
     pages = PageCheck(database, bus)
     health.pages = lambda: pages.state
-    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks, pages)
+    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks, trust, pages)
 
 
 def build(settings: Settings, *, ready: bool = False) -> Services:
@@ -212,6 +218,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     database = Database(open_engine(settings.database_url))
     blobs = BlobStore(settings.blobs_url)
     bus = EventBus(database, utc_now)
+    trust = ClockTrust(database, bus, utc_now, timedelta(days=settings.retention_pause_days))
+    if not ready:
+        trust.start()
     stars = load_stars()
     dictionary = load_dictionary()
     retention = Retention(settings.capture_file_mb << 20, settings.capture_keep_mb << 20)
@@ -305,7 +314,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     viewer = RerunViewer(settings.data / "rerun-viewer")
     place = PlaceService(dictionary, database, bank_history, schedule.clock)
     recordings = Recordings(database, frames, stars, place.at)
-    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs, disk)
+    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs, disk, trust)
     upkeep.metrics.collect += [writer.samples, dispatcher.samples]
     upkeep.health.drops.append(lambda: ("line events", events.dropped))
     frames.room = disk.check
@@ -315,7 +324,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     status.tickers += [
         link.watch,
         DiskWatch(upkeep.disk, alarms, link, telemetry).tick,
-        DailyRetention(upkeep.retention, upkeep.clocks, utc_now).tick,
+        RetentionWatch(trust, upkeep.retention, alarms).tick,
+        DailyRetention(upkeep.retention, upkeep.clocks, trust, utc_now).tick,
     ]
     return Services(
         settings,

@@ -98,6 +98,10 @@ def register(subparsers: Commands) -> None:
     p = subparsers.add_parser("retention")
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument("--run", action="store_true", dest="now", help="remove it now; the server must be stopped")
+    p.add_argument("--confirm", action="store_true", help="with --run: also where the removal is unusually large")
+    p.add_argument(
+        "--confirm-clock", action="store_true", help="this machine's date and time were checked and are right"
+    )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=retention)
 
@@ -122,7 +126,10 @@ def backup(arguments: argparse.Namespace) -> int:
     service = services.upkeep.backups if arguments.to is None else services.upkeep.backups.at(arguments.to.resolve())
     services.upkeep.disk.check("a backup", service.needed_bytes())
     made = service.make(_tell)
-    removed = service.prune(arguments.keep) if arguments.keep else []
+    removed = service.prune(arguments.keep, made.name) if arguments.keep else []
+    doubt = services.upkeep.trust.state().doubt
+    if arguments.keep and doubt:
+        print(f"old backups were not removed: the server's clock is {doubt} (gss retention)", file=sys.stderr)
     services.database.close()
     if arguments.json:
         facts = {"name": made.name, "folder": str(service.folder / made.name), "bytes": made.total_bytes}
@@ -166,13 +173,19 @@ def retention(arguments: argparse.Namespace) -> int:
 
     from gss.cli.records import services_of
     from gss.operations.folder_lock import folder_lock
+    from gss.operations.upkeep.removal import confirmation
 
     services = services_of(arguments)
+    if arguments.confirm_clock:
+        services.upkeep.trust.confirm(services.upkeep.trust.state().now, user="the shell")
+    clock, waiting = services.upkeep.trust.state(), services.upkeep.retention.waiting()
     policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast()
-    facts = {"policy": asdict(policy), "forecast": asdict(forecast)}
+    removal = services.upkeep.retention.preview(policy)
+    facts = {"policy": asdict(policy), "forecast": asdict(forecast), "clock": asdict(clock), "preview": asdict(removal)}
     if arguments.now:
         with folder_lock(services.settings.data):
-            job = services.upkeep.retention.run(user="the shell")
+            confirmed = confirmation(removal) if arguments.confirm else None
+            job = services.upkeep.retention.run(user="the shell", confirmed=confirmed)
             services.jobs.finish()
             facts["removed"] = services.jobs.get(job.id).result.get("removed", {})
     services.database.close()
@@ -181,6 +194,12 @@ def retention(arguments: argparse.Namespace) -> int:
         return 0
     _print_rows(_POLICY_ROWS, facts["policy"])
     _print_rows(_FORECAST_ROWS, facts["forecast"])
+    if clock.doubt:
+        print(
+            f"The clock is {clock.doubt}: nothing is deleted. Check date and time, then run: gss retention --confirm-clock"
+        )
+    if removal.unusual or waiting:
+        print(f"Waits for confirmation: would remove {removal.unusual or waiting}. Check it, then use --run --confirm.")
     if arguments.now:
         _print_rows(_REMOVED_ROWS, facts["removed"])
     return 0

@@ -14,10 +14,12 @@ from gss.store.models import (
     Alarm,
     Analysis,
     ApiToken,
+    AuditRow,
     Base,
     Calibration,
     Catalogue,
     Command,
+    Contact,
     DeviceTable,
     Event,
     Frame,
@@ -126,6 +128,45 @@ def _numbers(values: Iterable[Any]) -> Iterator[int]:
 def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> None:
     """Say of these frames that their pixels have gone; everything else of them stays."""
     session.execute(update(Frame).where(Frame.id.in_(frame_ids)).values(pixels_removed=at))
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """How much is stored of frames (with pixels), frames_bytes, packets and events; ``arrived``: of it since the last removal."""
+
+    held: dict[str, int]
+    arrived: dict[str, int]
+
+
+def amounts(session: Session, last: datetime | None) -> Amounts:
+    """Stored amounts by kind. ``last``: the last removal; None: nothing counts as arrived since."""
+    return Amounts(_amounts(session, None), _amounts(session, last) if last else dict.fromkeys(AMOUNTS, 0))
+
+
+AMOUNTS = ("frames", "frames_bytes", "packets", "events")
+
+
+def _amounts(session: Session, since: datetime | None) -> dict[str, int]:
+    events = select(func.count()).select_from(Event)
+    if since is not None:
+        events = events.where(Event.at >= since)
+    values = (*pixel_bytes(session, since), count_packets(session, since=since), session.scalar(events) or 0)
+    return dict(zip(AMOUNTS, values, strict=True))
+
+
+def newest_row(session: Session) -> datetime | None:
+    """Time of the newest of the rows that were stored last, of everything that is received or recorded; None in an empty store."""
+    columns = (
+        (Event.at, Event.seq),
+        (TelemetryPacket.received, TelemetryPacket.id),
+        (Frame.received, Frame.id),
+        (Command.created, Command.id),
+        (AuditRow.at, AuditRow.seq),
+        (Contact.started, Contact.id),
+        (Job.created, Job.id),
+    )
+    found = [session.scalar(select(moment).order_by(key.desc()).limit(1)) for moment, key in columns]
+    return max((moment for moment in found if moment is not None), default=None)
 
 
 def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:

@@ -109,7 +109,9 @@ def test_a_run_by_hand_and_the_same_chain_again_leave_it_too(client: TestClient)
 def test_the_page_is_told_chain_and_camera(client: TestClient) -> None:
     """The ground result says which chain and which camera it is from; an unknown camera is said to be solved blind."""
     shown = {row["id"]: (row["chain"], row["camera_name"]) for row in client.get("/api/frames").json()["frames"]}
-    assert shown == dict.fromkeys(range(1, PHOTOGRAPH), ("reference", "cubestar")) | {PHOTOGRAPH: ("reference", "blind")}
+    assert shown == dict.fromkeys(range(1, PHOTOGRAPH), ("reference", "cubestar")) | {
+        PHOTOGRAPH: ("reference", "blind")
+    }
     assert client.get("/api/frames/1").json()["ground"]["camera_name"] == "cubestar"
 
 

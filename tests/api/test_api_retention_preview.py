@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
+from sqlalchemy import func, select
+
+from gss.store.models import Event
+
 
 def test_a_preview_counts_and_changes_nothing(client):
     """With lines of the record a moment old allowed to go, they are counted; the policy in force stays, and so do the lines."""
     before = client.get("/api/admin/retention").json()
     harmless = client.post("/api/admin/retention/preview", json={})
     assert harmless.status_code == 200, harmless.text
-    assert set(harmless.json().values()) == {0}
+    assert {harmless.json()[name] for name in ("frames", "frames_bytes", "packets", "to_thin", "events")} == {0}
+    assert harmless.json()["unusual"] == ""
     app = client.app.state.services
     app.bus.record("test", "ok", "a line to count")
     told = client.post("/api/admin/retention/preview", json={"events_days": 1e-9, "keep_frames": 0}).json()
@@ -22,3 +29,47 @@ def test_a_preview_refuses_what_could_not_be_chosen(client):
     wrong = client.post("/api/admin/retention/preview", json={"telemetry_days": 1, "telemetry_thin_days": 2})
     assert wrong.status_code == 400
     assert "thinned" in wrong.json()["message"]
+
+
+def test_the_clock_is_confirmed_by_an_admin_only(client, client_of):
+    """In doubt the page says why and a removal is refused; only the permission of retention confirms, and it is audited."""
+    app = client.app.state.services
+    now = app.upkeep.trust.state().now
+    app.upkeep.trust._keep(now - timedelta(days=3652), "test")
+    found = client.get("/api/admin/retention").json()["clock"]
+    assert "3652 days ahead" in found["doubt"]
+    refused = client.post("/api/admin/retention/run")
+    assert (refused.status_code, "clock is in doubt" in refused.json()["message"]) == (409, True), refused.text
+    path, body = "/api/admin/retention/confirm-clock", {"seen": found["now"]}
+    for role in ("viewer", "operator", "engineer", "catalogue manager"):
+        assert client_of(app, f"a {role}", role).post(path, json=body).status_code == 403
+    assert client.post(path, json={"seen": "2036-01-01T00:00:00Z"}).status_code == 400
+    assert client.get("/api/admin/retention").json()["clock"]["doubt"]
+    assert client.post(path, json=body).json()["clock"]["doubt"] == ""
+    rows = client.get("/api/audit?limit=20").json()
+    assert any(
+        row["who"] == "ann" and "3652 days ahead" in row["detail"] and row["result"] == "done" for row in rows
+    ), rows
+
+
+def test_an_unusual_removal_is_run_with_the_confirmed_preview(client):
+    """Thousands of lines of the record that are all older than the policy: 409 without, a job with what the preview said."""
+    app = client.app.state.services
+    old = app.upkeep.trust.state().now - timedelta(days=40)
+    with app.database.unit_of_work() as session:
+        first = session.scalar(select(func.min(Event.seq)))
+        session.add_all(
+            Event(seq=first - k, at=old, kind="t", severity="ok", text="old", data={}) for k in range(1, 2101)
+        )
+    assert client.put("/api/admin/retention", json={"events_days": 30.0}).status_code == 200
+    preview = client.post("/api/admin/retention/preview", json={"events_days": 30.0}).json()
+    assert "2100 of" in preview["unusual"], preview
+    refused = client.post("/api/admin/retention/run")
+    assert (refused.status_code, "2100 of" in refused.json()["got"]) == (409, True), refused.text
+    confirmed = {name: preview[name] for name in ("at", "frames", "frames_bytes", "packets", "to_thin", "events")}
+    fewer = client.post("/api/admin/retention/run", json={"confirmed": confirmed | {"events": 2000}})
+    assert (fewer.status_code, "more would be removed" in fewer.json()["message"]) == (409, True), fewer.text
+    job = client.post("/api/admin/retention/run", json={"confirmed": confirmed})
+    assert job.status_code == 202, job.text
+    app.jobs.finish()
+    assert client.get(f"/api/jobs/{job.json()['id']}").json()["result"]["removed"]["events"] == 2100

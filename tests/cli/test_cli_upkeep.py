@@ -31,11 +31,19 @@ def folder(tmp_path):
 
 
 def test_what_the_shell_backs_up_it_puts_back_and_finds_whole(folder, tmp_path, capsys):
-    """The way of docs/upkeep.md; a second backup with --keep 1 takes the first one away; a full folder is refused."""
+    """The way of docs/upkeep.md; a backup with --keep 1 removes those before, but not while the clock, months after the last
+    row, is unconfirmed; a full folder is refused."""
+    backup = ["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--keep", "1", "--json"]
     for _ in range(2):
-        assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--keep", "1", "--json"]) == 0
+        assert main(backup) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["removed"] == []
+    assert "old backups were not removed: the server's clock is" in said.err
+    assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
+    capsys.readouterr()
+    assert main(backup) == 0
     made = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (made["files"], len(made["removed"])) == (1, 1)
+    assert (made["files"], len(made["removed"])) == (1, 2)
     assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 0
     assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
     assert "writes over nothing" in capsys.readouterr().err
@@ -49,10 +57,14 @@ def test_what_the_shell_backs_up_it_puts_back_and_finds_whole(folder, tmp_path, 
 
 
 def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp_path, capsys):
-    """Without --run nothing goes; with it what the policy lets go."""
+    """Without --run nothing goes, nor while the clock is in doubt; once it is confirmed, what the policy lets go."""
     assert main(["retention", "--data", str(folder), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["policy"]["frames_days"], facts["forecast"]["frames_bytes"]) == (0, 8)
+    assert "days ahead" in facts["clock"]["doubt"]
+    assert main(["retention", "--data", str(folder), "--run"]) == 2
+    assert "--confirm-clock" in capsys.readouterr().err
+    assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
     assert main(["retention", "--data", str(folder), "--run"]) == 0
     out = capsys.readouterr().out
     assert all(words in out for words in ("removed frames", "pixels go at the age of", "8 B", "kept for ever"))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sqlite3
+from contextlib import closing
 
 import pytest
 from playwright.sync_api import expect
@@ -218,6 +221,41 @@ def test_retention_shows_what_it_would_take_before_it_takes_it(page, picture):
     expect(page.get_by_test_id("retention-save")).to_be_disabled()
     page.get_by_test_id("retention-run").click()
     expect(page.get_by_test_id("retention").get_by_test_id("job")).to_have_attribute("data-state", "done")
+
+
+def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
+    """Ten years after the last trusted time nothing can be deleted; the page says why, and continues once it is confirmed."""
+    with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
+        value = json.dumps({"at": "2016-11-22T12:00:00+00:00"})
+        changed = database.execute("UPDATE choices SET value = ? WHERE name = 'upkeep.trusted-time'", (value,))
+        assert changed.rowcount == 1
+    page.goto("/admin?show=storage")
+    expect(page.get_by_test_id("clock-doubt")).to_contain_text("days ahead of the last trusted time (2016-11-22")
+    expect(page.get_by_test_id("retention-run")).to_be_disabled()
+    expect(page.get_by_test_id("alarm-text")).to_contain_text("Server clock")
+    picture("admin-clock")
+    page.get_by_test_id("clock-confirm").click()
+    expect(page.get_by_test_id("clock-doubt")).to_have_count(0)
+    expect(page.get_by_test_id("retention-run")).to_be_enabled()
+
+
+def test_an_unusual_removal_shows_its_counts_first(page, data_folder, picture):
+    """Thousands of old events: one press shows what would go, the second deletes it."""
+    rows = [(-k, "2020-01-01 00:00:00.000000", "test", "ok", "old", "{}") for k in range(1, 2201)]
+    with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
+        database.executemany("INSERT INTO events (seq, at, kind, severity, text, data) VALUES (?, ?, ?, ?, ?, ?)", rows)
+    page.goto("/admin?show=storage")
+    page.get_by_test_id("retention-events_days").fill("365")
+    page.get_by_test_id("retention-save").click()
+    expect(page.get_by_test_id("retention-save")).to_be_disabled()
+    page.get_by_test_id("retention-run").click()
+    expect(page.get_by_test_id("removal-asked")).to_contain_text("2200 of")
+    picture("admin-removal")
+    page.get_by_test_id("removal-confirm").click()
+    expect(page.get_by_test_id("removal-asked")).to_have_count(0)
+    expect(page.get_by_test_id("retention").get_by_test_id("job")).to_have_attribute("data-state", "done")
+    with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database:
+        assert database.execute("SELECT count(*) FROM events WHERE seq < 0").fetchone() == (0,)
 
 
 def test_a_backup_is_made_and_downloaded(page, picture):

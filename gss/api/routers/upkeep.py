@@ -13,6 +13,8 @@ from gss.api.schemas.frames import FrameOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.upkeep import (
     BackupOut,
+    ClockOut,
+    ConfirmClockIn,
     FavouriteIn,
     ForecastOut,
     HealthCheckOut,
@@ -20,8 +22,10 @@ from gss.api.schemas.upkeep import (
     RemovalOut,
     RetentionIn,
     RetentionOut,
+    RunRetentionIn,
 )
 from gss.operations.upkeep.manifest import Manifest
+from gss.operations.upkeep.removal import Confirmed
 from gss.operations.upkeep.retention import Policy
 
 router = APIRouter(tags=["upkeep"])
@@ -65,15 +69,30 @@ def preview_retention(app: App, body: RetentionIn) -> RemovalOut:
 
 
 @router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])
-def run_retention(app: App, user: User) -> JobOut:
-    """Remove now what may go; a job."""
-    return present.records.job(app.upkeep.retention.run(user=user))
+def run_retention(app: App, user: User, deed: Deed, body: RunRetentionIn | None = None) -> JobOut:
+    """Remove now what may go; a job. 409 while the clock is in doubt, and where an unusual removal was not confirmed."""
+    confirmed = None
+    if body is not None and body.confirmed is not None:
+        confirmed = Confirmed(**body.confirmed.model_dump())
+        deed(f"confirmed {confirmed.record()}")
+    return present.records.job(app.upkeep.retention.run(user=user, confirmed=confirmed))
+
+
+@router.post("/admin/retention/confirm-clock", dependencies=[need("admin.retention")])
+def confirm_clock(app: App, user: User, body: ConfirmClockIn, deed: Deed) -> RetentionOut:
+    """A person has checked the server's date and time: retention and the rotation of backups continue."""
+    state = app.upkeep.trust.state()
+    deed(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
+    app.upkeep.trust.confirm(body.seen, user=user)
+    return _retention(app)
 
 
 def _retention(app: App) -> RetentionOut:
     return RetentionOut(
         **asdict(app.upkeep.retention.policy()),
         last_run=app.upkeep.retention.last_run(),
+        waiting=app.upkeep.retention.waiting(),
+        clock=ClockOut.model_validate(app.upkeep.trust.state()),
         forecast=ForecastOut.model_validate(app.upkeep.forecast()),
     )
 

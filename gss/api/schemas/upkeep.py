@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import AwareDatetime, Field
 
 from gss.api.schemas.base import In, Out, Utc
 
@@ -56,21 +56,57 @@ class ForecastOut(Out):
     removable_bytes: int
 
 
+class ClockOut(Out):
+    """The server's clock and the last trusted time. ``doubt``: why nothing is deleted; empty where the clock is plausible."""
+
+    now: Utc
+    trusted: Utc | None
+    doubt: str
+
+
+class ConfirmClockIn(In):
+    """``seen``: the server's time as it was shown to the person who checked it."""
+
+    seen: AwareDatetime = Field(strict=False)
+
+
 class RetentionOut(RetentionIn):
-    """What is in force, and what follows."""
+    """What is in force, and what follows. ``waiting``: what the last removal would have taken, where it waits for confirmation."""
 
     last_run: Utc | None
+    waiting: str
+    clock: ClockOut
     forecast: ForecastOut
 
 
 class RemovalOut(Out):
-    """What a removal would take now. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays."""
+    """What a removal would take as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays;
+    ``unusual``: why a person must confirm it, empty where it may run."""
 
+    at: Utc
     frames: int
     frames_bytes: int
     packets: int
     to_thin: int
     events: int
+    unusual: str
+
+
+class ConfirmedIn(In):
+    """The preview that was confirmed: of the policy in force, as of ``at``."""
+
+    at: AwareDatetime = Field(strict=False)
+    frames: int = Field(ge=0)
+    frames_bytes: int = Field(ge=0)
+    packets: int = Field(ge=0)
+    to_thin: int = Field(ge=0)
+    events: int = Field(ge=0)
+
+
+class RunRetentionIn(In):
+    """``confirmed``: needed where the preview says that the removal is unusual."""
+
+    confirmed: ConfirmedIn | None = None
 
 
 class BackupOut(Out):

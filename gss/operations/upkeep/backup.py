@@ -24,6 +24,7 @@ from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobService, Progress, Run
 from gss.operations.line.raw_capture import capture_files
+from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
 from gss.store import upkeep as store
@@ -52,7 +53,9 @@ class BackupService:
         jobs: JobService,
         bus: EventBus,
         now: Now,
+        trust: ClockTrust,
     ) -> None:
+        self._trust = trust
         self._database, self._url, self._blobs, self._captures = database, url, blobs, captures
         self._folder, self._lock, self._disk = folder, lock, disk
         self._jobs, self._bus, self._now = jobs, bus, now
@@ -80,7 +83,7 @@ class BackupService:
         made = self.make(run.progress)
         result = {"name": made.name, "bytes": made.total_bytes, "blobs": len(made.blobs)}
         run.keep(result)
-        removed = self.prune(run.request["keep"]) if run.request["keep"] else []
+        removed = self.prune(run.request["keep"], made.name) if run.request["keep"] else []
         self._bus.record("upkeep", "ok", f"backup {made.name} made, by {run.request['user']}", **result)
         return result | {"removed": removed}
 
@@ -200,10 +203,17 @@ class BackupService:
         self.get(name)
         shutil.rmtree(self._folder / name)
 
-    def prune(self, keep: int) -> list[str]:
-        """Remove all but the newest, and the bytes that none of those needs."""
+    def prune(self, keep: int, just_made: str) -> list[str]:
+        """Remove all but the ``keep`` newest, of which ``just_made`` is one, and the bytes that none of the others needs. Nothing
+        is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""
+        doubt = self._trust.state().doubt
+        if doubt:
+            self._bus.record("upkeep", "warning", f"old backups were not removed: the server's clock is {doubt}")
+            return []
         with named_lock(self._lock, BUSY):
-            old = [made.name for made in self.every()[keep:]]
+            latest = self._now() + BEHIND
+            dated = [made.name for made in self.every() if datetime.fromisoformat(made.created) <= latest]
+            old = [name for name in dated if name != just_made][max(0, keep - 1) :]
             for name in old:
                 shutil.rmtree(self._folder / name)
             needed = {key for made in self.every() for key in made.blobs}

@@ -1,34 +1,37 @@
 """Retention: what may go, when, and in which order. Rows of frames, their solutions, commands, alarms, contacts and the audit
 record always stay; what goes are pixels, raw telemetry packets, old lines of the record, and the oldest raw captures.
 
-Nothing goes by itself until somebody has said so: every age and size is "for ever" at first. A removal runs as a job in small
-transactions, so that the line never waits for it, and goes on where it was after a crash.
+Nothing is removed automatically until a policy is chosen: every age and size is "for ever" at first. A removal runs as a job in
+small transactions, so that the line never waits for it, and continues where it was after a crash. It does not run while the
+server's clock is in doubt, and waits for a person where it would take an unusual share of what is stored.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobService, Run
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import capture_files
+from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
+from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, unusual
 from gss.store import choices
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import Job
 
-CHOICE, DONE = "retention", "retention.done"
+CHOICE, DONE, WAITING = "retention", "retention.done", "retention.waiting"
 FRAMES_AT_ONCE = 200
 THIN_EVERY_S = 60.0
 DAY = timedelta(days=1)
@@ -65,19 +68,8 @@ class Policy:
             )
 
 
-@dataclass(frozen=True)
-class Removal:
-    """What a policy lets go now. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute would stay."""
-
-    frames: int
-    frames_bytes: int
-    packets: int
-    to_thin: int
-    events: int
-
-
 class RetentionService:
-    """Keeps the policy, forecasts, and removes."""
+    """Keeps the policy, forecasts, and removes. ``share``: a larger part of a kind is removed only when a person confirms it."""
 
     def __init__(
         self,
@@ -88,7 +80,10 @@ class RetentionService:
         link: LinkService,
         lock: Path,
         now: Now,
+        trust: ClockTrust,
+        share: float,
     ) -> None:
+        self._trust, self._share = trust, share
         self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
         self._link, self._lock, self._now = link, lock, now
         self.now = now
@@ -112,15 +107,34 @@ class RetentionService:
         """Put another policy in force from the next run on; the captures' size at once."""
         with self._database.unit_of_work() as session:
             choices.write(session, CHOICE, asdict(policy), self._now(), user)
+            choices.forget(session, WAITING)
         if policy.captures_mb:
             self._link.capture.keep_at_most(policy.captures_mb << 20)
         words = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
         self._bus.record("upkeep", "watch", f"retention changed by {user}: {words or 'keep everything'}")
         return policy
 
-    def run(self, *, user: str) -> Job:
-        """Remove now what the policy lets go; a job."""
-        return self._jobs.begin("retention", "retention", {"policy": asdict(self.policy()), "user": user})
+    def run(self, *, user: str, confirmed: Confirmed | None = None) -> Job:
+        """Remove now what the policy lets go; a job. Conflict where the clock is in doubt, or where the removal is unusual and a
+        person has not confirmed it."""
+        self._trust.require("retention")
+        if confirmed is not None:
+            check_fresh(confirmed, self._now())
+        check_confirmed(self.preview(self.policy(), confirmed.at if confirmed else None), confirmed, self._share)
+        return self._begin(user, confirmed)
+
+    def run_daily(self) -> Job:
+        """The same without a person: the job itself checks what it would take."""
+        return self._begin("gss, daily", None)
+
+    def _begin(self, user: str, confirmed: Confirmed | None) -> Job:
+        record = None if confirmed is None else confirmed.record()
+        request = {"policy": asdict(self.policy()), "user": user, "confirmed": record}
+        return self._jobs.begin("retention", "retention", request)
+
+    def waiting(self) -> str:
+        """Why the last removal waits for a person; empty where it does not."""
+        return str(_choice(self._database, WAITING).get("text", ""))
 
     def capture_files(self) -> list[Path]:
         """The files of the raw capture, oldest first."""
@@ -130,22 +144,27 @@ class RetentionService:
         """How large they may become together."""
         return self._link.capture.retention.keep_bytes
 
-    def preview(self, policy: Policy) -> Removal:
-        """What a removal with ``policy`` would take now; nothing is removed."""
-        at = self._now()
+    def preview(self, policy: Policy, at: datetime | None = None) -> Removal:
+        """What a removal with ``policy`` would take now, or as of ``at``; nothing is removed."""
+        at = at or self._now()
+        done = _choice(self._database, DONE).get("thinned_before")
+        thinned = datetime.fromisoformat(done) if done else None
         going = list(self.going(policy, at))
         packets, thin, events = (
             _before(at, days) for days in (policy.telemetry_days, policy.telemetry_thin_days, policy.events_days)
         )
         with self._database.unit_of_work() as session:
-            gone = store.count_packets(session, packets) if packets else 0
-            return Removal(
+            since = max((m for m in (thinned, packets) if m), default=None)
+            removal = Removal(
+                at=at,
                 frames=len(going),
                 frames_bytes=sum(p.size for p in going),
-                packets=gone,
-                to_thin=max(0, store.count_packets(session, thin) - gone) if thin else 0,
+                packets=store.count_packets(session, packets) if packets else 0,
+                to_thin=store.count_packets(session, thin, since) if thin else 0,
                 events=store.count_events(session, events) if events else 0,
             )
+            held = store.amounts(session, self.last_run())
+        return replace(removal, unusual=unusual(removal, held, self._share))
 
     def last_run(self) -> datetime | None:
         """When a removal last ended."""
@@ -167,7 +186,10 @@ class RetentionService:
 
     def _remove(self, run: Run) -> dict[str, Any]:
         """Step by step; the checkpoint is what it has removed, and bytes whose rows are marked already."""
-        kept = run.checkpoint or {"at": self._now().isoformat(), "pending": []}
+        self._trust.require("retention")
+        confirmed = Confirmed.read(run.request.get("confirmed"))
+        kept = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
+        self._check(Policy(**run.request["policy"]), datetime.fromisoformat(kept["at"]), confirmed)
         policy, at = Policy(**run.request["policy"]), datetime.fromisoformat(kept["at"])
         removed: dict[str, int] = dict(kept.get("removed") or dict.fromkeys(FIGURES, 0))
         self._drop(kept["pending"], removed)
@@ -191,6 +213,16 @@ class RetentionService:
             )
             self._bus.record("upkeep", "ok", f"retention removed {words}", **removed)
         return {"removed": removed}
+
+    def _check(self, policy: Policy, at: datetime, confirmed: Confirmed | None) -> None:
+        """Conflict, and a note for the page and the alarm, where a person must confirm the removal first."""
+        removal = self.preview(policy, at)
+        try:
+            check_confirmed(removal, confirmed, self._share)
+        except Conflict:
+            with self._database.unit_of_work() as session:
+                choices.write(session, WAITING, {"text": removal.unusual}, self._now(), "gss")
+            raise
 
     def _pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: Run) -> None:
         going = list(self.going(policy, at))
@@ -259,13 +291,14 @@ class RetentionService:
                 value[name] = max(old.get(name) or "", moment.isoformat())
         with self._database.unit_of_work() as session:
             choices.write(session, DONE, value, self._now(), "gss")
+            choices.forget(session, WAITING)
 
 
 class DailyRetention:
-    """Starts a removal once a day; not while the server's clock is in doubt: an hour's trust is worth more than a day's room."""
+    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in doubt."""
 
-    def __init__(self, retention: RetentionService, clocks: ClockWatch, now: Now) -> None:
-        self._retention, self._clocks, self._now = retention, clocks, now
+    def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
+        self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now
         self._next: datetime | None = None
 
     def tick(self) -> None:
@@ -276,11 +309,11 @@ class DailyRetention:
             self._next = now if last is None else last + DAY
         # A clock that was set back must not put the next run off for years.
         self._next = min(self._next, now + DAY)
-        if now < self._next or not self._clocks.steady():
+        if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
             return
         self._next = now + DAY
         if any(v for k, v in asdict(self._retention.policy()).items() if k.endswith(("_days", "_gb"))):
-            self._retention.run(user="gss, daily")
+            self._retention.run_daily()
 
 
 def _choice(database: Database, name: str) -> dict[str, Any]:

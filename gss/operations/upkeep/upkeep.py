@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.check_store import CheckStoreService
+from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.forecast import Forecast, forecast
@@ -31,6 +32,7 @@ class Upkeep:
     health: HealthService
     metrics: Metrics
     clocks: ClockWatch
+    trust: ClockTrust
     pages: PageCheck
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:

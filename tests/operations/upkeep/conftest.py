@@ -18,6 +18,7 @@ from gss.operations.line.line_events import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import RECEIVED, RawCapture
 from gss.operations.upkeep.backup import BackupService
+from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.retention import RetentionService
 from gss.store import devices, frames, telemetry
@@ -42,6 +43,7 @@ class Store:
     disk: DiskGuard
     clock: Any
     room: list[int]
+    trust: ClockTrust
 
     def add_frame(self, content: bytes, age_days: float, **values: Any) -> int:
         """A frame of one row, received so long ago, with a solution."""
@@ -121,9 +123,11 @@ def store(database, bus, clock, tmp_path) -> Iterator[Store]:
     )
     room, lock = [100_000 * MB], tmp_path / "upkeep.lock"
     disk = DiskGuard(tmp_path, 2000 * MB, 200 * MB, lambda _: (room[0], 200_000 * MB))
-    retention = RetentionService(database, blobs, jobs, bus, link, lock, clock)
+    trust = ClockTrust(database, bus, clock, timedelta(days=30))
+    trust.start()
+    retention = RetentionService(database, blobs, jobs, bus, link, lock, clock, trust, 0.2)
     url = f"sqlite:///{tmp_path / 'gss.db'}"
     captures, folder = tmp_path / "captures", tmp_path / "backups"
-    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, clock)
-    yield Store(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room)
+    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, clock, trust)
+    yield Store(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room, trust)
     jobs.stop()

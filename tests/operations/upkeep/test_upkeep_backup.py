@@ -75,7 +75,7 @@ def test_the_second_backup_copies_only_what_is_new_and_old_ones_go(store, clock,
     assert {p: t for p, t in after.items() if p in before} == before
     assert len(after) == len(before) + 1
     assert [made.name for made in store.backups.every()] == [second.name, first.name]
-    assert store.backups.prune(1) == [first.name]
+    assert store.backups.prune(1, second.name) == [first.name]
     assert [made.name for made in store.backups.every()] == [second.name]
     restore(tmp_path / "backups" / second.name, tmp_path / "new", clock)
 

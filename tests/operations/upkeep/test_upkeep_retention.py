@@ -120,7 +120,15 @@ def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock
     (database,) = after
     second = JobService(database, EventBus(database, clock), clock, lambda _: None)
     retention = RetentionService(
-        database, store.blobs, second, EventBus(database, clock), store.link, tmp_path / "upkeep.lock", clock
+        database,
+        store.blobs,
+        second,
+        EventBus(database, clock),
+        store.link,
+        tmp_path / "upkeep.lock",
+        clock,
+        store.trust,
+        0.2,
     )
     second.start()
     second.finish()
@@ -171,7 +179,7 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, cloc
     store.retention.choose(Policy(frames_days=30, keep_frames=0), user="ann")
     mono = [0.0]
     clocks = ClockWatch(bus, clock, lambda: mono[0])
-    daily = DailyRetention(store.retention, clocks, clock)
+    daily = DailyRetention(store.retention, clocks, store.trust, clock)
 
     def live(seconds, times=1):
         for _ in range(times):

@@ -17,6 +17,11 @@ export type Retention = S['RetentionOut'];
 /** What a policy would remove now. */
 export type Removal = S['RemovalOut'];
 
+/** The confirmation of exactly this preview. */
+export function confirmationOf({ at, frames, frames_bytes, packets, to_thin, events }: Removal): S['ConfirmedIn'] {
+  return { at, frames, frames_bytes, packets, to_thin, events };
+}
+
 export const admin = {
   users: () => get<UserRow[]>('/users'),
   addUser: (body: S['UserIn']) => post<OneTimeLink>('/users', body),
@@ -36,5 +41,6 @@ export const admin = {
   retention: () => get<Retention>('/admin/retention'),
   chooseRetention: (policy: Policy) => send<Retention>('PUT', '/admin/retention', policy),
   previewRetention: (policy: Policy, signal: AbortSignal) => post<Removal>('/admin/retention/preview', policy, signal),
-  runRetention: () => post<Job>('/admin/retention/run'),
+  runRetention: (seen: Removal | null) => post<Job>('/admin/retention/run', { confirmed: seen && confirmationOf(seen) }),
+  confirmClock: (seen: string) => post<Retention>('/admin/retention/confirm-clock', { seen }),
 };

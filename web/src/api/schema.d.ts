@@ -3100,9 +3100,29 @@ export interface paths {
         put?: never;
         /**
          * Run Retention
-         * @description Remove now what may go; a job.
+         * @description Remove now what may go; a job. 409 while the clock is in doubt, and where an unusual removal was not confirmed.
          */
         post: operations["run_retention_api_admin_retention_run_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/admin/retention/confirm-clock": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Confirm Clock
+         * @description A person has checked the server's date and time: retention and the rotation of backups continue.
+         */
+        post: operations["confirm_clock_api_admin_retention_confirm_clock_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -4630,24 +4650,6 @@ export interface components {
             allowed: boolean;
         };
         /**
-         * ClockOut
-         * @description The device's clock at a moment of UTC, how well that is known, and from how much.
-         */
-        ClockOut: {
-            /** Device S */
-            device_s: number;
-            /** Utc */
-            utc: string;
-            /** Uncertainty S */
-            uncertainty_s: number;
-            /** Drift Ppm */
-            drift_ppm: number | null;
-            /** Samples */
-            samples: number;
-            /** Span S */
-            span_s: number;
-        };
-        /**
          * CommandDefinitionOut
          * @description One command of the dictionary.
          */
@@ -4819,6 +4821,38 @@ export interface components {
             value: number | string | boolean;
             /** Wait S */
             wait_s: number;
+        };
+        /**
+         * ConfirmClockIn
+         * @description ``seen``: the server's time as it was shown to the person who checked it.
+         */
+        ConfirmClockIn: {
+            /**
+             * Seen
+             * Format: date-time
+             */
+            seen: string;
+        };
+        /**
+         * ConfirmedIn
+         * @description The preview that was confirmed: of the policy in force, as of ``at``.
+         */
+        ConfirmedIn: {
+            /**
+             * At
+             * Format: date-time
+             */
+            at: string;
+            /** Frames */
+            frames: number;
+            /** Frames Bytes */
+            frames_bytes: number;
+            /** Packets */
+            packets: number;
+            /** To Thin */
+            to_thin: number;
+            /** Events */
+            events: number;
         };
         /**
          * ContactCommandOut
@@ -6853,9 +6887,12 @@ export interface components {
         };
         /**
          * RemovalOut
-         * @description What a removal would take now. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays.
+         * @description What a removal would take as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays;
+         *     ``unusual``: why a person must confirm it, empty where it may run.
          */
         RemovalOut: {
+            /** At */
+            at: string;
             /** Frames */
             frames: number;
             /** Frames Bytes */
@@ -6866,6 +6903,8 @@ export interface components {
             to_thin: number;
             /** Events */
             events: number;
+            /** Unusual */
+            unusual: string;
         };
         /**
          * ReplayChangeIn
@@ -7075,7 +7114,7 @@ export interface components {
         };
         /**
          * RetentionOut
-         * @description What is in force, and what follows.
+         * @description What is in force, and what follows. ``waiting``: what the last removal would have taken, where it waits for confirmation.
          */
         RetentionOut: {
             /**
@@ -7128,6 +7167,9 @@ export interface components {
             backups_keep: number;
             /** Last Run */
             last_run: string | null;
+            /** Waiting */
+            waiting: string;
+            clock: components["schemas"]["gss__api__schemas__upkeep__ClockOut"];
             forecast: components["schemas"]["ForecastOut"];
         };
         /**
@@ -7137,6 +7179,13 @@ export interface components {
         RunIn: {
             /** Confirm */
             confirm?: string[];
+        };
+        /**
+         * RunRetentionIn
+         * @description ``confirmed``: needed where the preview says that the removal is unusual.
+         */
+        RunRetentionIn: {
+            confirmed?: components["schemas"]["ConfirmedIn"] | null;
         };
         /**
          * RunStepOut
@@ -7240,7 +7289,7 @@ export interface components {
             told: string | null;
             /** Complete */
             complete: boolean;
-            clock: components["schemas"]["ClockOut"] | null;
+            clock: components["schemas"]["gss__api__schemas__schedule__ClockOut"] | null;
         };
         /**
          * ScreenedStarOut
@@ -8578,6 +8627,24 @@ export interface components {
             style: "line" | "dots" | "bars";
         };
         /**
+         * ClockOut
+         * @description The device's clock at a moment of UTC, how well that is known, and from how much.
+         */
+        gss__api__schemas__schedule__ClockOut: {
+            /** Device S */
+            device_s: number;
+            /** Utc */
+            utc: string;
+            /** Uncertainty S */
+            uncertainty_s: number;
+            /** Drift Ppm */
+            drift_ppm: number | null;
+            /** Samples */
+            samples: number;
+            /** Span S */
+            span_s: number;
+        };
+        /**
          * ChoiceOut
          * @description What a number of a series means.
          */
@@ -8616,6 +8683,18 @@ export interface components {
             samples: number;
             /** Thinned */
             thinned: boolean;
+        };
+        /**
+         * ClockOut
+         * @description The server's clock and the last trusted time. ``doubt``: why nothing is deleted; empty where the clock is plausible.
+         */
+        gss__api__schemas__upkeep__ClockOut: {
+            /** Now */
+            now: string;
+            /** Trusted */
+            trusted: string | null;
+            /** Doubt */
+            doubt: string;
         };
     };
     responses: never;
@@ -27674,7 +27753,11 @@ export interface operations {
             path?: never;
             cookie?: never;
         };
-        requestBody?: never;
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["RunRetentionIn"] | null;
+            };
+        };
         responses: {
             /** @description Successful Response */
             202: {
@@ -27683,6 +27766,120 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unauthorized */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Forbidden */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Conflict */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Length Required */
+            411: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Request Entity Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Too Many Requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+            /** @description Service Unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemOut"];
+                };
+            };
+        };
+    };
+    confirm_clock_api_admin_retention_confirm_clock_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ConfirmClockIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["RetentionOut"];
                 };
             };
             /** @description Bad Request */

@@ -1,0 +1,108 @@
+"""What one run of retention removes, and whether that is unusual enough to ask a person first."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from gss.domain.errors import Conflict
+from gss.operations.clock import iso_z
+from gss.store import upkeep as store
+
+ARRIVED_FACTOR = 1.5
+"""Daily removal takes about what arrived since the last run, whatever its share: up to this many times that is usual."""
+FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
+"""Up to this much of a kind is never unusual, so that small stores are not held up."""
+CONFIRM_WITHIN = timedelta(hours=1)
+COUNTS = ("frames", "frames_bytes", "packets", "to_thin", "events")
+LABELS = {
+    "frames": "frames with pixels",
+    "frames_bytes": "bytes of pixels",
+    "packets": "telemetry packets",
+    "events": "lines of the event record",
+}
+
+
+@dataclass(frozen=True)
+class Removal:
+    """What a policy removes as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays, not
+    counting those already thinned. ``unusual``: why a person must confirm it; empty where it may run."""
+
+    at: datetime
+    frames: int
+    frames_bytes: int
+    packets: int
+    to_thin: int
+    events: int
+    unusual: str = ""
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """The removal that a person has seen and confirmed: as of when, and how much at most."""
+
+    at: datetime
+    frames: int
+    frames_bytes: int
+    packets: int
+    to_thin: int
+    events: int
+
+    def record(self) -> dict[str, Any]:
+        """As a job's request stores it."""
+        return asdict(self) | {"at": self.at.isoformat()}
+
+    @classmethod
+    def read(cls, record: dict[str, Any] | None) -> Confirmed | None:
+        """From a job's request."""
+        return None if record is None else cls(**record | {"at": datetime.fromisoformat(record["at"])})
+
+
+def confirmation(removal: Removal) -> Confirmed:
+    """The confirmation of exactly this preview."""
+    return Confirmed(removal.at, *(getattr(removal, name) for name in COUNTS))
+
+
+def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
+    """The kinds of which more would go than ``share`` of what is stored; empty where there are none."""
+    going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
+    found = []
+    for kind, few in FEW.items():
+        held, arrived = amounts.held[kind], amounts.arrived[kind]
+        if going[kind] > few and going[kind] > max(share * held, ARRIVED_FACTOR * arrived):
+            found.append(f"{going[kind]} of {held} {LABELS[kind]} ({100 * going[kind] / max(1, held):.0f} %)")
+    return ", ".join(found)
+
+
+def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float) -> None:
+    """Conflict where the removal is unusual and a person has not confirmed it, or less than it."""
+    if not removal.unusual:
+        return
+    hint = "look at the preview (Admin, Storage, or gss retention), then confirm it"
+    if confirmed is None:
+        raise Conflict(
+            "this removal is unusually large and waits for confirmation",
+            expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times what arrived since the last removal",
+            got=removal.unusual,
+            hint=hint,
+        )
+    more = [name for name in COUNTS if getattr(removal, name) > getattr(confirmed, name)]
+    if more:
+        raise Conflict(
+            "more would be removed than was confirmed",
+            expected=", ".join(f"{name} up to {getattr(confirmed, name)}" for name in more),
+            got=", ".join(f"{name} {getattr(removal, name)}" for name in more),
+            hint=hint,
+        )
+
+
+def check_fresh(confirmed: Confirmed, now: datetime) -> None:
+    """Conflict where the confirmed preview is too old, or of another clock."""
+    if not now - CONFIRM_WITHIN <= confirmed.at <= now + timedelta(seconds=1):
+        raise Conflict(
+            "the confirmed preview is out of date",
+            expected=f"a preview of the last hour, before {iso_z(now, 'seconds')}",
+            got=iso_z(confirmed.at, "seconds"),
+            hint="look at the preview again",
+        )

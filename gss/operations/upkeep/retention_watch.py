@@ -1,0 +1,34 @@
+"""Alarms of retention: a clock in doubt, a removal that waits for a person."""
+
+from __future__ import annotations
+
+from gss.domain.limits import State
+from gss.operations.telemetry.alarm_words import STORE
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry_board import Key
+from gss.operations.upkeep.clock_trust import DAY, HINT, ClockTrust
+from gss.operations.upkeep.retention import RetentionService
+
+CLOCK: Key = (STORE, "server clock")
+REMOVAL: Key = (STORE, "retention")
+
+
+class RetentionWatch:
+    """Advances the trusted time, and raises and ends the two alarms."""
+
+    def __init__(self, trust: ClockTrust, retention: RetentionService, alarms: AlarmService) -> None:
+        self._trust, self._retention, self._alarms = trust, retention, alarms
+
+    def tick(self) -> None:
+        """Called about once a second."""
+        found = self._trust.tick()
+        days = 0.0 if found.trusted is None else round((found.now - found.trusted) / DAY, 2)
+        text = f"Server clock: {found.doubt}; retention is paused, nothing is deleted: {HINT}"
+        limit = f"{found.doubt}; retention is paused until it is confirmed" if found.doubt else ""
+        self._alarms.watch(CLOCK, State.WARNING if found.doubt else State.OK, days, text, limit)
+        waiting = self._retention.waiting()
+        text = (
+            f"Retention would remove {waiting}: nothing was removed; check the preview and confirm it (Admin, Storage)"
+        )
+        limit = f"waits for confirmation: would remove {waiting}" if waiting else ""
+        self._alarms.watch(REMOVAL, State.WARNING if waiting else State.OK, 1.0 if waiting else 0.0, text, limit)

@@ -1,0 +1,40 @@
+"""The ground result on the pages stays that of the configured chain while campaigns run beside it."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+
+def test_a_campaign_changes_no_ground_result_and_a_person_can(page, served, new_frame, at_rest, picture):
+    """After a campaign with another chain Live and Frames show what they showed; the frame's page offers its result by a button."""
+    frame = new_frame(page)
+    ra = page.get_by_test_id("ground-ra")
+    expect(ra).not_to_have_text("–")
+    before, made = ra.inner_text(), page.get_by_test_id("ground-made-with")
+    expect(made).to_have_attribute("title", "reference chain, camera cubestar")
+    job = served.ask("POST", "/campaigns/reprocess", {"chain": "oersted"})
+    served.until(f"/jobs/{job['id']}", lambda j: j["state"] == "done")
+    page.reload()
+    at_rest(page)
+    assert ra.inner_text() == before
+    expect(made).to_have_text("Ground, reference")
+    picture("operational-live")
+    page.goto("/frames")
+    row = page.locator(f"[data-testid=frame-row][data-frame='{frame}']")
+    expect(row).to_contain_text("reference")
+    at_rest(page)
+    picture("operational-frames")
+    row.click()
+    expect(page.get_by_test_id("made-with")).to_contain_text("Ground result: reference chain, camera cubestar.")
+    expect(page.get_by_test_id("pin-solution")).to_have_count(0)
+    other = page.locator("[data-testid=chain-row][data-chain=oersted]")
+    other.click()
+    at_rest(page)
+    picture("operational-frame")
+    page.get_by_test_id("pin-solution").click()
+    expect(other.get_by_test_id("operational")).to_be_visible()
+    expect(page.get_by_test_id("made-with")).to_contain_text("Ground result: oersted chain, camera cubestar.")
+    expect(page.get_by_test_id("operational")).to_have_count(1)
