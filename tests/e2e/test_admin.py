@@ -232,7 +232,7 @@ def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
     page.goto("/admin?show=storage")
     expect(page.get_by_test_id("clock-doubt")).to_contain_text("days ahead of the last trusted time (2016-11-22")
     expect(page.get_by_test_id("retention-run")).to_be_disabled()
-    expect(page.get_by_test_id("alarm-text")).to_contain_text("Server clock")
+    expect(page.get_by_test_id("alarm")).to_contain_text("Server clock")
     picture("admin-clock")
     page.get_by_test_id("clock-confirm").click()
     expect(page.get_by_test_id("clock-doubt")).to_have_count(0)
