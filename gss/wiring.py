@@ -245,7 +245,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
     book = CameraBook(database, utc_now)
     darks = DarkFrames(blobs)
-    epoch_jyear = jyear_of(utc_now())
+    epoch_jyear, chain = jyear_of(utc_now()), settings.solve_chain
     solver = Solver(
         SolverCache(stars, folder=settings.data / "figures"),
         stopwatch_s,
@@ -256,7 +256,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
     parsing = ParseProcesses()
     epoch_stars = solver.cache.stars(epoch_jyear)
-    frames = FrameService(database, blobs, bus, solver, epoch_stars, utc_now, settings.solve_chain, parsing)
+    frames = FrameService(database, blobs, bus, solver, epoch_stars, utc_now, chain, parsing)
     banks = BankService(database, blobs, bus, stars, utc_now)
     planners = [uploads(transfers, database), activations(schedule)]
     bank_history = BankHistoryService(link, database, utc_now, planners)
@@ -264,14 +264,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     executor = make_executor(settings.cluster, WORKERS)
     campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
     reprocessing = ReprocessService(
-        database,
-        settings.blobs_url,
-        jobs,
-        utc_now,
-        epoch_jyear,
-        executor,
-        settings.solve_chain,
-        profiles=book.profiles,
+        database, settings.blobs_url, jobs, utc_now, epoch_jyear, executor, chain, profiles=book.profiles
     )
     star_lists = StarListService(database, blobs, utc_now, parsing)
     catalogues = CatalogueService(database, blobs, jobs, transfers, banks, link, star_lists, stars, utc_now)
