@@ -24,7 +24,7 @@ from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule import ScheduleService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
-from gss.operations.events import EventBus
+from gss.operations.events import EventBus, StreamCounts
 from gss.operations.folder_lock import own_folder
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.place import PlaceService
@@ -134,6 +134,7 @@ class Services:
     accounts: AccountService
     audit: AuditService
     upkeep: Upkeep
+    streams: StreamCounts
     parsing: ParseProcesses
     stopping: threading.Event = field(default_factory=threading.Event)
     workers: Callable[[], list[dict[str, Any]]] = list
@@ -178,37 +179,6 @@ class Services:
         self.database.close()
 
 
-def make_upkeep(
-    settings: Settings,
-    database: Database,
-    blobs: BlobStore,
-    bus: EventBus,
-    link: LinkService,
-    telemetry: TelemetryService,
-    frames: FrameService,
-    jobs: JobService,
-    disk: DiskGuard,
-    trust: ClockTrust,
-) -> Upkeep:
-    """Disk, retention, backups, checks, health and figures."""
-    captures, lock = settings.data / "captures", settings.data / "upkeep.lock"
-    clocks = ClockWatch(bus, utc_now, monotonic_s)
-    share = settings.retention_share_percent / 100
-    retention = RetentionService(database, blobs, jobs, bus, link, lock, utc_now, trust, share)
-    folder = settings.backups_folder
-    url = settings.database_url
-    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, utc_now, trust)
-    check = CheckStoreService(database, blobs, captures, jobs)
-    health = HealthService(
-        database, disk, captures, link, telemetry, frames, jobs, backups, clocks, utc_now, monotonic_s
-    )
-    metrics = Metrics()
-    metrics.collect.append(health.samples)
-    pages = PageCheck(database, bus)
-    health.pages = lambda: pages.state
-    return Upkeep(database, disk, retention, backups, check, health, metrics, clocks, trust, pages)
-
-
 def build(settings: Settings, *, ready: bool = False) -> Services:
     """Connect everything; nothing runs yet. The database is brought to the newest schema, unless it is ``ready``: an API worker
     only reads what the link process has brought there."""
@@ -236,10 +206,11 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     disk = DiskGuard(settings.data, settings.disk_watch_mb << 20, settings.disk_stop_mb << 20)
     telemetry = TelemetryService(dictionary, database, bus, utc_now, lambda: link.contact_id, disk.has_room_for_rows)
     alarms = AlarmService(dictionary, telemetry, link, database, bus, utc_now)
-    contacts = ContactService(link, alarms, database, bus, settings.data / "captures", utc_now)
-    capture_replay = CaptureReplay(
-        dictionary, settings.data / "captures", telemetry.limits, bus, monotonic_s, settings.framing
-    )
+    jobs = JobService(database, bus, utc_now, disk.check)
+    lock, share = settings.data / "upkeep.lock", settings.retention_share_percent / 100
+    removal = RetentionService(database, blobs, jobs, bus, link, lock, utc_now, trust, share)
+    contacts = ContactService(link, alarms, database, bus, captures, utc_now, removal.removed_before)
+    capture_replay = CaptureReplay(dictionary, captures, telemetry.limits, bus, monotonic_s, settings.framing)
     writer, parts = Writer(monotonic_s, bus), PartStore(settings.data / "parts")
     transfers = TransferService(link, database, bus, utc_now, blobs, parts, writer, disk.check)
     tables = DeviceTableService(link, transfers, database, blobs, bus, stars, utc_now)
@@ -256,11 +227,10 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
     parsing = ParseProcesses()
     epoch_stars = solver.cache.stars(epoch_jyear)
-    frames = FrameService(database, blobs, bus, solver, epoch_stars, utc_now, chain, parsing)
+    frames = FrameService(database, blobs, bus, solver, epoch_stars, utc_now, chain, parsing, disk.check)
     banks = BankService(database, blobs, bus, stars, utc_now)
     planners = [uploads(transfers, database), activations(schedule)]
     bank_history = BankHistoryService(link, database, utc_now, planners)
-    jobs = JobService(database, bus, utc_now, disk.check)
     executor = make_executor(settings.cluster, WORKERS)
     campaigns = CampaignService(database, jobs, executor if settings.cluster else None)
     reprocessing = ReprocessService(
@@ -299,27 +269,58 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         ],
         periodic=[transfers.settle],
     )
-    status = StatusService(link, telemetry, banks, alarms, bus, utc_now, authority)
-    status.tickers.append(ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick)
     shots = StoredShots(database, frames)
     calibrations = CalibrationService(database, jobs, shots, solver, book, tables, bus, utc_now, darks)
     analyses = AnalysisService(database, jobs, shots, solver, book, contacts, bus, utc_now)
     viewer = RerunViewer(settings.data / "rerun-viewer")
     place = PlaceService(dictionary, database, bank_history, schedule.clock)
     recordings = Recordings(database, frames, stars, place.at)
-    upkeep = make_upkeep(settings, database, blobs, bus, link, telemetry, frames, jobs, disk, trust)
-    upkeep.metrics.collect += [writer.samples, dispatcher.samples]
-    upkeep.health.drops.append(lambda: ("line events", events.dropped))
-    frames.room = disk.check
-    upkeep.clocks.jumped += [alarms.clock_jumped, schedule.clock_jumped]
-    contacts.removed_before = upkeep.retention.removed_before
-    status.tickers.insert(0, upkeep.clocks.tick)
-    status.tickers += [
-        link.watch,
-        DiskWatch(upkeep.disk, alarms, link, telemetry).tick,
-        RetentionWatch(trust, upkeep.retention, alarms).tick,
-        DailyRetention(upkeep.retention, upkeep.clocks, trust, utc_now).tick,
-    ]
+    clocks = ClockWatch(bus, utc_now, monotonic_s, [alarms.clock_jumped, schedule.clock_jumped])
+    folder, url = settings.backups_folder, settings.database_url
+    backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, utc_now, trust)
+    pages, streams = PageCheck(database, bus), StreamCounts()
+    health = HealthService(
+        database,
+        disk,
+        captures,
+        link,
+        telemetry,
+        frames,
+        jobs,
+        backups,
+        clocks,
+        pages,
+        dispatcher,
+        streams,
+        {
+            "solve": lambda: frames.skipped,
+            "line events": lambda: events.dropped,
+            "stream": lambda: streams.dropped,
+        },
+        utc_now,
+        monotonic_s,
+    )
+    metrics = Metrics([health.samples, writer.samples, dispatcher.samples])
+    check = CheckStoreService(database, blobs, captures, jobs)
+    upkeep = Upkeep(database, disk, removal, backups, check, health, metrics, clocks, trust, pages)
+    status = StatusService(
+        link,
+        telemetry,
+        banks,
+        alarms,
+        bus,
+        utc_now,
+        authority,
+        tickers=[
+            clocks.tick,
+            alarms.tick,
+            ExpiryWatch(bank_history, alarms, utc_now, settings.catalogue_watch_days).tick,
+            link.watch,
+            DiskWatch(disk, alarms, link, telemetry).tick,
+            RetentionWatch(trust, removal, alarms).tick,
+            DailyRetention(removal, clocks, trust, utc_now).tick,
+        ],
+    )
     return Services(
         settings,
         stars,
@@ -360,6 +361,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         accounts=accounts,
         audit=AuditService(database, utc_now),
         upkeep=upkeep,
+        streams=streams,
         parsing=parsing,
         place=place,
         scopes=Scopes(database, utc_now),

@@ -115,6 +115,10 @@ def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served
 def _token(folder: Path) -> str:
     database = Database(open_engine(Settings(data=folder).database_url))
     try:
-        return TokenService(database, utc_now).add(f"tools-{secrets.token_hex(3)}", "admin", days=7, by="tools").key
+        return (
+            TokenService(database, utc_now, lambda: None)
+            .add(f"tools-{secrets.token_hex(3)}", "admin", days=7, by="tools")
+            .key
+        )
     finally:
         database.close()

@@ -67,7 +67,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
     """The application over connected services; it starts and stops them with itself. ``behind``: this is an API worker,
     whose services only read; the link process is behind this Unix socket."""
     state = None if behind else lambda: first_state(services.status)
-    fanout = Fanout(state, services.settings.streams_each, services.settings.streams_most)
+    fanout = Fanout(services.streams, state, services.settings.streams_each, services.settings.streams_most)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -98,9 +98,6 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         responses=errors.PROBLEMS,
     )
     app.state.services, app.state.fanout = services, fanout
-    services.upkeep.health.drops.append(lambda: ("stream", fanout.dropped))
-    services.upkeep.health.clients = fanout.__len__
-    services.upkeep.health.streams_refused = lambda: fanout.refused
     stored_words.install(services)
     errors.install(app)
     errors.describe(app)

@@ -26,6 +26,15 @@ class Message:
     seq: int | None = None
 
 
+@dataclass
+class StreamCounts:
+    """Event streams over HTTP: open now; refused, and messages dropped for slow clients, since the server started."""
+
+    clients: int = 0
+    refused: int = 0
+    dropped: int = 0
+
+
 class Subscription:
     """One listener's mailbox. When it overflows the oldest messages are dropped, counted and announced."""
 

@@ -17,7 +17,7 @@ from gss.api.stream.fanout import MAILBOX, Fanout, Listener, Wire, unnumbered, w
 from gss.api.stream.presenter import Presenter
 from gss.api.stream.route import EventStream, resumed_after
 from gss.operations.clock import utc_now
-from gss.operations.events import EventBus
+from gss.operations.events import EventBus, StreamCounts
 from gss.store.engine import Database, migrate, open_engine
 
 
@@ -86,7 +86,7 @@ def test_all_listeners_share_the_bytes_of_a_message(bus):
     """A message is presented and written once; three mailboxes hold the same object."""
 
     async def run() -> None:
-        fanout = Fanout()
+        fanout = Fanout(StreamCounts())
         listeners = [fanout.join() for _ in range(3)]
         async with presenting(bus, fanout):
             bus.publish("limits", {"set": "flight", "key": None})
@@ -101,7 +101,7 @@ def test_all_listeners_share_the_bytes_of_a_message(bus):
 
 def test_a_slow_listener_loses_the_oldest_and_no_one_else_does():
     """A mailbox ends at its number of messages and at its bytes; the loss is counted for this listener alone."""
-    fanout = Fanout()
+    fanout = Fanout(StreamCounts())
     slow, quick = fanout.join(), fanout.join()
     for k in range(MAILBOX + 5):
         fanout.spread([Wire("x", b"%d" % k)])
@@ -118,7 +118,7 @@ def test_a_dropped_message_is_announced_on_its_connection(bus):
     """Who did not take what was sent hears how many messages are missing before the next one."""
 
     async def run() -> None:
-        fanout, connection = Fanout(), Connection(deaf=True)
+        fanout, connection = Fanout(StreamCounts()), Connection(deaf=True)
         task = follow(bus, fanout, connection)
         await until(lambda: len(fanout) == 1)
         for k in range(MAILBOX + 7):
@@ -130,7 +130,7 @@ def test_a_dropped_message_is_announced_on_its_connection(bus):
         told = connection.messages()
         assert told[:2] == [("link", {"n": 0}, ""), ("dropped", {"dropped": 7}, "")]
         assert [payload for topic, payload, _ in told if topic == "limits"] == list(range(7, MAILBOX + 7))
-        assert fanout.dropped == 7
+        assert fanout.counts.dropped == 7
 
     asyncio.run(run())
 
@@ -139,7 +139,7 @@ def test_events_of_many_threads_are_told_in_the_order_of_their_numbers(bus):
     """Whoever saw a number has seen all smaller ones, so that the number is enough to go on from."""
 
     async def run() -> None:
-        fanout = Fanout()
+        fanout = Fanout(StreamCounts())
         listener = fanout.join()
         async with presenting(bus, fanout):
             threads = [
@@ -165,7 +165,7 @@ def test_who_comes_back_gets_every_recorded_event_once(bus, monkeypatch):
         bus.record("k", "ok", f"{k + 1}")
 
     async def run() -> None:
-        fanout, connection = Fanout(), Connection()
+        fanout, connection = Fanout(StreamCounts()), Connection()
         async with presenting(bus, fanout):
             task = follow(bus, fanout, connection, after=resumed_after("2.99"))
             bus.record("k", "ok", "9")
@@ -187,7 +187,7 @@ def test_an_absence_longer_than_the_back_fill_is_told(bus, monkeypatch):
         bus.record("k", "ok", "")
 
     async def run() -> None:
-        fanout, connection = Fanout(), Connection()
+        fanout, connection = Fanout(StreamCounts()), Connection()
         task = follow(bus, fanout, connection, after=1)
         await until(lambda: len(connection.messages()) == 6)
         connection.gone.set()
@@ -202,7 +202,7 @@ def test_a_stream_ends_when_its_session_does(bus):
     """The session is looked at while the stream lives; its end is said, and nothing comes after it."""
 
     async def run() -> None:
-        fanout, connection = Fanout(), Connection()
+        fanout, connection = Fanout(StreamCounts()), Connection()
         await follow(bus, fanout, connection, valid=lambda: "signed out")
         assert connection.messages()[-1][:2] == ("session", {"ended": "signed out"})
         assert len(fanout) == 0
@@ -214,7 +214,7 @@ def test_a_server_that_stops_lets_every_stream_end(bus):
     """Connections end by themselves, and those that come too late end at once."""
 
     async def run() -> None:
-        fanout, connection, late = Fanout(), Connection(), Connection()
+        fanout, connection, late = Fanout(StreamCounts()), Connection(), Connection()
         task = follow(bus, fanout, connection)
         await until(lambda: len(fanout) == 1)
         fanout.close()

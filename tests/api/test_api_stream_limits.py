@@ -11,11 +11,12 @@ import pytest
 from gss.api.stream.fanout import Fanout, wire
 from gss.api.stream.route import EventStream
 from gss.domain.errors import TooOften
+from gss.operations.events import StreamCounts
 
 
 def test_each_name_and_all_together_have_a_limit():
     """Who left makes room; nobody in particular, as a worker's own stream, is not counted against a name."""
-    fanout = Fanout(each=2, most=3)
+    fanout = Fanout(StreamCounts(), each=2, most=3)
     first, _ = fanout.join("ann"), fanout.join("ann")
     with pytest.raises(TooOften, match="at most 2 of one user"):
         fanout.join("ann")
@@ -23,7 +24,7 @@ def test_each_name_and_all_together_have_a_limit():
     with pytest.raises(TooOften, match="at most 3 of everybody"):
         fanout.join("eve")
     fanout.join()
-    assert fanout.refused == 2
+    assert fanout.counts.refused == 2
     fanout.leave(first)
     fanout.join("")
     with pytest.raises(TooOften):
@@ -34,7 +35,7 @@ def test_one_too_many_is_answered_with_429_and_when_to_come_again():
     """The answer is a problem as every other, and nothing of a stream was begun."""
 
     async def run() -> list[Any]:
-        fanout, sent = Fanout(each=1), []
+        fanout, sent = Fanout(StreamCounts(), each=1), []
         fanout.newest = wire("link", {}, None)
         fanout.join("ann")
 
@@ -60,7 +61,7 @@ def test_who_is_gone_before_the_first_byte_does_not_count():
     """Else a few broken connections would keep somebody out for good."""
 
     async def run() -> int:
-        fanout = Fanout(each=1)
+        fanout = Fanout(StreamCounts(), each=1)
 
         async def gone(_message: Any) -> None:
             raise OSError("gone")

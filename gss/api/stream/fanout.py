@@ -11,6 +11,7 @@ from typing import Any
 from pydantic_core import to_json
 
 from gss.domain.errors import TooOften
+from gss.operations.events import StreamCounts
 
 MAILBOX = 2000
 MAILBOX_BYTES = 16 << 20
@@ -77,18 +78,17 @@ class Listener:
 
 
 class Fanout:
-    """Hands each message to every listener and keeps the newest state that a new one begins with. ``each``, ``most``: listeners
-    of one name, and of all together; 0 is any number."""
+    """Gives each message to every listener and keeps the newest state that a new one begins with. ``each``, ``most``: limits for
+    the listeners of one name, and for all together; 0 is no limit. ``counts`` is kept up to date."""
 
-    def __init__(self, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0) -> None:
+    def __init__(
+        self, counts: StreamCounts, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0
+    ) -> None:
+        self.counts = counts
         self.state = state
         """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
         self._each, self._most = each, most
-        self.refused = 0
-        """Streams that were not opened because there were too many."""
         self.newest: Wire | None = None
-        self.dropped = 0
-        """Messages that listeners lost because they took too slowly, since the start."""
         self._listeners: set[Listener] = set()
         self._closed = False
 
@@ -101,7 +101,7 @@ class Fanout:
         limits = (("one user or token", self._each, self._of(name)), ("everybody", self._most, len(self._listeners)))
         for whom, most, there in limits:
             if name and most and there >= most:
-                self.refused += 1
+                self.counts.refused += 1
                 raise TooOften(
                     "too many event streams are open",
                     expected=f"at most {most} of {whom}",
@@ -113,6 +113,7 @@ class Fanout:
         if self._closed:
             listener.close()
         self._listeners.add(listener)
+        self.counts.clients = len(self._listeners)
         return listener
 
     def _of(self, name: str) -> int:
@@ -121,6 +122,7 @@ class Fanout:
     def leave(self, listener: Listener) -> None:
         """Close a mailbox."""
         self._listeners.discard(listener)
+        self.counts.clients = len(self._listeners)
 
     def spread(self, messages: Iterable[Wire]) -> None:
         """Give messages to everybody."""

@@ -102,7 +102,7 @@ class EventStream(Response):
             messages, dropped = listener.take()
             data = [m.data for m in messages if m.seq is None or self._seq is None or m.seq > self._seq]
             if dropped:
-                self._fanout.dropped += dropped
+                self._fanout.counts.dropped += dropped
                 data.insert(0, wire("dropped", {"dropped": dropped}, None).data)
             if not data and loop.time() >= ping_at_s:
                 data = [b": still here\n\n"]

@@ -57,13 +57,12 @@ class AccountService:
         self._monotonic_s = monotonic_s
         self.attempts = Attempts(monotonic_s)
         self.passwords = passwords
-        self.users = UserService(database, passwords, now)
-        self.sessions = SignInService(database, passwords, self.attempts, now, lifetimes or Lifetimes())
-        self.tokens = TokenService(database, now)
+        self.users = UserService(database, passwords, now, self._forget)
+        self.sessions = SignInService(database, passwords, self.attempts, now, lifetimes or Lifetimes(), self._forget)
+        self.tokens = TokenService(database, now, self._forget)
         self._remembered: OrderedDict[str, tuple[float, Who]] = OrderedDict()
         self._changes = 0
         self._lock = threading.Lock()
-        self.users.changed = self.sessions.changed = self.tokens.changed = self._forget
 
     def _forget(self) -> None:
         """Users, sessions or tokens changed: what was read of them may no longer hold."""

@@ -41,14 +41,19 @@ class NewSession:
 
 
 class SignInService:
-    """Opens, knows and ends sessions."""
+    """Opens, reads and ends sessions. ``changed`` is called after each change."""
 
     def __init__(
-        self, database: Database, passwords: Passwords, attempts: Attempts, now: Now, lifetimes: Lifetimes
+        self,
+        database: Database,
+        passwords: Passwords,
+        attempts: Attempts,
+        now: Now,
+        lifetimes: Lifetimes,
+        changed: Callable[[], None],
     ) -> None:
         self._database, self._passwords, self._attempts, self._now = database, passwords, attempts, now
-        self._lifetimes = lifetimes
-        self.changed: Callable[[], None] = lambda: None
+        self._lifetimes, self._changed = lifetimes, changed
 
     def sign_in(self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "") -> NewSession:
         """A new session; NotSignedIn says neither whether the name exists nor what was wrong. ``old_key``: the session that
@@ -103,7 +108,7 @@ class SignInService:
             found = store.sign_in_of(session, key_hash(key))
             if found is not None and found[0].ended is None:
                 found[0].ended, found[0].end_reason = self._now(), "signed out"
-        self.changed()
+        self._changed()
 
     def end(self, sign_in_id: int, *, by: str) -> None:
         """End somebody's session."""
@@ -111,7 +116,7 @@ class SignInService:
             row, _ = store.sign_in(session, sign_in_id)
             if row.ended is None:
                 row.ended, row.end_reason = self._now(), f"ended by {by}"[:60]
-        self.changed()
+        self._changed()
 
     def living(self) -> list[tuple[SignIn, User]]:
         """Open sessions with their users."""

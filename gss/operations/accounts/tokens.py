@@ -31,11 +31,10 @@ class NewToken:
 
 
 class TokenService:
-    """Makes, knows and revokes tokens."""
+    """Makes, reads and revokes tokens. ``changed`` is called after each change."""
 
-    def __init__(self, database: Database, now: Now) -> None:
-        self._database, self._now = database, now
-        self.changed: Callable[[], None] = lambda: None
+    def __init__(self, database: Database, now: Now, changed: Callable[[], None]) -> None:
+        self._database, self._now, self._changed = database, now, changed
 
     def every(self) -> list[ApiToken]:
         """Newest first, revoked ones too."""
@@ -96,7 +95,7 @@ class TokenService:
         with self._database.unit_of_work() as session:
             row, _ = store.token(session, token_id)
             self._revoke(session, row)
-        self.changed()
+        self._changed()
         return row
 
     def revoke_named(self, name: str) -> ApiToken:
@@ -106,7 +105,7 @@ class TokenService:
             if found is None:
                 raise Conflict("no living token has this name", got=name[:60])
             self._revoke(session, found[0])
-        self.changed()
+        self._changed()
         return found[0]
 
     def _revoke(self, session: Any, row: ApiToken) -> None:

@@ -39,11 +39,10 @@ class Link:
 
 
 class UserService:
-    """Keeps users. The name of who does it is on their rows."""
+    """Keeps users; the name of who made them is on their rows. ``changed`` is called after each change."""
 
-    def __init__(self, database: Database, passwords: Passwords, now: Now) -> None:
-        self._database, self._passwords, self._now = database, passwords, now
-        self.changed: Callable[[], None] = lambda: None
+    def __init__(self, database: Database, passwords: Passwords, now: Now, changed: Callable[[], None]) -> None:
+        self._database, self._passwords, self._now, self._changed = database, passwords, now, changed
 
     # --- reading ------------------------------------------------------------------------------------------------
 
@@ -121,7 +120,7 @@ class UserService:
             if not row.enabled:
                 store.end_sign_ins(session, row.id, self._now(), "the user was switched off")
                 store.void_links(session, PASSWORD, row.id, self._now())
-        self.changed()
+        self._changed()
         return row
 
     def set_password(self, user_id: int, password: str) -> User:
@@ -129,7 +128,7 @@ class UserService:
         hashed = self._hashed(password, self.get(user_id).name)
         with self._database.unit_of_work() as session:
             row = self._store_password(session, user_id, hashed)
-        self.changed()
+        self._changed()
         return row
 
     def set_password_by_link(self, key: str, password: str) -> User:
@@ -140,7 +139,7 @@ class UserService:
             if store.take_link(session, PASSWORD, key_hash(key), self._now()) is None:
                 raise _used_link()
             row = self._store_password(session, row.id, hashed)
-        self.changed()
+        self._changed()
         return row
 
     def check_link(self, kind: str, key: str) -> None:

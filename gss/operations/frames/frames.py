@@ -48,7 +48,10 @@ class FrameDetail:
 
 
 class FrameService:
-    """Stores frames and runs chains on them. Solving on arrival happens on a thread of its own, newest first served last."""
+    """Stores frames and runs chains on them. Frames are solved on arrival by a separate thread, the newest last.
+
+    ``check_room`` raises StoreDown where the disk has no room for what it is given in words.
+    """
 
     def __init__(
         self,
@@ -60,7 +63,9 @@ class FrameService:
         now: Now,
         chain: str,
         parsing: ParseProcesses,
+        check_room: Callable[[str], None],
     ) -> None:
+        self._check_room = check_room
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
@@ -69,8 +74,6 @@ class FrameService:
         self._unsolved: deque[int] = deque()
         self.skipped = 0
         """Frames that came faster than they could be solved, since the server started."""
-        self.room: Callable[[str], None] = lambda _what: None
-        """Asked before a file is imported; raises where there is no room for it."""
 
     def stop(self) -> None:
         """Let the running solution end; drop what waits (it can be run again from the page)."""
@@ -111,7 +114,7 @@ class FrameService:
         """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
         if profile_name:
             profile(profile_name)
-        self.room("an import")
+        self._check_room("an import")
         name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
         imported = self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
         frame = self._add(

@@ -82,16 +82,25 @@ class ContactDetail:
 
 
 class ContactService:
-    """Keeps the line's counters over time and answers for contacts, the present one too."""
+    """Keeps the line's counters over time and answers for contacts, the present one too.
+
+    ``removed_before`` returns the time before which retention thins or removes packets.
+    """
 
     def __init__(
-        self, link: LinkService, alarms: AlarmService, database: Database, bus: EventBus, captures: Path, now: Now
+        self,
+        link: LinkService,
+        alarms: AlarmService,
+        database: Database,
+        bus: EventBus,
+        captures: Path,
+        now: Now,
+        removed_before: Callable[[], datetime | None],
     ) -> None:
         self._link, self._alarms, self._database, self._bus = link, alarms, database, bus
         self.captures, self._now = captures, now
         self._told: tuple[int | None, float, dict[str, Any]] = (None, 0.0, {})
-        self.removed_before: Callable[[], datetime | None] = lambda: None
-        """Before which moment retention thins or removes packets."""
+        self._removed_before = removed_before
 
     def handle(self, batch: LineBatch) -> None:
         """Keep the counters: at once when something was damaged, missing or silent, otherwise now and then."""
@@ -271,7 +280,7 @@ class ContactService:
 
     def _without_removed(self, check: RecordCheck) -> RecordCheck:
         """Gaps that retention made have a cause."""
-        removed = self.removed_before()
+        removed = self._removed_before()
         if removed is None:
             return check
         words = f"removed by retention, which keeps less of what is older than {removed:%Y-%m-%d %H:%M} UTC"

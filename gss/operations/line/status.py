@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -77,7 +77,7 @@ class Header:
 
 
 class StatusService:
-    """Looks at link, telemetry and banks once a second."""
+    """Publishes the state of link, telemetry and banks once a second, after calling each of ``tickers``."""
 
     def __init__(
         self,
@@ -88,6 +88,7 @@ class StatusService:
         bus: EventBus,
         now: Now,
         authority: AuthorityService,
+        tickers: Sequence[Callable[[], None]],
     ) -> None:
         self._link, self._telemetry, self._banks, self._latched = link, telemetry, banks, alarms
         self._bus, self._now, self._authority = bus, now, authority
@@ -97,7 +98,7 @@ class StatusService:
         self._lock = threading.Lock()  # requests and the ticker both look
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
-        self.tickers: list[Callable[[], None]] = [alarms.tick]
+        self._tickers = tuple(tickers)
 
     def start(self) -> None:
         """Start telling."""
@@ -111,7 +112,7 @@ class StatusService:
 
     def _run(self) -> None:
         while not self._stop.wait(TICK_S):
-            for look in (*self.tickers, self._tell):
+            for look in (*self._tickers, self._tell):
                 try:
                     look()
                 except Exception:  # a full disk or a locked database must not end the one who tells of it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from gss.operations.clock import Monotonic, Now
@@ -13,16 +13,16 @@ STEADY_AFTER_S = 3600.0
 
 
 class ClockWatch:
-    """Looks once a second."""
+    """Compares the clocks once a second. ``jumped``: called with the seconds of each jump, to correct stored moments."""
 
-    def __init__(self, bus: EventBus, now: Now, monotonic_s: Monotonic) -> None:
-        self._bus, self._now, self._monotonic_s = bus, now, monotonic_s
+    def __init__(
+        self, bus: EventBus, now: Now, monotonic_s: Monotonic, jumped: Sequence[Callable[[float], None]]
+    ) -> None:
+        self._bus, self._now, self._monotonic_s, self._jumped = bus, now, monotonic_s, tuple(jumped)
         self._last: tuple[datetime, float] = (now(), monotonic_s())
         self._steady_from_s = self._last[1]
         self.last_jump_s: float | None = None
         """Seconds of the last jump, forward positive; None before the first."""
-        self.jumped: list[Callable[[float], None]] = []
-        """Told of each jump: who keeps moments of the old clock puts them right."""
 
     def tick(self) -> None:
         """Compare; a jump is an event, and counts as the beginning of a new clock."""
@@ -34,7 +34,7 @@ class ClockWatch:
         self.last_jump_s, self._steady_from_s = jump_s, mono_s
         way = "forward" if jump_s > 0 else "back"
         text = f"the server's clock jumped {way} by {abs(jump_s):.1f} s: moments before and after are of two clocks"
-        for put_right in self.jumped:
+        for put_right in self._jumped:
             put_right(jump_s)
         self._bus.record("clock", "warning", text, jump_s=round(jump_s, 3))
 

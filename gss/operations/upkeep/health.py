@@ -6,7 +6,7 @@ import os
 import resource
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,14 +14,17 @@ from gss import __version__
 from gss.domain.errors import GssError
 from gss.domain.limits import ORDER, State
 from gss.operations.clock import Monotonic, Now
+from gss.operations.events import StreamCounts
 from gss.operations.frames.frames import FrameService
 from gss.operations.jobs import JobService
+from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard, megabytes
 from gss.operations.upkeep.metrics import Sample
+from gss.operations.upkeep.page_check import PageCheck
 from gss.store import upkeep as store
 from gss.store.engine import Database
 
@@ -51,7 +54,7 @@ class Health:
 
 
 class HealthService:
-    """Looks when asked. ``drops``: asks for (queue, messages lost) of whoever has a queue."""
+    """Examines the server on request. ``drops``: what each bounded queue has lost, by its name."""
 
     def __init__(
         self,
@@ -64,6 +67,10 @@ class HealthService:
         jobs: JobService,
         backups: BackupService,
         clocks: ClockWatch,
+        pages: PageCheck,
+        dispatcher: Dispatcher,
+        streams: StreamCounts,
+        drops: Mapping[str, Callable[[], int]],
         now: Now,
         monotonic_s: Monotonic,
     ) -> None:
@@ -71,10 +78,7 @@ class HealthService:
         self._telemetry, self._frames, self._jobs = telemetry, frames, jobs
         self._backups, self._clocks, self._now, self._monotonic_s = backups, clocks, now, monotonic_s
         self._started_s = monotonic_s()
-        self.drops: list[Callable[[], tuple[str, int]]] = [lambda: ("solve", frames.skipped)]
-        self.clients: Callable[[], int] = lambda: 0
-        self.streams_refused: Callable[[], int] = lambda: 0
-        self.pages: Callable[[], str] = str
+        self._pages, self._dispatcher, self._streams, self._drops = pages, dispatcher, streams, dict(drops)
 
     def look(self) -> Health:
         """Everything now; a check that fails itself is a finding of its own."""
@@ -101,7 +105,7 @@ class HealthService:
             return Check("database", "critical", None, text)
         with self._database.unit_of_work() as session:
             size = store.database_bytes(session)
-        pages = f"; {self.pages()}" if self.pages() else ""
+        pages = f"; {self._pages.state}" if self._pages.state else ""
         return Check("database", "ok", size, megabytes(size) + pages)
 
     def _disk_check(self) -> Check:
@@ -130,6 +134,9 @@ class HealthService:
         age_s = None if heard_s is None else max(0.0, self._monotonic_s() - heard_s)
         if not self._link.alive():
             return Check("link", "critical", age_s, "the thread that reads the line does not answer")
+        if self._dispatcher.is_slow():
+            text = f"received data has been waiting for the store for {self._dispatcher.busy_s:.0f} s"
+            return Check("link", "critical", age_s, text)
         if age_s is None or age_s > HEARD_WITHIN_S:
             return Check("link", "warning", age_s, "open, but nothing good comes")
         return Check("link", "ok", age_s, f"up on {self._link.url}")
@@ -141,7 +148,7 @@ class HealthService:
         return Check("jobs", "watch" if failed else "ok", waiting, text)
 
     def _queues_check(self) -> Check:
-        lost = dict(ask() for ask in self.drops)
+        lost = {name: count() for name, count in self._drops.items()}
         total = sum(lost.values())
         words = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
         return Check("queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped")
@@ -189,13 +196,12 @@ class HealthService:
         yield _counter(
             "gss_telemetry_unstored_total", "Packets that are in the raw capture only.", self._telemetry.unstored
         )
-        for ask in self.drops:
-            name, number = ask()
-            yield _counter("gss_queue_dropped_total", "Messages that a full queue lost.", number, queue=name)
+        for name, count in self._drops.items():
+            yield _counter("gss_queue_dropped_total", "Messages that a full queue lost.", count(), queue=name)
         yield _gauge("gss_queue_depth", "What waits in a queue.", self._frames.waiting(), queue="solve")
         yield _gauge("gss_queue_depth", "What waits in a queue.", self._jobs.waiting(), queue="jobs")
-        yield _gauge("gss_stream_clients", "Open event streams.", self.clients())
-        yield _counter("gss_streams_refused_total", "Event streams over the limit.", self.streams_refused())
+        yield _gauge("gss_stream_clients", "Open event streams.", self._streams.clients)
+        yield _counter("gss_streams_refused_total", "Event streams over the limit.", self._streams.refused)
         disk = self._disk.look()
         yield _gauge("gss_disk_free_bytes", "Room on the disk of the data folder.", disk.free_bytes)
         with self._database.unit_of_work() as session:

@@ -6,7 +6,7 @@ Names follow the conventions: base units, ``_total`` for what only grows, labels
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 BUCKETS_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
@@ -34,15 +34,14 @@ class _Spread:
 
 
 class Metrics:
-    """Counts, and collects from whoever has figures."""
+    """Counts, and collects the samples of ``sources`` at each look; a source that fails is left out and counted."""
 
-    def __init__(self) -> None:
+    def __init__(self, sources: Sequence[Callable[[], Iterable[Sample]]]) -> None:
+        self._sources = tuple(sources)
         self._lock = threading.Lock()
         self._counts: dict[tuple[str, Labels], float] = {}
         self._spreads: dict[tuple[str, Labels], _Spread] = {}
         self._help: dict[str, str] = {}
-        self.collect: list[Callable[[], Iterable[Sample]]] = []
-        """Asked at each look; one that fails is left out and counted."""
 
     def count(self, name: str, text: str, by: float = 1.0, **labels: str) -> None:
         """One more of something that only grows."""
@@ -67,7 +66,7 @@ class Metrics:
 
     def _lines(self) -> Iterator[str]:
         samples, failed = [], 0
-        for ask in self.collect:
+        for ask in self._sources:
             try:
                 samples += list(ask())
             except Exception:  # one room's defect must not hide the figures of the others

@@ -48,7 +48,7 @@ class Station:
             AuthorityService(database, self.bus, self.now),
             lambda user, permission: None,
         )
-        self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now)
+        self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now, lambda: None)
         subscribers = [
             self.link.handle,
             self.telemetry.handle,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import pytest
 
@@ -38,9 +38,12 @@ class Room:
             self.link, database, bus, clock, AuthorityService(database, bus, clock), lambda *_: None
         )
         self.schedule = ScheduleService(self.link, commands, bus, clock)
-        self.contacts = ContactService(self.link, self.alarms, database, bus, folder, clock)
-        self.clocks = ClockWatch(bus, clock, lambda: self.mono_s)
-        self.clocks.jumped += [self.alarms.clock_jumped, self.schedule.clock_jumped]
+        self.removed_before: datetime | None = None
+        self.contacts = ContactService(
+            self.link, self.alarms, database, bus, folder, clock, lambda: self.removed_before
+        )
+        jumped = [self.alarms.clock_jumped, self.schedule.clock_jumped]
+        self.clocks = ClockWatch(bus, clock, lambda: self.mono_s, jumped)
         with database.unit_of_work() as session:
             self.contact = devices.open_contact(session, "x", clock(), "c").id
         self.link.line_is_open, self.link.contact.is_open, self.link.contact.contact_id = True, True, self.contact
@@ -164,7 +167,7 @@ def test_gaps_that_retention_made_have_their_cause(room):
     room.live(9, heard=False)
     room.live(5)
     assert not room.contacts.record(room.contact).gaps[0].explained
-    room.contacts.removed_before = lambda: room.clock() + timedelta(days=1)
+    room.removed_before = room.clock() + timedelta(days=1)
     (gap,) = room.contacts.record(room.contact).gaps
     assert (gap.explained, gap.cause.startswith("removed by retention")) == (True, True)
 

@@ -178,7 +178,7 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, cloc
     ids = [store.add_frame(bytes([k]) * 100, age_days=1) for k in range(3)]
     store.retention.choose(Policy(frames_days=30, keep_frames=0), user="ann")
     mono = [0.0]
-    clocks = ClockWatch(bus, clock, lambda: mono[0])
+    clocks = ClockWatch(bus, clock, lambda: mono[0], [])
     daily = DailyRetention(store.retention, clocks, store.trust, clock)
 
     def live(seconds, times=1):

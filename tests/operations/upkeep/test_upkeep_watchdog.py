@@ -111,7 +111,9 @@ def test_frames_that_come_faster_than_they_are_solved_are_left_out_and_told(
 
     monkeypatch.setattr(room, "MOST_WAITING", 3)
     go, solved = threading.Event(), []
-    frames = FrameService(database, BlobStore(str(tmp_path / "blobs")), bus, None, None, clock, "reference", None)
+    frames = FrameService(
+        database, BlobStore(str(tmp_path / "blobs")), bus, None, None, clock, "reference", None, lambda _: None
+    )
 
     def slow(frame_id: int) -> None:
         go.wait(20)

@@ -34,10 +34,10 @@ class Server:
         self.store, self.clock, self.mono_s = store, store.clock, 0.0
         store.trust.start()
         dictionary = store.link.dictionary
-        telemetry = TelemetryService(dictionary, store.database, bus, self.clock)
+        telemetry = TelemetryService(dictionary, store.database, bus, self.clock, lambda: None, lambda: True)
         self.alarms = AlarmService(dictionary, telemetry, store.link, store.database, bus, self.clock)
         self.alarms.start()
-        self.clocks = ClockWatch(bus, self.clock, lambda: self.mono_s)
+        self.clocks = ClockWatch(bus, self.clock, lambda: self.mono_s, [])
         self.daily = DailyRetention(store.retention, self.clocks, store.trust, self.clock)
         self.watch = RetentionWatch(store.trust, store.retention, self.alarms)
 
