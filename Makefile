@@ -1,4 +1,5 @@
 # make run    everything on this machine: simulator, server, pages; prints one address
+# make check  a minute: lint, types, fast tests of what changed since the last commit
 # make test   all checks and tests, from nothing
 # make bench  figures (never part of the tests)
 # make soak   hours of load with limits (HOURS=24 WORKERS=0 BROWSERS=1)
@@ -9,10 +10,13 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run test lint types unit web web-test bench soak lock clean docs
+.PHONY: run check test lint types unit web web-test bench soak lock clean docs
 
 run: $(VENV)/.installed web
 	@$(BIN)/gss serve --port $(PORT) --simulator $(SIMULATOR)
+
+check: lint types
+	@$(BIN)/python -m tools.check_tests
 
 test: lint types web-test unit
 
