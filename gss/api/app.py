@@ -19,6 +19,7 @@ from gss.api.deps import view_by_default
 from gss.api.files.compress import Compress
 from gss.api.files.pages import Pages
 from gss.api.guard import door, security
+from gss.api.one_at_a_time import OneAtATime
 from gss.api.routers import (
     alarms,
     analyses,
@@ -98,6 +99,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         responses=errors.PROBLEMS,
     )
     app.state.services, app.state.fanout = services, fanout
+    app.state.line_opening = OneAtATime("open link", "another line is being opened", "wait some seconds and try again")
     stored_words.install(services)
     errors.install(app)
     errors.describe(app)

@@ -1,7 +1,7 @@
-"""Bytes to and from a port: tty, pseudo-terminal, ``socket://host:port`` and whatever else pyserial's URLs name.
+"""Bytes to and from a port: tty, pseudo-terminal, ``socket://host:port`` and ``rfc2217://host:port``.
 
-The only importer of pyserial. Reading blocks at most as long as asked; a port that vanishes is a LinkDown; a port that
-another process holds is a Conflict.
+The only importer of pyserial. Reading blocks at most as long as requested, opening at most ``OPEN_WITHIN_S``; a port that vanishes
+is a LinkDown; a port that another process holds is a Conflict.
 """
 
 from __future__ import annotations
@@ -9,16 +9,23 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
+import threading
+from concurrent.futures import Future
 from typing import Protocol
 
 import serial
 
+from gss.device.line_address import RFC2217, LineAddress, parse_line_address
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 
+OPEN_WITHIN_S = 5.0
 WRITE_TIMEOUT_S = 10.0
-SCHEMES = ("", "socket", "rfc2217")
+RFC2217_POLL_S = 0.01
 SETTLE_S = 0.15
 CONNECT_HINT = "start the device or the simulator, or check the address"
+UNFINISHED_MOST = 8
+_unfinished = threading.BoundedSemaphore(UNFINISHED_MOST)
+"""Openings whose threads have not ended. Each ends sooner or later: pyserial limits every step."""
 
 
 class ByteStream(Protocol):
@@ -33,10 +40,15 @@ class ByteStream(Protocol):
     def close(self) -> None: ...
 
 
+PORT_ERRORS = (OSError, TypeError, AttributeError, ValueError)
+"""pyserial raises TypeError or AttributeError when another thread closes the port under a blocked read, and ValueError when the
+process has so many open files that select() cannot watch the port."""
+
+
 class SerialStream:
     """A ByteStream over pyserial. Reading and writing may happen in different threads; one of each at a time."""
 
-    def __init__(self, url: str, port: serial.SerialBase) -> None:
+    def __init__(self, url: str, port: serial.Serial) -> None:
         self.url, self._port = url, port
         self._early, self._heard = b"", False
 
@@ -58,25 +70,27 @@ class SerialStream:
         if self._early:
             data, self._early = self._early, b""
             return data
-        port = self._port
         try:
-            port.timeout = timeout_s
-            data = bytes(port.read(1))
-            if data and max_bytes > 1:
-                # Asking for more with no timeout gives what is there; a socket does not know how much that is.
-                port.timeout = 0
-                data += bytes(port.read(max_bytes - 1))
-            self._heard = self._heard or bool(data)
-            return data
-        except (OSError, TypeError, AttributeError) as error:
-            # pyserial raises TypeError or AttributeError when another thread closes the port under a blocked read.
+            data = self._receive(self._port, max_bytes, timeout_s)
+        except PORT_ERRORS as error:
             raise self._down(error) from error
+        self._heard = self._heard or bool(data)
+        return data
+
+    def _receive(self, port: serial.Serial, max_bytes: int, timeout_s: float) -> bytes:
+        port.timeout = timeout_s
+        data = bytes(port.read(1))
+        if data and max_bytes > 1:
+            # Reading more with no timeout gives what is there; a socket does not know how much that is.
+            port.timeout = 0
+            data += bytes(port.read(max_bytes - 1))
+        return data
 
     def write(self, data: bytes) -> None:
         """All of ``data``, or LinkDown."""
         try:
             self._port.write(data)
-        except (OSError, TypeError, AttributeError) as error:
+        except PORT_ERRORS as error:
             raise self._down(error) from error
 
     def _down(self, error: Exception) -> LinkDown:
@@ -93,30 +107,67 @@ class SerialStream:
             left_open.close()
 
 
-def open_stream(url: str, baud: int = 115_200) -> ByteStream:
-    """Open a line for this process alone. NotFound, Conflict or LinkDown say what is in the way."""
-    if not url:
-        raise BadInput("no line given", expected="a device path or socket://host:port")
-    _check_address(url)
-    is_socket = "://" in url
-    if not is_socket:
+class Rfc2217Stream(SerialStream):
+    """The same over RFC 2217. pyserial renegotiates the whole port whenever a time limit changes, so that it never does here."""
+
+    def _receive(self, port: serial.Serial, max_bytes: int, timeout_s: float) -> bytes:
+        for _ in range(max(1, round(timeout_s / RFC2217_POLL_S))):
+            data = bytes(port.read(1))
+            if data:
+                return data + bytes(port.read(min(max_bytes - 1, port.in_waiting)))
+        return b""
+
+
+def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) -> ByteStream:
+    """Open a line for this process alone, on a separate thread. NotFound, Conflict, BadInput or LinkDown name the reason, LinkDown
+    also after ``within_s``; a port that opens later is closed at once."""
+    address = parse_line_address(url)
+    if not _unfinished.acquire(blocking=False):
+        raise Conflict(
+            "too many earlier openings have not ended", expected=f"fewer than {UNFINISHED_MOST}", hint="try again later"
+        )
+    opening: Future[ByteStream] = Future()
+    threading.Thread(target=_open_into, args=(opening, address, baud), name="open line", daemon=True).start()
+    try:
+        return opening.result(within_s)
+    except TimeoutError:
+        opening.add_done_callback(_close_late)
+        raise LinkDown(
+            f"cannot open {url}", expected=f"an open port within {within_s:g} s", got="no answer", hint=CONNECT_HINT
+        ) from None
+
+
+def _open_into(opening: Future[ByteStream], address: LineAddress, baud: int) -> None:
+    try:
+        opening.set_result(_open(address, baud))
+    except BaseException as error:  # raised again where the opening is awaited
+        opening.set_exception(error)
+    finally:
+        _unfinished.release()
+
+
+def _close_late(opening: Future[ByteStream]) -> None:
+    if opening.exception() is None:
+        opening.result().close()
+
+
+def _open(address: LineAddress, baud: int) -> ByteStream:
+    url = address.text
+    if address.is_device:
         _check_device(url)
     try:
-        port = serial.serial_for_url(url, do_not_open=True)
-        port.baudrate, port.timeout, port.write_timeout = baud, 0.1, WRITE_TIMEOUT_S
-        if not is_socket:
-            port.exclusive = True
+        port = _port(address, baud)
         port.open()
     except serial.SerialException as error:
         raise _cannot_open(url, error) from error
     except (OSError, ValueError) as error:
         raise LinkDown(f"cannot open {url}", got=str(error), hint=CONNECT_HINT) from error
-    if not is_socket:
-        # What lay in the terminal's buffer before we came belongs to nobody.
+    if address.is_device:
+        # What lay in the terminal's buffer before the opening belongs to an earlier user of the port.
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
-    stream = SerialStream(url, port)
-    if is_socket:
+    stream = Rfc2217Stream(url, port) if address.scheme == RFC2217 else SerialStream(url, port)
+    if not address.is_device:
         try:
             stream.settle()
         except Conflict:
@@ -125,15 +176,14 @@ def open_stream(url: str, baud: int = 115_200) -> ByteStream:
     return stream
 
 
-def _check_address(url: str) -> None:
-    """Only lines: pyserial's other schemes (spy, alt, loop) write files or load code on behalf of the address."""
-    scheme = url.partition("://")[0] if "://" in url else ""
-    if scheme not in SCHEMES or not url.isprintable():
-        raise BadInput(
-            "not the address of a line",
-            expected="a device path, socket:// or rfc2217://host:port",
-            got=ascii(url)[:80],
-        )
+def _port(address: LineAddress, baud: int) -> serial.Serial:
+    port = serial.serial_for_url(address.text, do_not_open=True)
+    port.baudrate, port.timeout = baud, RFC2217_POLL_S
+    if address.scheme != RFC2217:  # pyserial has no such limit there; its socket stops waiting after 5 s
+        port.write_timeout = WRITE_TIMEOUT_S
+    if address.is_device:
+        port.exclusive = True
+    return port
 
 
 def _check_device(path: str) -> None:

@@ -263,11 +263,24 @@ def test_half_characters_are_refused_with_words(client, text):
         assert "half a character" in reply.json()["message"]
 
 
-@pytest.mark.parametrize("url", ["spy:///dev/null?file=/tmp/x", "alt://x", "loop://", "socket://127.0.0.1:1\\r\\n"])
+@pytest.mark.parametrize(
+    "url",
+    [
+        "spy:///dev/null?file=/tmp/x",
+        "alt://x",
+        "loop://",
+        "socket://127.0.0.1:1\\r\\n",
+        "rfc2217://127.0.0.1:1?timeout=100000",
+        "socket://127.0.0.1:1?logging=debug",
+        "socket://127.0.0.1:1/path",
+        "socket://name:word@127.0.0.1:1",
+        "socket://127.0.0.1:0",
+    ],
+)
 def test_only_lines_are_opened(client, url):
-    """No scheme that writes files or loads code on behalf of the address."""
+    """No scheme that writes files or loads code on behalf of the address, and no option inside an address."""
     reply = client.post("/api/link/open", json={"url": url.encode().decode("unicode_escape")})
-    assert (reply.status_code, reply.json()["message"]) == (400, "not the address of a line")
+    assert (reply.status_code, reply.json()["message"]) == (400, "invalid line address")
 
 
 @pytest.mark.parametrize(

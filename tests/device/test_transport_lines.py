@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from gss.device.transport import ByteStream, open_stream
+from gss.device.transport import UNFINISHED_MOST, ByteStream, open_stream
 from gss.domain.errors import Conflict, LinkDown, NotFound
 
 Serve = Callable[[Callable[[socket.socket], None]], str]
@@ -82,6 +82,38 @@ def test_a_silent_device_is_waited_for(serve: Serve) -> None:
     assert stream.read(10, 0.01) == b""
     stream.close()
     for peer in kept:
+        peer.close()
+
+
+def wait_for_openings() -> None:
+    """Until no opening of an earlier test is under way."""
+    for thread in [thread for thread in threading.enumerate() if thread.name == "open line"]:
+        thread.join(30)
+
+
+def test_a_port_that_opens_after_the_deadline_is_closed(serve: Serve) -> None:
+    """The caller gets LinkDown in time, and the peer sees the late connection end."""
+    peers: list[socket.socket] = []
+    with pytest.raises(LinkDown, match=r"an open port within 0.01 s; got no answer"):
+        open_stream(serve(peers.append), within_s=0.01)
+    wait_for_openings()
+    with peers[0] as peer:
+        peer.settimeout(30)
+        assert peer.recv(1) == b""
+
+
+def test_openings_that_do_not_end_are_limited(serve: Serve) -> None:
+    """A peer that never negotiates holds a bounded number of threads; afterwards lines open again."""
+    peers: list[socket.socket] = []
+    silent = serve(peers.append)
+    for _ in range(UNFINISHED_MOST):
+        with pytest.raises(LinkDown):
+            open_stream(silent.replace("socket", "rfc2217"), within_s=0.01)
+    with pytest.raises(Conflict, match="too many earlier openings"):
+        open_stream(silent)
+    wait_for_openings()
+    open_stream(silent).close()
+    for peer in peers:
         peer.close()
 
 

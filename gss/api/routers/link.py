@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request
 
 from gss.api import present
 from gss.api.deps import NOBODY, App, Deed, User, Who, need
+from gss.api.one_at_a_time import OneAtATime
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
+from gss.device.line_address import LineAddress, parse_line_address
 from gss.operations.line.addresses import is_allowed, not_allowed
 from gss.wiring import Services
 
@@ -31,16 +35,28 @@ def read_counters(app: App) -> CountersOut:
     return present.link.counters(app.link.contact_counters, app.link.framing, app.link.session.housekeeping)
 
 
+async def _opening(request: Request) -> OneAtATime:
+    found: OneAtATime = request.app.state.line_opening
+    return found
+
+
 @router.post("/link/open", dependencies=[need("link.open")])
-def open_link(app: App, who: Who, body: LinkOpenIn, deed: Deed) -> LinkOut:
-    """Use another port. What is wrong with it is said at once, and the present one stays. Another machine's is an admin's to open,
-    unless it is on the list of the settings or was open before."""
-    deed(f"from {_port(app)} to {body.url}")
-    app.authority.check(who.name)
-    if who.role != "admin" and not _is_known(app, body.url):
-        raise not_allowed(body.url)
-    app.link.open(body.url)
-    return present.link.link(app.status.header())
+async def open_link(
+    app: App, who: Who, body: LinkOpenIn, deed: Deed, opening: Annotated[OneAtATime, Depends(_opening)]
+) -> LinkOut:
+    """Use another port. Errors are reported at once, and the present port stays. Only one line is opened at a time. A port of
+    another machine needs an admin, unless it is on the list of the settings or was open before."""
+
+    def open_now() -> LinkOut:
+        deed(f"from {_port(app)} to {body.url}")
+        app.authority.check(who.name)
+        address = parse_line_address(body.url)
+        if who.role != "admin" and not _is_known(app, address):
+            raise not_allowed(body.url)
+        app.link.open(body.url)
+        return present.link.link(app.status.header())
+
+    return await opening.run(open_now)
 
 
 @router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
@@ -61,8 +77,8 @@ def close_link(app: App, user: User, deed: Deed) -> LinkOut:
     return present.link.link(app.status.header())
 
 
-def _is_known(app: Services, url: str) -> bool:
-    allowed = is_allowed(url, app.settings.link_allow)
+def _is_known(app: Services, address: LineAddress) -> bool:
+    allowed, url = is_allowed(address, app.settings.link_allow), address.text
     return allowed or url == app.settings.device or app.contacts.had(url)
 
 

@@ -4,23 +4,17 @@ other machine are open."""
 from __future__ import annotations
 
 from ipaddress import ip_address, ip_network
-from urllib.parse import urlsplit
 
+from gss.device.line_address import LineAddress
 from gss.domain.errors import NotPermitted
 
-NETWORK = ("socket", "rfc2217")
 
-
-def is_allowed(url: str, allowed: str) -> bool:
-    """A device of this machine, this machine itself, or a host that is on the list: names and networks with commas between. A name
-    counts as it is written: what it stands for may change."""
-    try:
-        parts = urlsplit(url)
-        host = (parts.hostname or "").lower()
-    except ValueError:
-        return False
-    if parts.scheme not in NETWORK:
-        return True  # a path, or what is no line at all and is told so
+def is_allowed(address: LineAddress, allowed: str) -> bool:
+    """True for a device of this machine, this machine itself, or a host on the list: names and networks separated by commas. A name
+    is compared as text: what it resolves to may change."""
+    if address.is_device:
+        return True
+    host = address.host
     words = [word.strip().lower() for word in allowed.split(",") if word.strip()]
     return host == "localhost" or host in words or _is_in(host, ["127.0.0.0/8", "::1", *words])
 

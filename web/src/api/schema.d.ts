@@ -848,8 +848,8 @@ export interface paths {
         put?: never;
         /**
          * Open Link
-         * @description Use another port. What is wrong with it is said at once, and the present one stays. Another machine's is an admin's to open,
-         *     unless it is on the list of the settings or was open before.
+         * @description Use another port. Errors are reported at once, and the present port stays. Only one line is opened at a time. A port of
+         *     another machine needs an admin, unless it is on the list of the settings or was open before.
          */
         post: operations["open_link_api_link_open_post"];
         delete?: never;

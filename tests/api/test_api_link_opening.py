@@ -1,0 +1,39 @@
+"""Opening a line to a peer that does not answer costs nothing but that opening."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from fastapi.testclient import TestClient
+
+MANY = 45
+"""More than the framework has threads for requests."""
+
+
+@pytest.fixture
+def silent() -> Iterator[str]:
+    """A port that accepts connections and never answers; its RFC 2217 address."""
+    with socket.create_server(("127.0.0.1", 0), backlog=MANY) as listener:
+        yield f"rfc2217://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def test_openings_that_hang_leave_every_other_route_answering(client: TestClient, silent: str) -> None:
+    """Of many openings at a time one waits, the others are refused with a reason; meanwhile routes that need a thread answer."""
+    with ThreadPoolExecutor(MANY) as threads:
+        openings = [threads.submit(client.post, "/api/link/open", json={"url": silent}) for _ in range(MANY)]
+        for path in ("/api/link", "/api/commands", "/api/contacts", "/api/frames"):
+            assert client.get(path).status_code == 200
+        assert not all(opening.done() for opening in openings), "the routes answered only after the openings"
+    answers = [opening.result() for opening in openings]
+    counts = Counter(answer.status_code for answer in answers)
+    assert set(counts) == {409, 503}, counts
+    assert counts[409] > MANY - 5
+    refused = next(answer.json() for answer in answers if answer.status_code == 409)
+    assert (refused["message"], bool(refused["hint"])) == ("another line is being opened", True)
+    assert client.post("/api/link/open", json={"url": "/dev/ttyNOWHERE"}).status_code == 404
+    assert [thread for thread in threading.enumerate() if thread.name == "open link"] == []
