@@ -13,7 +13,7 @@ from fastapi.testclient import TestClient
 from gss.api.deps import NOBODY, is_export, needs_of
 from gss.api.guard.door import OPEN, SAFE_METHODS
 from gss.device.dictionary_file import load_dictionary
-from gss.operations.accounts.permissions import ALL, COMMANDS, ROLES, SIGNED_IN, permitted
+from gss.operations.accounts.permissions import ALL, COMMANDS, ROLES, permitted
 
 ENDLESS = ("/api/stream", "/api/rerun/live")
 NO_FILES = (
@@ -50,7 +50,7 @@ def test_every_changing_route_declares_exactly_one_known_permission(app: FastAPI
     assert len(changing) > 60
     for method, path, route in changing:
         (need,) = needs_of(route)
-        assert all(one in ALL | {"command", NOBODY, SIGNED_IN} for one in need.permission.split("|")), path
+        assert all(one in ALL | {"command", NOBODY} for one in need.permission.split("|")), path
         assert (need.permission == NOBODY) == ((method, path) in OPEN), path
     assert {(m, p) for m, p, r in routes(app) if any(n.permission == NOBODY for n in needs_of(r))} == OPEN
 

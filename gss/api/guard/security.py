@@ -20,6 +20,7 @@ from gss.api.guard.keys import Keys
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
 from gss.api.guard.record import Record
 from gss.domain.errors import NotPermitted
+from gss.operations.accounts.permissions import VIEW
 from gss.operations.clock import monotonic_s
 from gss.wiring import Services
 
@@ -76,7 +77,7 @@ class Guard:
         if not is_guarded(scope):
             return problem(405, "pages are only read", "GET", scope["method"]) if changing else None
         refusal = await self._keys.identify(scope, headers)
-        return refusal if refusal is not None or not changing or is_open(scope) else self._unread(scope, headers)
+        return refusal if refusal is not None or is_open(scope) else self._unread(scope, headers)
 
     def _foreign(self, scope: Scope, headers: Headers) -> Refusal | None:
         """Where it comes from, if from there nothing is heard."""
@@ -89,12 +90,12 @@ class Guard:
         return self._perimeter.refusal(caller, headers, data=is_guarded(scope))
 
     def _unread(self, scope: Scope, headers: Headers) -> Response | None:
-        """What can be told before the body is read: whether they may, and whether it can be right at that length."""
+        """Check what is known before the body is read: permission and length. What declares no permission needs the one to view."""
         route = self._door.route(scope)
         try:
-            for need in needs_of(route):
-                scope["state"]["who"].require(need.permission)
+            for permission in [need.permission for need in needs_of(route)] or [VIEW]:
+                scope["state"]["who"].require(permission)
         except NotPermitted as error:
             scope["route"] = route  # for the record
             return problem(403, error.message, error.expected, error.got, error.hint)
-        return bad_body(headers, most_bytes(route, scope, headers))
+        return bad_body(headers, most_bytes(route, scope, headers)) if is_change(scope) else None

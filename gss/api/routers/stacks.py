@@ -20,7 +20,7 @@ from gss.api.schemas.stacks import (
     StackRunOut,
     StepsIn,
 )
-from gss.operations.accounts.permissions import SIGNED_IN
+from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.stacks import StackCheck
 from gss.wiring import Services
 
@@ -112,7 +112,7 @@ def read_run(app: App, run_id: RowId) -> StackRunOut:
     return present.stacks.run(app.stack_runs.get(run_id))
 
 
-@router.post("/stack-runs/{run_id}/pause", dependencies=[need(SIGNED_IN)])
+@router.post("/stack-runs/{run_id}/pause", dependencies=[need(STOP)])
 def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Send no further step for now."""
     return present.stacks.run(app.stack_runs.pause(run_id, user=user))
@@ -124,7 +124,7 @@ def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     return present.stacks.run(app.stack_runs.resume(run_id, user=user))
 
 
-@router.post("/stack-runs/{run_id}/stop", dependencies=[need(SIGNED_IN)])
+@router.post("/stack-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """End it; a command that was sent is followed on its own."""
     return present.stacks.run(app.stack_runs.stop(run_id, user=user))

@@ -10,7 +10,7 @@ from gss.api import present
 from gss.api.deps import App, Deed, RowId, Who, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
-from gss.operations.accounts.permissions import SIGNED_IN
+from gss.operations.accounts.permissions import STOP
 from gss.operations.transfers.downloads import permission_of
 from gss.store.models import Transfer
 
@@ -39,7 +39,7 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
     return present.records.transfer(app.transfers.get(transfer_id))
 
 
-@router.post("/{transfer_id}/pause", dependencies=[need(SIGNED_IN)])
+@router.post("/{transfer_id}/pause", dependencies=[need(STOP)])
 def pause(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
     """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
     deed(_named(app.transfers.get(transfer_id).row))
@@ -60,7 +60,7 @@ def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
     return present.records.transfer(app.transfers.resume(transfer_id))
 
 
-@router.post("/{transfer_id}/abort", dependencies=[need(SIGNED_IN)])
+@router.post("/{transfer_id}/abort", dependencies=[need(STOP)])
 def abort(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
     """Give it up on both sides. Free to all, as ABORT is."""
     deed(_named(app.transfers.get(transfer_id).row))

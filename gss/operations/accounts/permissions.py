@@ -1,6 +1,6 @@
 """What each role may do: one table, asked by routes, by commands and by the pages.
 
-Stopping needs no permission: ABORT, pausing, stopping and aborting are open to everybody who is signed in.
+Every role may stop: ABORT, pausing, stopping and aborting need ``stop`` alone. A token narrowed to other permissions may not.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from gss.domain.errors import BadInput, NotPermitted
 VIEW = "view"
 METRICS = "metrics"
 """Figures without names or contents: harmless, so that the token of a monitor can be the least of all."""
-SIGNED_IN = "signed in"
-"""What stopping needs: no permission at all, only that somebody is there to answer for it."""
-EVERYBODY = (VIEW, METRICS)
+STOP = "stop"
+"""ABORT, and pausing, stopping and aborting what runs."""
+EVERYBODY = (VIEW, METRICS, STOP)
 GROUPS = ("attitude", "catalogue", "imager", "link", "power", "processor", "training")
 COMMANDS = tuple(f"command.{group}" for group in GROUPS)
 """One for each subsystem of the dictionary."""
@@ -85,7 +85,7 @@ def checked_role(role: str) -> str:
 def permitted(permissions: frozenset[str], wanted: str) -> bool:
     """Does one of the alternatives hold? ``wanted`` is a permission, or some with | between; ``command`` is any command's."""
     return any(
-        one in permissions or one == SIGNED_IN or (one == "command" and any(p in permissions for p in COMMANDS))
+        one in permissions or (one == "command" and any(p in permissions for p in COMMANDS))
         for one in wanted.split("|")
     )
 

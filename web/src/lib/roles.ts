@@ -33,6 +33,7 @@ export const WORDS: Record<string, [string, readonly string[]]> = {
   'admin.health': ['reading the health page', []],
   'admin.retention': ['storage and retention', []],
   'admin.backup': ['backups', []],
+  stop: ['stopping', ['viewer', 'operator', 'catalogue manager', 'engineer']],
   metrics: ['reading the metrics', ['viewer', 'operator', 'catalogue manager', 'engineer']],
 };
 
