@@ -46,6 +46,16 @@ class Served:
                     found[f"worker {len(found)}"] = pid
         return found
 
+    def listeners(self) -> int:
+        """Handles of the public listening socket in the link process: with API workers a second one means it answers itself."""
+        rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+        (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{self.host_and_port[1]:04X}"))
+        found = 0
+        for handle in list(Path(f"/proc/{self.process.pid}/fd").iterdir()):
+            with contextlib.suppress(OSError):
+                found += os.readlink(handle) == f"socket:[{inode}]"
+        return found
+
     def sign_in(self, name: str = "soak-admin") -> str:
         """A session as a browser gets it: the value of its cookie."""
         import httpx2

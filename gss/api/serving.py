@@ -1,22 +1,44 @@
-"""How the server is reached: what uvicorn is told, and the address that is printed at the start."""
+"""How the server is reached: uvicorn's options, the limits on connections, and the address that is printed at the start."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 from typing import Any
 
+from gss.api.connections.admission import ConnectionLimits, Connections
+from gss.api.connections.limited_listener import raise_descriptor_limit
+from gss.api.connections.log_throttle import throttle_logs
+from gss.api.connections.timed_http import HttpTimeouts, TimedHttp
 from gss.api.guard.perimeter import public_names
 from gss.operations.accounts.users import SETUP_LASTS, Link
 from gss.settings import Settings
 
-PATIENT = "gss.api.patience:PatientHttp"
+TIMEOUTS = HttpTimeouts()
+BACKLOG = 1024
+"""Connections that wait to be accepted. A client that finds no place tries again a second later: too late for ABORT in a burst."""
 
 
-def uvicorn_options(settings: Settings) -> dict[str, Any]:
-    """An end of patience, TLS, and nothing of X-Forwarded-*: uvicorn would believe any program of this machine, the perimeter knows
-    whom to believe."""
-    options: dict[str, Any] = {"http": PATIENT, "proxy_headers": False, "server_header": False}
+def open_connections(settings: Settings) -> Connections:
+    """Raise the limit of open files and count this process's connections; its logs are throttled from now on."""
+    throttle_logs()
+    descriptors = raise_descriptor_limit()
+    limits = ConnectionLimits.within(settings.connections_most, descriptors, behind_proxy=settings.behind_proxy)
+    return Connections(limits)
+
+
+def uvicorn_options(settings: Settings, connections: Connections, timeouts: HttpTimeouts = TIMEOUTS) -> dict[str, Any]:
+    """Limited connections, TLS, no WebSocket, and no X-Forwarded-*: uvicorn would believe any program of this machine, the
+    perimeter knows which proxy to believe."""
+    options: dict[str, Any] = {
+        "http": functools.partial(TimedHttp, connections=connections, timeouts=timeouts),
+        "loop": "asyncio",  # it accepts through our listener
+        "ws": "none",
+        "backlog": BACKLOG,
+        "proxy_headers": False,
+        "server_header": False,
+    }
     if settings.tls_certificate:
         options |= {"ssl_certfile": settings.tls_certificate, "ssl_keyfile": settings.tls_key}
     return options

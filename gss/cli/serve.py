@@ -69,9 +69,11 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     import uvicorn
 
     from gss.api.app import create_app
-    from gss.api.serving import greeting, say_stopping, uvicorn_options
+    from gss.api.connections.limited_listener import LimitedListener
+    from gss.api.serving import greeting, open_connections, say_stopping, uvicorn_options
     from gss.wiring import build
 
+    connections = open_connections(settings)
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
     if sensor is not None:
         sensor.told = lambda text: services.bus.record("link", "warning", text)
@@ -91,21 +93,25 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     if settings.workers:
         from gss.api.workers.link_process import serve_behind_workers
 
-        serve_behind_workers(app, services, settings, listener, uvicorn_options(settings))
+        serve_behind_workers(app, services, settings, listener, connections)
         return
 
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3, **uvicorn_options(settings))
+    config = uvicorn.Config(
+        app, log_level="warning", timeout_graceful_shutdown=3, **uvicorn_options(settings, connections)
+    )
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after a clean stop
-        Server(config).run(sockets=[listener])
+        Server(config).run(sockets=[LimitedListener(connections, listener.detach())])
 
 
 def _listen(host: str, port: int) -> socket.socket:
+    from gss.api.connections.limited_listener import prefer_requests
     from gss.domain.errors import Conflict
 
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        prefer_requests(listener)
         listener.listen(128)  # from here on a browser waits instead of being refused
     except OSError as error:
         listener.close()

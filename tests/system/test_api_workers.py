@@ -90,7 +90,7 @@ def desk(tmp_path_factory, private_folder):
     options = {"TMPDIR": str(private_folder), "GSS_SIMULATOR_BAUD": "0"}
     with served(folder, "--simulator", "cubestar", "--workers", "2", **options) as server:
         desk = Desk(server)
-        desk.wait("the workers at the door", lambda: doors(server.process.pid, server.host_and_port[1]) == 1, 150)
+        desk.wait("the workers at the door", lambda: server.listeners() == 1, 150)
         desk.wait("the sensor's banks", lambda: (desk.get("/link")["active_bank"] or {}).get("catalogue_id"), 150)
         yield desk
         desk.http.close()
@@ -251,23 +251,11 @@ def abort_gets_through_while_no_worker_is_alive(console: Desk) -> set[int]:
         abort = httpx2.post(f"{console.address}/api/commands/abort", headers=console.headers, timeout=60)
         stranger = httpx2.get(f"{console.address}/api/link", timeout=60)
         assert (abort.status_code, stranger.status_code) == (201, 401)
-        assert doors(console.server.process.pid, console.server.host_and_port[1]) == 2
+        assert console.server.listeners() == 2
     finally:
         for pid in held:
             os.kill(pid, signal.SIGCONT)
     return held
-
-
-def doors(pid: int, port: int) -> int:
-    """How many handles of the listening socket on a port a process has: one is the workers' own, a second one it answers on."""
-    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{port:04X}"))
-    handles = list(Path(f"/proc/{pid}/fd").iterdir())
-    found = 0
-    for handle in handles:
-        with contextlib.suppress(OSError):
-            found += os.readlink(handle) == f"socket:[{inode}]"
-    return found
 
 
 def _alive(pid: int) -> bool:

@@ -1,4 +1,4 @@
-"""What came past the guard goes on the record: every change, every export, every denial, and of strangers' knocking enough."""
+"""Audit log: records every change, export and denied request; failed and denied requests without sign-in are sampled."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Record:
             return
         who: Who | None = state["who"]
         action, detail = _action(route), state["detail"]
-        if denied and (who is None or status == 429):
-            knocking = f"{who.name if who else state['address']} {action}"
+        if status == 429 or (who is None and status >= 400):
+            knocking = f"{who.name if who else state['address']} {action} {'denied' if denied else 'failed'}"
             skipped = None if who is None and status == 429 else self._strangers.seen(knocking)
             if skipped is None:
                 return
@@ -53,8 +53,8 @@ class Record:
 
 
 class Strangers:
-    """Denials of people who are not signed in: one row a minute for each address and thing, with a count of the others; none for
-    those whom a brake stopped. Of people who are signed in and ask too often one by name. The disk could be filled otherwise."""
+    """Denied and failed requests without sign-in: one row a minute for each address and action, with a count of the others; none
+    for those stopped by a rate limit. For signed-in users over a rate limit one by name. Otherwise they could fill the disk."""
 
     MOST = 2000
 

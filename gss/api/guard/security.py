@@ -11,6 +11,7 @@ from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gss.api.connections.admission import Connection
 from gss.api.deps import needs_of
 from gss.api.errors import problem
 from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, bad_body, most_bytes
@@ -77,6 +78,9 @@ class Guard:
         if not is_guarded(scope):
             return problem(405, "pages are only read", "GET", scope["method"]) if changing else None
         refusal = await self._keys.identify(scope, headers)
+        connection: Connection | None = scope["state"].get("connection")
+        if connection is not None and scope["state"]["who"] is not None:
+            connection.mark_authenticated()
         return refusal if refusal is not None or is_open(scope) else self._unread(scope, headers)
 
     def _foreign(self, scope: Scope, headers: Headers) -> Refusal | None:

@@ -24,6 +24,7 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 10.0
 STEADY_S = 30.0
 END_WITHIN_S = 6.0
 MOST = 16
+PRIVATE_BACKLOG = 512
 Tell = Callable[[str, str], None]
 """(severity, text)."""
 
@@ -35,18 +36,17 @@ class Order:
     settings: Settings
     link: str
     listener: int
-    options: dict[str, Any]
 
     def as_json(self) -> str:
         """One line."""
         settings = self.settings.model_dump(mode="json")
-        return json.dumps({"settings": settings, "link": self.link, "listener": self.listener, "options": self.options})
+        return json.dumps({"settings": settings, "link": self.link, "listener": self.listener})
 
     @staticmethod
     def from_json(text: str) -> Order:
         """The same order in another process."""
         told = json.loads(text)
-        return Order(Settings(**told["settings"]), told["link"], told["listener"], told["options"])
+        return Order(Settings(**told["settings"]), told["link"], told["listener"])
 
 
 @dataclass
@@ -149,6 +149,6 @@ def private_socket() -> Iterator[tuple[socket.socket, Path]]:
             listener.bind(str(path))
         finally:
             os.umask(before)
-        listener.listen(512)
+        listener.listen(PRIVATE_BACKLOG)
         with listener:
             yield listener, path

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import h11
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gss.api.errors import problem
-from gss.api.guard.door import is_change
+from gss.api.guard.door import is_change, is_open
 from gss.api.workers.local_routes import is_local
 
 PEER = b"x-gss-peer"
@@ -41,8 +41,30 @@ class Gateway:
         if scope["type"] != "http" or is_local(scope["method"], scope["path"]):
             await self._app(scope, receive, send)
             return
+        if is_open(scope) and is_change(scope):
+            whole = await _whole_body(receive)
+            if whole is None:
+                return  # the client left; nothing was forwarded
+            receive = whole
         scope["gss.forwarded"] = True
         await self._forward(scope, receive, send)
+
+
+async def _whole_body(receive: Receive) -> Receive | None:
+    """Wait for the complete body, so that a slow client without an account holds no connection to the link process. Such bodies are
+    small. Returns what gives it in one piece; None if the client left."""
+    body, more = b"", True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body, more = body + message.get("body", b""), message.get("more_body", False)
+    pieces = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def one_piece() -> Message:
+        return pieces.pop() if pieces else await receive()
+
+    return one_piece
 
 
 class Forward:

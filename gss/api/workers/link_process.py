@@ -8,13 +8,13 @@ import signal
 import socket
 import threading
 from types import FrameType
-from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
 
-from gss.api.serving import say_stopping
-from gss.api.workers.crew import Crew, Order, private_socket
+from gss.api.connections.admission import Connections
+from gss.api.serving import say_stopping, uvicorn_options
+from gss.api.workers.crew import PRIVATE_BACKLOG, Crew, Order, private_socket
 from gss.api.workers.stand_in import StandIn
 from gss.api.workers.upstream import PrivateDoor
 from gss.settings import Settings
@@ -24,11 +24,12 @@ GRACE_S = 3
 
 
 def serve_behind_workers(
-    app: FastAPI, services: Services, settings: Settings, listener: socket.socket, options: dict[str, Any]
+    app: FastAPI, services: Services, settings: Settings, listener: socket.socket, connections: Connections
 ) -> None:
-    """Serve until interrupted. ``listener``: the public socket, which the workers share; ``options``: of uvicorn, for them."""
+    """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: of this process, while it
+    answers there itself."""
     with private_socket() as (private, path):
-        order = Order(settings, str(path), listener.fileno(), options)
+        order = Order(settings, str(path), listener.fileno())
 
         def tell(severity: str, text: str) -> None:
             services.bus.record("server", severity, text)
@@ -40,12 +41,14 @@ def serve_behind_workers(
             door,
             log_level="warning",
             timeout_graceful_shutdown=GRACE_S,
+            backlog=PRIVATE_BACKLOG,
             server_header=False,
             proxy_headers=False,
         )
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                LinkServer(config, services, crew, StandIn(app, listener, door, options)).run(sockets=[private])
+                stand_in = StandIn(app, listener, door, connections, uvicorn_options(settings, connections))
+                LinkServer(config, services, crew, stand_in).run(sockets=[private])
         finally:
             crew.stop()
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
 
+from gss.api.connections.admission import Connections
+from gss.api.connections.limited_listener import LimitedListener
 from gss.api.workers.upstream import PrivateDoor
 
 
@@ -19,9 +22,16 @@ class StandIn:
     What a connection brought is answered to its end, also where a worker is there again.
     """
 
-    def __init__(self, app: ASGIApp, listener: socket.socket, door: PrivateDoor, options: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        listener: socket.socket,
+        door: PrivateDoor,
+        connections: Connections,
+        options: dict[str, Any],
+    ) -> None:
         self._config = uvicorn.Config(app, lifespan="off", log_level="warning", **options)
-        self._listener, self._door = listener, door
+        self._listener, self._door, self._connections = listener, door, connections
         self._open: asyncio.Server | None = None
         self._over = False
         self._task: asyncio.Task[None] | None = None
@@ -46,7 +56,9 @@ class StandIn:
             wanted = self._door.workers == 0 and not self._over
             if wanted and self._open is None:
                 loop = asyncio.get_running_loop()
-                shared = self._listener.dup()  # closing ours leaves the workers' open
+                shared = LimitedListener(
+                    self._connections, os.dup(self._listener.fileno())
+                )  # closed without the workers'
                 self._open = await loop.create_server(
                     self._protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog
                 )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import socket
 import sys
 import threading
 from pathlib import Path
@@ -25,6 +24,8 @@ def main() -> None:
     import uvicorn
 
     from gss.api.app import create_app
+    from gss.api.connections.limited_listener import LimitedListener
+    from gss.api.serving import open_connections, uvicorn_options
     from gss.api.workers.crew import Order
     from gss.wiring import build
 
@@ -34,7 +35,8 @@ def main() -> None:
     order = Order.from_json(told)
     services = build(order.settings, ready=True)
     app = create_app(services, behind=Path(order.link))
-    listener = socket.socket(fileno=order.listener)
+    connections = open_connections(order.settings)
+    listener = LimitedListener(connections, order.listener)
 
     class Server(uvicorn.Server):
         """Ends the event streams as soon as a signal comes."""
@@ -43,7 +45,8 @@ def main() -> None:
             app.state.fanout.close()
             super().handle_exit(sig, frame)
 
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **order.options)
+    options = uvicorn_options(order.settings, connections)
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **options)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt):
         Server(config).run(sockets=[listener])

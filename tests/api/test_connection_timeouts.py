@@ -11,15 +11,20 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from gss.api import patience
+from gss.api.connections.admission import ConnectionLimits, Connections
+from gss.api.connections.timed_http import HttpTimeouts
 from gss.api.serving import uvicorn_options
 from gss.settings import Settings
 
+TIMEOUTS = HttpTimeouts(head_s=0.3, open_body_s=0.6, body_pause_s=0.5, check_every_s=0.05)
+"""Tenths of a second instead of tens."""
 Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """Takes the body, then answers; /stream goes on answering for longer than anybody's patience lasts."""
+    """Takes the body, then answers; /stream goes on answering for longer than every time limit. /signed-in proves who asks."""
+    if scope["path"] == "/signed-in":
+        scope["state"]["connection"].mark_authenticated()
     more = True
     while more:
         message = await receive()
@@ -29,7 +34,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"3")]})
     for _ in range(3):
         if scope["path"] == "/stream":
-            await asyncio.sleep(patience.HEAD_WITHIN_S + patience.BODY_GOES_ON_WITHIN_S)
+            await asyncio.sleep(TIMEOUTS.head_s + TIMEOUTS.body_pause_s)
         await send({"type": "http.response.body", "body": b".", "more_body": True})
     await send({"type": "http.response.body", "body": b""})
 
@@ -38,7 +43,8 @@ def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]]
     """Let ``visit`` connect to a server as the settings want it."""
 
     async def run() -> None:
-        config = uvicorn.Config(application, lifespan="off", log_config=None, **uvicorn_options(Settings()))
+        options = uvicorn_options(Settings(), Connections(ConnectionLimits(9, 9, 9)), TIMEOUTS)
+        config = uvicorn.Config(application, lifespan="off", log_config=None, **options)
         config.load()
         state = ServerState()
         server = await asyncio.get_running_loop().create_server(
@@ -49,13 +55,6 @@ def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]]
             await visit(lambda: asyncio.open_connection("127.0.0.1", port))
 
     asyncio.run(run())
-
-
-@pytest.fixture(autouse=True)
-def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tenths of a second instead of tens."""
-    for name, value in (("HEAD_WITHIN_S", 0.15), ("BODY_GOES_ON_WITHIN_S", 0.2), ("LOOK_EVERY_S", 0.03)):
-        monkeypatch.setattr(patience, name, value)
 
 
 @pytest.mark.parametrize(
@@ -97,17 +96,37 @@ def test_a_head_must_end_in_time_however_often_a_byte_of_it_comes() -> None:
 
 
 def test_a_stream_and_a_slow_body_last_as_long_as_they_like() -> None:
-    """An answer that takes longer than every limit comes to its end; so does a body whose pieces keep coming."""
+    """An answer that takes longer than every limit comes to its end; so does a signed-in user's body whose pieces keep coming."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
         writer.write(b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert (await reader.readuntil(b"...")).startswith(b"HTTP/1.1 200")
-        writer.write(b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 12\r\n\r\n")
+        writer.write(b"POST /signed-in HTTP/1.1\r\nHost: localhost\r\nContent-Length: 12\r\n\r\n")
         for _ in range(12):
             await asyncio.sleep(0.04)
             writer.write(b"x")
         assert (await reader.readuntil(b"...")).startswith(b"HTTP/1.1 200")
+        writer.close()
+
+    with_server(visit)
+
+
+@pytest.mark.parametrize("path", ["/signed-in", "/api/session"])
+def test_a_body_without_sign_in_has_a_total_time(path: str) -> None:
+    """Pieces that keep coming hold the connection of a signed-in user, not that of others nor a route that needs no sign-in."""
+
+    async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
+        reader, writer = await connect()
+        writer.write(f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 600\r\n\r\n".encode())
+        drips = 0
+        with contextlib.suppress(ConnectionError):
+            while not reader.at_eof() and drips < 40:
+                writer.write(b" ")
+                await writer.drain()
+                await asyncio.sleep(0.03)
+                drips += 1
+        assert (drips == 40) is (path == "/signed-in")
         writer.close()
 
     with_server(visit)

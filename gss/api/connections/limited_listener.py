@@ -1,0 +1,74 @@
+"""The listening socket: counts every connection from its first moment on, before any TLS handshake."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import resource
+import select
+import socket
+from typing import Any
+
+from gss.api.connections.admission import Connections
+
+log = logging.getLogger("gss.connections")
+OUT_OF_RESOURCES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+
+
+ACCEPTED_IN_A_ROW = 4
+"""asyncio reads from a new connection some turns of its loop later. Few are accepted in each, so that a connection whose request
+has arrived is not dropped for those after it before the request is read."""
+SILENT_S = 5
+"""The system hands out a connection when its first bytes have arrived, or after so long."""
+
+
+class LimitedListener(socket.socket):
+    """A listening socket that takes over the descriptor of another one and reports to ``connections`` what it accepts."""
+
+    def __init__(self, connections: Connections, descriptor: int) -> None:
+        super().__init__(fileno=descriptor)
+        self._connections, self._left = connections, ACCEPTED_IN_A_ROW
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept a connection. Out of descriptors an unauthenticated one is dropped, and the event loop tries again."""
+        try:
+            if self._left == 0:
+                raise BlockingIOError(errno.EAGAIN, "the event loop's turn")
+            accepted, address = super().accept()
+        except BlockingIOError:
+            self._left = ACCEPTED_IN_A_ROW
+            raise
+        except OSError as error:
+            if error.errno in OUT_OF_RESOURCES:
+                self._make_room(error)
+            raise
+        self._left -= 1
+        self._connections.accepted(accepted, str(address[0]) if address else "")
+        return accepted, address
+
+    def _make_room(self, error: OSError) -> None:
+        """BlockingIOError where that helps. Else the event loop waits a second; it would log once for each place of the backlog."""
+        waiting = select.poll()
+        waiting.register(self, select.POLLIN)
+        if not waiting.poll(0):  # the system looks for a descriptor before it looks for a connection
+            raise BlockingIOError(errno.EAGAIN, "no connection waits") from error
+        log.warning("Cannot accept a connection: %s", error.strerror)
+        if self._connections.drop_one():
+            raise BlockingIOError(errno.EAGAIN, "a connection was dropped") from error
+        self._left = 0
+
+
+def prefer_requests(listener: socket.socket) -> None:
+    """Accept connections that have sent something first, where the system can do that (Linux)."""
+    if hasattr(socket, "TCP_DEFER_ACCEPT"):
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, SILENT_S)
+
+
+def raise_descriptor_limit() -> int:
+    """Allow this process and its children as many open files as the system permits. Returns the number."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    except (OSError, ValueError):
+        return soft
+    return hard

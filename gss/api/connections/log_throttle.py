@@ -1,0 +1,44 @@
+"""A log that clients cannot fill: of similar messages only some in a minute."""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+
+from gss.operations.clock import Monotonic, monotonic_s
+
+LOGGERS = ("asyncio", "uvicorn.error", "gss.connections")
+"""Those whose messages a client without an account can cause."""
+PER_MINUTE = 5
+WINDOW_S = 60.0
+MOST_KINDS = 500
+
+
+class LogThrottle(logging.Filter):
+    """Passes ``PER_MINUTE`` messages of a kind in a minute; the first one after that says how many were left out. A kind is the
+    logger with the first line of the message before its arguments."""
+
+    def __init__(self, monotonic_s: Monotonic) -> None:
+        super().__init__()
+        self._now_s = monotonic_s
+        self._kinds: OrderedDict[tuple[str, str], tuple[float, int]] = OrderedDict()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """True if the message is to be written."""
+        kind, now_s = (record.name, str(record.msg).partition("\n")[0]), self._now_s()
+        begun_s, count = self._kinds.pop(kind, (now_s, 0))
+        if now_s - begun_s >= WINDOW_S:
+            left_out, begun_s, count = count - PER_MINUTE, now_s, 0
+            if left_out > 0:
+                record.msg = f"{record.msg} ({left_out} similar messages were left out)"
+        self._kinds[kind] = (begun_s, count + 1)
+        while len(self._kinds) > MOST_KINDS:
+            self._kinds.popitem(last=False)
+        return count < PER_MINUTE
+
+
+def throttle_logs() -> None:
+    """Limit the loggers whose messages a client can cause, in this process."""
+    throttle = LogThrottle(monotonic_s)
+    for name in LOGGERS:
+        logging.getLogger(name).addFilter(throttle)

@@ -1,0 +1,265 @@
+"""Which connections stay open over real sockets when there are too many, and what the log says of it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import os
+import resource
+import socket
+import subprocess
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from fastapi.testclient import TestClient
+from uvicorn.server import ServerState
+
+from gss.api.connections.admission import ConnectionLimits, Connections, origin_of
+from gss.api.connections.limited_listener import LimitedListener, raise_descriptor_limit
+from gss.api.connections.log_throttle import PER_MINUTE, WINDOW_S, LogThrottle
+from gss.api.serving import uvicorn_options
+from gss.settings import Settings
+
+Peer = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+Connect = Callable[..., Awaitable[Peer]]
+LIMITS = ConnectionLimits(authenticated=2, unauthenticated=3, per_address=2)
+SLOW = b"POST /slow HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n "
+
+
+async def application(scope: Any, receive: Any, send: Any) -> None:
+    """/user proves who asks and goes on answering; everything else answers when its body is complete."""
+    if scope["path"].startswith("/user"):
+        scope["state"]["connection"].mark_authenticated()
+    while (await receive())["more_body"]:
+        pass
+    await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"2")]})
+    await send({"type": "http.response.body", "body": b"a", "more_body": True})
+    if scope["path"] != "/user/stream":
+        await send({"type": "http.response.body", "body": b"b"})
+    else:
+        await receive()
+
+
+def with_server(visit: Callable[[Connect, Connections], Awaitable[None]], **settings: str) -> None:
+    """Let ``visit`` connect to a server with few places, from any address of loopback."""
+
+    async def run() -> None:
+        connections = Connections(LIMITS)
+        options = uvicorn_options(Settings(**settings), connections)
+        config = uvicorn.Config(application, lifespan="off", log_config=None, **options)
+        config.load()
+        plain = socket.create_server(("127.0.0.1", 0))
+        port, state = plain.getsockname()[1], ServerState()
+        server = await asyncio.get_running_loop().create_server(
+            lambda: config.http_protocol_class(config=config, server_state=state, app_state={}),
+            sock=LimitedListener(connections, plain.detach()),
+            ssl=config.ssl,
+        )
+        made: list[Peer] = []
+
+        async def connect(begin: bytes = b"", address: str = "127.0.0.1") -> Peer:
+            made.append(await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0)))
+            made[-1][1].write(begin)
+            await asyncio.sleep(0.05)
+            return made[-1]
+
+        async with asyncio.timeout(30):
+            await visit(connect, connections)
+        for _, writer in made:
+            writer.transport.abort()
+        server.close()
+        for protocol in list(state.connections):
+            protocol.transport.abort()
+        await asyncio.sleep(0.05)
+
+    asyncio.run(run())
+
+
+async def is_open(peer: Peer) -> bool:
+    """True if the server has not closed it."""
+    with contextlib.suppress(ConnectionError):
+        try:
+            async with asyncio.timeout(0.1):
+                return bool(await peer[0].read(4096))
+        except TimeoutError:
+            return True
+    return False
+
+
+def request(path: str) -> bytes:
+    """A whole request."""
+    return f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
+
+
+def test_the_oldest_unauthenticated_connection_of_an_address_makes_room() -> None:
+    """Idle or in the middle of a request; another address keeps its connection, and the new one is answered."""
+
+    async def visit(connect: Connect, connections: Connections) -> None:
+        other = await connect(b"", "127.0.0.9")
+        first, second, third = await connect(SLOW), await connect(SLOW), await connect(SLOW)
+        assert [await is_open(peer) for peer in (other, first, second, third)] == [True, False, True, True]
+        new = await connect(request("/"))
+        assert (await new[0].readuntil(b"ab")).startswith(b"HTTP/1.1 200")
+        assert not await is_open(second)
+        assert connections.unauthenticated <= LIMITS.unauthenticated
+
+    with_server(visit)
+
+
+def test_over_the_total_the_address_with_the_most_connections_loses_its_oldest() -> None:
+    """An attacker with many connections displaces its own."""
+
+    async def visit(connect: Connect, _connections: Connections) -> None:
+        calm = await connect(SLOW, "127.0.0.9")
+        first, second = await connect(SLOW), await connect(SLOW)
+        await connect(SLOW, "127.0.0.7")
+        assert [await is_open(peer) for peer in (calm, first, second)] == [True, False, True]
+
+    with_server(visit)
+
+
+def test_a_connection_that_proved_a_user_is_not_dropped_for_others() -> None:
+    """Neither an open stream nor an idle connection, however many strangers connect."""
+
+    async def visit(connect: Connect, connections: Connections) -> None:
+        stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
+        for _ in range(20):
+            await connect(SLOW)
+        assert (await stream[0].read(4096)).endswith(b"a")
+        idle[1].write(request("/user"))
+        assert (await idle[0].readuntil(b"ab")).startswith(b"HTTP/1.1 200")
+        assert await is_open(stream)
+        assert connections.unauthenticated == LIMITS.per_address
+
+    with_server(visit)
+
+
+def test_users_over_their_limit_lose_idle_connections_only() -> None:
+    """A connection with a response in progress stays."""
+
+    async def visit(connect: Connect, _connections: Connections) -> None:
+        stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
+        for peer in (stream, idle):
+            await peer[0].readuntil(b"a")
+        await idle[0].readuntil(b"b")
+        for _ in range(3):
+            await connect(request("/user/stream"))
+        assert [await is_open(peer) for peer in (stream, idle)] == [True, False]
+
+    with_server(visit)
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Settings of a server with TLS."""
+    folder: Path = tmp_path_factory.mktemp("tls")
+    key, chain = str(folder / "key.pem"), str(folder / "chain.pem")
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"]
+    subprocess.run([*command, "-keyout", key, "-out", chain], check=True, capture_output=True)
+    return {"tls_certificate": chain, "tls_key": key}
+
+
+def test_a_handshake_that_does_not_go_on_makes_room_too(certificate: dict[str, str]) -> None:
+    """Before TLS there is no request, but a descriptor."""
+
+    async def visit(connect: Connect, connections: Connections) -> None:
+        first, second, third = await connect(), await connect(), await connect()
+        assert [await is_open(peer) for peer in (first, second, third)] == [False, True, True]
+        assert connections.unauthenticated == 2
+
+    with_server(visit, **certificate)
+
+
+def test_out_of_descriptors_an_unauthenticated_connection_makes_room(caplog: pytest.LogCaptureFixture) -> None:
+    """The new client is answered; without one to drop the error reaches the event loop once in a while."""
+
+    async def visit(connect: Connect, connections: Connections) -> None:
+        slow = await connect(SLOW)
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        client = socket.socket()
+        highest = max(int(name) for name in os.listdir("/proc/self/fd"))
+        fillers = [os.open(os.devnull, os.O_RDONLY) for _ in range(highest + 1 - len(os.listdir("/proc/self/fd")))]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(fillers, default=highest) + 1, hard))
+        try:
+            with contextlib.suppress(OSError):
+                while True:
+                    fillers.append(os.dup(0))
+            client.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(client, slow[1].get_extra_info("peername"))
+            client.send(request("/"))
+            assert (await asyncio.get_running_loop().sock_recv(client, 4096)).startswith(b"HTTP/1.1 200")
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            for number in fillers:
+                os.close(number)
+            client.close()
+        assert not await is_open(slow)
+
+    with_server(visit)
+    assert f"Cannot accept a connection: {os.strerror(errno.EMFILE)}" in caplog.messages
+
+
+def test_limits_follow_the_setting_and_the_open_files_that_are_allowed() -> None:
+    """Half of the descriptors at most; behind a proxy everybody has one address."""
+    assert ConnectionLimits.within(800, 20_000, behind_proxy=False) == ConnectionLimits(400, 400, 200)
+    assert ConnectionLimits.within(800, 256, behind_proxy=False) == ConnectionLimits(64, 64, 32)
+    assert ConnectionLimits.within(800, 20_000, behind_proxy=True).per_address == 400
+    assert raise_descriptor_limit() == resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
+@pytest.mark.parametrize(
+    ("address", "origin"),
+    [
+        ("192.0.2.7", "192.0.2.7"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("", "-"),
+    ],
+)
+def test_an_ipv6_network_counts_as_one_client(address: str, origin: str) -> None:
+    """A single client has all of its addresses."""
+    assert origin_of(address) == origin
+
+
+@pytest.fixture
+def throttled() -> Iterator[tuple[logging.Logger, list[str], list[float]]]:
+    """A logger with the throttle, its lines, and a clock to set."""
+    clock, lines, log = [0.0], [], logging.getLogger("tests.throttled")
+
+    class Keep(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            lines.append(record.getMessage())
+
+    throttle, handler = LogThrottle(lambda: clock[0]), Keep()
+    log.addFilter(throttle)
+    log.addHandler(handler)
+    yield log, lines, clock
+    log.removeFilter(throttle)
+    log.removeHandler(handler)
+
+
+def test_similar_messages_are_counted_and_not_written(throttled: tuple[logging.Logger, list[str], list[float]]) -> None:
+    """Some in a minute, then the number of the others; another message is written meanwhile."""
+    log, lines, clock = throttled
+    for number in range(1000):
+        log.warning("dropped %s", number)
+    log.warning("something else")
+    assert len(lines) == PER_MINUTE + 1
+    clock[0] = WINDOW_S
+    log.warning("dropped %s", "again")
+    assert lines[-1] == f"dropped again ({1000 - PER_MINUTE} similar messages were left out)"
+
+
+def test_failed_requests_of_strangers_do_not_fill_the_record(client: TestClient) -> None:
+    """A hundred requests that nobody signed in sends leave one row, not a hundred."""
+    stranger = TestClient(client.app, base_url="http://localhost", headers={"X-GSS": "1"})
+    before = client.get("/api/audit").json()
+    assert {stranger.post("/api/session", json={"wrong": number}).status_code for number in range(100)} == {422}
+    rows = [row for row in client.get("/api/audit").json() if row not in before]
+    assert [row["action"] for row in rows].count("session.sign_in") == 1
