@@ -169,6 +169,7 @@ class Services:
         self.stack_runs.shut_down()
         self.link.stop()
         self.dispatcher.stop()
+        self.jobs.interrupt()
         self.transfers.stop()
         self.capture_replay.stop()
         self.replay.stop()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import os
 from typing import Any
 
 from gss.api.connections.admission import ConnectionLimits, Connections
@@ -52,12 +50,6 @@ def address_of(settings: Settings, port: int) -> str:
     host = names[0] if settings.tls_certificate and names else settings.host
     host = f"[{host}]" if ":" in host else host
     return f"{'https' if settings.tls_certificate else 'http'}://{host}:{port}"
-
-
-def say_stopping() -> None:
-    """At once, for whoever pressed Ctrl-C. Written past Python's own streams, which a signal may have interrupted."""
-    with contextlib.suppress(OSError):
-        os.write(2, "\nstopping …\n".encode())
 
 
 def greeting(settings: Settings, port: int, link: Link | None) -> str:

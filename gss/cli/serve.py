@@ -70,7 +70,8 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
 
     from gss.api.app import create_app
     from gss.api.connections.limited_listener import LimitedListener
-    from gss.api.serving import greeting, open_connections, say_stopping, uvicorn_options
+    from gss.api.serving import greeting, open_connections, uvicorn_options
+    from gss.api.stopping import end_in_time, say_stopping
     from gss.wiring import build
 
     connections = open_connections(settings)
@@ -85,6 +86,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             say_stopping()
+            end_in_time()
             services.announce_stop()
             super().handle_exit(sig, frame)
 

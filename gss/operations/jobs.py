@@ -7,6 +7,7 @@ anew. A job over which the server died three times without getting further is no
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from gss.domain.errors import Conflict, GssError
+from gss.domain.errors import Conflict, GssError, StoreDown
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
 from gss.store import jobs as store
@@ -75,6 +76,9 @@ class Run:
 Resumable = Callable[[Run], dict[str, Any]]
 
 
+LEFT_TO_THE_NEXT = "the server stops; it continues with the next start"
+
+
 class JobService:
     """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown where the disk has no room for a job's results."""
 
@@ -109,11 +113,20 @@ class JobService:
                 self._update(job.id, state="queued", attempts=deaths, text=text, request=request)
                 self._queue(job.id, self._kinds[job.kind])
 
-    def stop(self) -> None:
-        """End everything and wait. Resumable work stays open for the next server; the rest is cancelled."""
+    def interrupt(self) -> None:
+        """Ask every job to end. Resumable ones are marked at once, so that one that is cut off does not count as a crash."""
         self._stopping = True
         for event in list(self._cancel.values()):
             event.set()
+        with contextlib.suppress(StoreDown):
+            for job_id in list(self._cancel):
+                job = self.get(job_id)
+                if job.kind in self._kinds and job.state == "running":
+                    self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT)
+
+    def stop(self) -> None:
+        """End everything and wait. Resumable work stays open for the next server; the rest is cancelled."""
+        self.interrupt()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def finish(self) -> None:
@@ -229,7 +242,7 @@ class JobService:
     def _interrupted(self, job: Job, last: dict[str, int]) -> None:
         """Cancelled by somebody, or by a server that stops and leaves resumable work to the next one."""
         if self._stopping and job.kind in self._kinds:
-            self._update(job.id, state="queued", text="the server stops; it goes on with the next", **last)
+            self._update(job.id, state="queued", text=LEFT_TO_THE_NEXT, **last)
         else:
             self._update(job.id, state="cancelled", text="cancelled", finished=self._now(), **last)
 

@@ -65,7 +65,7 @@ def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
     yield run
     for process in running:
         process.send_signal(signal.SIGINT)
-        process.wait(20)
+        process.wait(10)
         assert process.stdout is not None
         process.stdout.close()
 
@@ -76,7 +76,7 @@ def test_the_first_start_prints_the_way_in_and_each_start_another_one(start, she
     folder = tmp_path / "data"
     first, old = start(folder)
     first.send_signal(signal.SIGINT)
-    first.wait(20)
+    first.wait(10)
     _, printed = start(folder)
     assert old.split("#")[1] != printed.split("#")[1]
     address, key = printed.split("/setup#")

@@ -13,7 +13,8 @@ import uvicorn
 from fastapi import FastAPI
 
 from gss.api.connections.admission import Connections
-from gss.api.serving import say_stopping, uvicorn_options
+from gss.api.serving import uvicorn_options
+from gss.api.stopping import end_in_time, say_stopping
 from gss.api.workers.crew import PRIVATE_BACKLOG, Crew, Order, private_socket
 from gss.api.workers.stand_in import StandIn
 from gss.api.workers.upstream import PrivateDoor
@@ -76,6 +77,7 @@ class LinkServer(uvicorn.Server):
             super().handle_exit(signal.SIGINT, frame)
             return
         say_stopping()
+        end_in_time()
         self._services.announce_stop()
         self._leaving = threading.Thread(target=self._leave, args=(sig, frame), name="leave", daemon=True)
         self._leaving.start()
