@@ -75,6 +75,6 @@ def test_abort_as_a_command_needs_the_scope_too(app: FastAPI) -> None:
     """A token that may send commands of ABORT's group still needs stop for it."""
     abort = {"name": "ABORT", "arguments": {}, "confirm": ""}
     may = scoped(app, "with stop", "view", "command.link", "stop").post("/api/commands", json=abort)
-    assert (may.status_code, may.json()["message"]) == (409, "the line is down")
+    assert (may.status_code, may.json()["message"]) == (409, "ABORT was not sent: the line is down")
     refused = scoped(app, "without stop", "view", "command.link").post("/api/commands", json=abort)
     assert (refused.status_code, refused.json()["message"]) == (403, "this needs the permission stop")
