@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from gss.device.dictionary import Command as Definition
 from gss.device.protocol.codec import check_arguments
 from gss.device.session_events import CommandStage, DeviceEvent
-from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.operations.accounts.permissions import STOP
 from gss.operations.clock import Now
+from gss.operations.commanding.aborts import AbortReceipt, Aborts
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_checks import (
     Check,
@@ -27,13 +24,12 @@ from gss.operations.commanding.command_checks import (
 )
 from gss.operations.commanding.command_record import CommandCompleted, CommandRecorder, CommandView
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import AbortIssued, LineBatch
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store import commands as store
 from gss.store.engine import Database
 from gss.store.models import Command
 
-log = logging.getLogger("gss.commands")
 RESTARTED = "The server restarted while this command was under way; it may have run or not."
 NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
 SOFTWARE = "gss"
@@ -42,28 +38,6 @@ SERVER = "server"
 """Source of what the server asks on its own behalf; it takes no part in command authority."""
 REMEMBERED_IDS = 64
 """So many request ids the device keeps with their result; an older one it would carry out anew."""
-
-
-RECORD_WITHIN_S = 10.0
-"""Longer than a locked store is waited for."""
-
-
-@dataclass(frozen=True)
-class AbortReceipt:
-    """ABORT leaves on the line at the next opportunity. ``at``: when it was queued; ``recorded``: resolves to its row."""
-
-    request_id: int
-    at: datetime
-    recorded: Future[Command]
-
-    def row(self, within_s: float) -> Command:
-        """The command's row. StoreDown if it is not stored within that time; ABORT was sent all the same."""
-        try:
-            return self.recorded.result(within_s)
-        except TimeoutError:
-            raise StoreDown(
-                "ABORT was sent but is not recorded yet", hint="look at the database and the disk"
-            ) from None
 
 
 Permits = Callable[[str, str], None]
@@ -85,11 +59,7 @@ class CommandService:
         self._link, self._database, self._bus, self._now = link, database, bus, now
         self._authority, self._permits = authority, permits
         self._recorder = CommandRecorder(database, bus, now, self.view, link.events)
-        self._aborted_id = 0
-        self.aborts = 0
-        """How many ABORTs were issued since the server started; see ``send``."""
-        self._unrecorded: deque[AbortIssued] = deque()
-        self._withdrawn: list[CommandStage] = []
+        self._aborts = Aborts(link, self._recorder, bus, now)
 
     def start(self) -> None:
         """Commands that were under way when the last server died become unknown; nothing is sent again by itself.
@@ -111,6 +81,11 @@ class CommandService:
         except (BadInput, NotFound):
             return False
         return True
+
+    @property
+    def aborts(self) -> int:
+        """How many ABORTs were issued since the server started; see ``send``."""
+        return self._aborts.count
 
     # --- before sending -----------------------------------------------------------------------------------------
 
@@ -156,11 +131,13 @@ class CommandService:
         return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
 
     def check_permitted(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
-        """NotPermitted unless this user's role may send it; ABORT is everybody's."""
+        """NotPermitted unless this user's role may send it; ABORT needs only the permission to stop."""
         definition = self._link.dictionary.command(name)
-        if name != "ABORT":
-            for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
-                self._permits(user, f"command.{subsystem}")
+        if name == "ABORT":
+            self._permits(user, STOP)
+            return
+        for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
+            self._permits(user, f"command.{subsystem}")
 
     def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
         """One reason is enough: who may never send it need not hear who holds the authority."""
@@ -199,7 +176,9 @@ class CommandService:
         """
         definition = self._link.dictionary.command(name)
         if name == "ABORT":
-            return self.abort(user=user, source=source).row(RECORD_WITHIN_S)
+            if source != SERVER:
+                self.check_permitted(user, name, arguments)
+            return self.abort(user=user, source=source).row()
         if source != SERVER:
             self._check_commander(user, name, arguments)
         check_unit(definition, self._link.hello)
@@ -238,7 +217,7 @@ class CommandService:
         row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
         try:
             with self._link.lock:
-                if request_id < self._aborted_id or aborts not in (None, self.aborts):
+                if self._aborts.stops(request_id, aborts):
                     raise Conflict("ABORT came before it was sent", hint="send it again if it is still wanted")
                 self._link.session.submit(name, arguments, self._link.monotonic_s(), request_id=request_id)
         except GssError as error:
@@ -247,38 +226,8 @@ class CommandService:
         return row
 
     def abort(self, *, user: str, source: str) -> AbortReceipt:
-        """Send ABORT ahead of everything, without checks and without waiting for the store.
-
-        Commands that still wait in the queue are withdrawn: they must not run after everything was stopped. Raises Conflict while
-        the line is down; nothing is sent then.
-        """
-        if not self._link.line_is_open:
-            raise Conflict("ABORT was not sent: the line is down", got=self._link.reason, hint="open the port first")
-        with self._link.lock:
-            if not self._link.line_is_open:  # lost meanwhile: the session would send it on the next line
-                raise Conflict("ABORT was not sent: the line was just lost", got=self._link.reason)
-            request_id = self._aborted_id = self._link.session.abort(self._link.monotonic_s())
-            self.aborts += 1
-            withdrawn = self._link.session.withdraw_all(f"ABORT by {user}")
-            issued = AbortIssued(request_id, user, source, tuple(withdrawn))
-            self._link.events.publish([issued])
-        return AbortReceipt(request_id, self._now(), issued.recorded)
-
-    def _record_aborts(self) -> None:
-        """Store the ABORTs that were issued and what they withdrew; what a locked store cannot take, with a later batch."""
-        while self._unrecorded:
-            issued = self._unrecorded[0]
-            contact_id, words = self._link.contact_id, f"ABORT by {issued.user}"
-            row = self._recorder.add(issued.request_id, "ABORT", {}, issued.user, issued.source, contact_id, None)
-            self._unrecorded.popleft()
-            self._recorder.catch_up(issued.request_id)
-            self._withdrawn.extend(issued.withdrawn)
-            issued.recorded.set_result(self.get(row.id))
-            more = f"; withdrawn unsent: {len(issued.withdrawn)}" if issued.withdrawn else ""
-            self._bus.record("command", "watch", f"{words}{more}", command_id=row.id)
-        if self._withdrawn:
-            self._recorder.taken_back(self._withdrawn)
-            self._withdrawn.clear()
+        """Send ABORT ahead of everything; see ``Aborts.issue``."""
+        return self._aborts.issue(user, source)
 
     def retry(self, command_id: int, *, user: str) -> Command:
         """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
@@ -350,11 +299,7 @@ class CommandService:
 
     def handle(self, batch: LineBatch) -> list[CommandCompleted]:
         """Follow the reports of commands and record the device's events."""
-        self._unrecorded.extend(event for event in batch.events if isinstance(event, AbortIssued))
-        try:
-            self._record_aborts()
-        except StoreDown as error:
-            log.warning("%d ABORT commands are not recorded yet: %s", len(self._unrecorded), error)
+        self._aborts.handle(batch)
         for event in batch.events:
             if isinstance(event, CommandStage):
                 self._recorder.follow(event)
