@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import signal
 import threading
+from types import FrameType
+from typing import Protocol
 
 STOP_WITHIN_S = 4.5
 """From the signal. Stored data survives kill -9, so an end in the middle of a computation loses nothing acknowledged."""
@@ -21,6 +24,37 @@ def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
     timer = threading.Timer(seconds, _end)
     timer.daemon = True
     timer.start()
+
+
+class Stoppable(Protocol):
+    """A server of uvicorn's kind."""
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None: ...
+
+
+class StopSignals:
+    """Receives SIGINT and SIGTERM from the moment the address is printed. uvicorn handles them only once it runs: one that arrives
+    before would be lost in the start of the event loop."""
+
+    def __init__(self) -> None:
+        self._server: Stoppable | None = None
+        self._early: int | None = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._received)
+
+    def attach(self, server: Stoppable) -> None:
+        """Hand signals to this server from now on, also one that was received before."""
+        self._server = server
+        if self._early is not None:
+            server.handle_exit(self._early, None)
+
+    def _received(self, sig: int, frame: FrameType | None) -> None:
+        if self._server is not None:
+            self._server.handle_exit(sig, frame)
+            return
+        self._early = sig
+        say_stopping()
+        end_in_time()
 
 
 def _end() -> None:

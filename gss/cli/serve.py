@@ -71,7 +71,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     from gss.api.app import create_app
     from gss.api.connections.limited_listener import LimitedListener
     from gss.api.serving import greeting, open_connections, uvicorn_options
-    from gss.api.stopping import end_in_time, say_stopping
+    from gss.api.stopping import StopSignals, end_in_time, say_stopping
     from gss.wiring import build
 
     connections = open_connections(settings)
@@ -90,19 +90,20 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
             services.announce_stop()
             super().handle_exit(sig, frame)
 
-    port = listener.getsockname()[1]
+    port, signals = listener.getsockname()[1], StopSignals()
     print(greeting(settings, port, services.accounts.users.set_up_link()), flush=True)
     if settings.workers:
         from gss.api.workers.link_process import serve_behind_workers
 
-        serve_behind_workers(app, services, settings, listener, connections)
+        serve_behind_workers(app, services, settings, listener, connections, signals)
         return
 
     config = uvicorn.Config(
         app, log_level="warning", timeout_graceful_shutdown=3, **uvicorn_options(settings, connections)
     )
-    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after a clean stop
-        Server(config).run(sockets=[LimitedListener(connections, listener.detach())])
+    server = Server(config)
+    signals.attach(server)
+    server.run(sockets=[LimitedListener(connections, listener.detach())])
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -58,9 +58,9 @@ def test_abort_waits_for_no_sign_in_and_too_many_are_sent_away(app: FastAPI, ser
     go, turns = threading.Event(), services.accounts.passwords.turns
     held = [turns.take(lambda: go.wait(30)) for _ in range(AT_ONCE + MOST_WAITING)]
     try:
-        client = program(app, services, "metrics only", "viewer", ["metrics"])
+        client = program(app, services, "stop only", "viewer", ["stop"])
         reply = client.post("/api/commands/abort")
-        assert reply.status_code not in (401, 403, 429), reply.text  # a token that may not even look may stop
+        assert reply.status_code not in (401, 403, 429), reply.text  # a token that may only stop
         reply = sign_in(browser(app, "10.1.0.2"), "vic", PASSWORD + " vic")
         assert (reply.status_code, reply.headers["retry-after"]) == (429, "2")
     finally:
@@ -111,7 +111,7 @@ def test_failed_sign_ins_are_one_row_a_minute(app: FastAPI, services: Services) 
 
 def test_a_narrow_token_makes_nothing_wider_or_longer(app: FastAPI, services: Services) -> None:
     """No user, link, role or token beyond its own permissions, and none that outlives it."""
-    narrow = program(app, services, "narrow", "admin", ["admin.users", "admin.tokens", "view", "metrics"])
+    narrow = program(app, services, "narrow", "admin", ["admin.users", "admin.tokens", "view", "metrics", "stop"])
     admin, vic = services.accounts.users.named("Élodie"), services.accounts.users.named("vic")
     assert admin is not None
     assert vic is not None

@@ -45,7 +45,7 @@ def test_the_viewer_opens_on_the_frame_tells_its_selection_and_grows_live(page, 
     expect(viewer(page)).to_have_attribute("data-picked", re.compile("camera/image"))
     picture("rerun")
     page.keyboard.press("Shift+Escape")
-    expect(page.get_by_test_id("toasts")).to_contain_text("ABORT")
+    expect(page.get_by_test_id("abort-strip")).to_contain_text("ABORT")
 
     page.goto("/rerun?live=1")
     expect(viewer(page)).to_have_attribute("data-pieces", re.compile(r"^[1-9]"), timeout=SLOW_MS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import signal
 import socket
 import threading
@@ -14,7 +13,7 @@ from fastapi import FastAPI
 
 from gss.api.connections.admission import Connections
 from gss.api.serving import uvicorn_options
-from gss.api.stopping import end_in_time, say_stopping
+from gss.api.stopping import StopSignals, end_in_time, say_stopping
 from gss.api.workers.crew import PRIVATE_BACKLOG, Crew, Order, private_socket
 from gss.api.workers.stand_in import StandIn
 from gss.api.workers.upstream import PrivateDoor
@@ -25,7 +24,12 @@ GRACE_S = 3
 
 
 def serve_behind_workers(
-    app: FastAPI, services: Services, settings: Settings, listener: socket.socket, connections: Connections
+    app: FastAPI,
+    services: Services,
+    settings: Settings,
+    listener: socket.socket,
+    connections: Connections,
+    signals: StopSignals,
 ) -> None:
     """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: of this process, while it
     answers there itself."""
@@ -47,9 +51,10 @@ def serve_behind_workers(
             proxy_headers=False,
         )
         try:
-            with contextlib.suppress(KeyboardInterrupt):
-                stand_in = StandIn(app, listener, door, connections, uvicorn_options(settings, connections))
-                LinkServer(config, services, crew, stand_in).run(sockets=[private])
+            stand_in = StandIn(app, listener, door, connections, uvicorn_options(settings, connections))
+            server = LinkServer(config, services, crew, stand_in)
+            signals.attach(server)
+            server.run(sockets=[private])
         finally:
             crew.stop()
 
