@@ -1,1 +1,1 @@
-"""Bytes to messages and back. Pure: feed(bytes) gives events, nothing blocks, nothing raises on what the line brings."""
+"""Convert bytes to messages and back. Pure: feed(bytes) returns events, nothing blocks, and no received data raises an error."""

@@ -1,4 +1,4 @@
-"""How large chunks should be on a line that loses some: from what was lost to the size that carries most."""
+"""Choose the chunk size for a lossy line: estimate the loss rate and return the size with the highest throughput."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 LADDER_BYTES = (1024, 512, 256, 128)
 FRAME_OVERHEAD_BYTES = 40
-"""Header, CRC, chunk fields and framing round the content of a chunk."""
+"""Header, CRC, chunk fields and framing around the data of a chunk."""
 
 SURE_AFTER_CHUNKS = 16
 SURE_AFTER_LOSSES = 8
@@ -16,9 +16,10 @@ AS_GOOD = 0.95
 
 
 def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
-    """Rate of damage per byte that makes ``lost`` of ``sent`` frames of that length arrive damaged.
+    """Return the damage rate per byte at which ``lost`` of ``sent`` frames of ``frame_bytes`` arrive damaged.
 
-    Damage strikes bytes independently: a frame of n bytes survives with exp(−rate·n). All lost counts as all but half a one.
+    Bytes are damaged independently: a frame of n bytes survives with probability exp(−rate·n). If all frames were lost,
+    half a frame counts as received, so that the rate stays finite.
     """
     if sent <= 0 or lost <= 0:
         return 0.0
@@ -27,20 +28,26 @@ def loss_per_byte(lost: int, sent: int, frame_bytes: float) -> float:
 
 
 def carried_share(chunk_bytes: int, rate_per_byte: float) -> float:
-    """Share of the line's bytes that become stored content when lost chunks are sent again."""
+    """Return the share of the line's bytes that become stored data when lost chunks are sent again."""
     frame = chunk_bytes + FRAME_OVERHEAD_BYTES
     return chunk_bytes / frame * math.exp(-rate_per_byte * frame)
 
 
 def best_chunk_bytes(rate_per_byte: float, largest: int = LADDER_BYTES[0]) -> int:
-    """The largest size of the ladder, up to ``largest``, that carries as much as any: estimates scatter, and large is cheap."""
+    """Return the largest size of the ladder, up to ``largest``, whose throughput is within 5 % of the best one.
+
+    Estimates scatter, and large chunks cost little.
+    """
     allowed = [size for size in LADDER_BYTES if size <= largest] or [LADDER_BYTES[-1]]
     most = max(carried_share(size, rate_per_byte) for size in allowed)
     return next(size for size in allowed if carried_share(size, rate_per_byte) >= AS_GOOD * most)
 
 
 def smaller_chunk_bytes(chunk_bytes: int, lost: int, sent: int) -> int | None:
-    """A smaller size that is worth re-opening a transfer for after this experience with it; None to go on as it is."""
+    """Return a smaller chunk size if the observed loss justifies reopening the transfer with it, otherwise None.
+
+    ``lost`` of ``sent`` chunks of ``chunk_bytes`` were lost.
+    """
     if sent < SURE_AFTER_CHUNKS and lost < SURE_AFTER_LOSSES:
         return None
     rate = loss_per_byte(lost, sent, chunk_bytes + FRAME_OVERHEAD_BYTES)
@@ -50,9 +57,10 @@ def smaller_chunk_bytes(chunk_bytes: int, lost: int, sent: int) -> int | None:
 
 
 def regrid(ranges: Iterable[tuple[int, int]], size: int, old_bytes: int, new_bytes: int) -> list[int]:
-    """Numbers of the chunks of ``new_bytes`` that lie wholly inside held ranges of chunks of ``old_bytes``.
+    """Return the numbers of the chunks of ``new_bytes`` that lie entirely within held ranges of chunks of ``old_bytes``.
 
-    ``ranges``: first and last inclusive, ascending and apart. The last chunk of ``size`` bytes may be short in both grids.
+    ``ranges``: first and last inclusive, ascending and disjoint. The last chunk of ``size`` bytes may be short in both
+    grids.
     """
     numbers: list[int] = []
     for first, last in ranges:

@@ -1,4 +1,4 @@
-"""Values ↔ payload bytes, by the dictionary's layouts. Big-endian; both directions check everything."""
+"""Encode values to payload bytes and decode them, using the dictionary's layouts. Big-endian; both directions check every value."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Lists = Mapping[str, Sequence[Values]]
 
 @dataclass(frozen=True)
 class Decoded:
-    """A payload's values and lists. Enumerations by name in ``values``, by number in ``raw``."""
+    """Values and lists of a decoded payload. Enumerations are names in ``values`` and ``lists``, numbers in ``raw``."""
 
     raw: dict[str, Value] = field(default_factory=dict)
     values: dict[str, Value] = field(default_factory=dict)
@@ -51,7 +51,10 @@ class Decoded:
 
 
 def check_arguments(command: Command, arguments: Values) -> dict[str, Value]:
-    """All arguments of a command in its order, defaults filled in, each of its exact type; BadInput says which is wrong."""
+    """Return all arguments of a command in its order, with defaults filled in and exact types.
+
+    Raises BadInput naming the argument that is wrong.
+    """
     unknown = set(arguments) - {a.name for a in command.arguments}
     if unknown:
         expected = ", ".join(a.name for a in command.arguments) or "no arguments"
@@ -60,7 +63,7 @@ def check_arguments(command: Command, arguments: Values) -> dict[str, Value]:
 
 
 def check_argument(argument: Argument, value: Value | None) -> Value:
-    """The value in the argument's type, in range; BadInput "0 – 255, got 300" otherwise."""
+    """Return the value in the argument's type. Raises BadInput ("0 – 255, got 300") if it is missing or out of range."""
     if value is None:
         raise BadInput(f"{argument.name} is missing", expected=argument.range_text)
     value = coerce(argument, value)
@@ -85,7 +88,10 @@ def _type_text(item: Item) -> str:
 
 
 def coerce(item: Item, value: Value) -> Value:
-    """The value as the item's Python type, exactly: no rounding, no truth of numbers. BadInput otherwise."""
+    """Convert a value to the item's Python type exactly: no rounding, and numbers are not accepted as booleans.
+
+    Raises BadInput if the value does not fit.
+    """
     kind = item.type
     if kind in INTEGER_RANGES:
         low, high = INTEGER_RANGES[kind]
@@ -111,7 +117,7 @@ def _coerce_float(item: Item, value: Value) -> float:
     if isinstance(value, bool | str | bytes):
         raise _bad(item, value)
     number = float(value)
-    # A telemetered quantity may be unknown (NaN); an argument may not.
+    # A telemetry value may be unknown (NaN); an argument may not.
     if isinstance(item, Argument) and not math.isfinite(number):
         raise _bad(item, value)
     if item.type == "f32" and math.isfinite(number) and abs(number) > F32_MAX:
@@ -133,7 +139,7 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
     if not isinstance(value, bytes):
         raise _bad(item, value)
     if isinstance(item, Argument) and item.type == "bytes" and len(value) < item.size:
-        # What a person gives is as long as it is; the wire's field is filled with zeros.
+        # A user may enter fewer bytes than the field has; the rest of the field is filled with zeros.
         value = value.ljust(item.size, b"\0")
     if item.type == "bytes" and len(value) != item.size:
         raise _bad(item, value)
@@ -141,12 +147,12 @@ def _coerce_bytes(item: Item, value: Value) -> Value:
 
 
 def fixed_bytes(layout: Layout | Sequence[Item]) -> int:
-    """Bytes of a layout, its lists and its items of variable length left out."""
+    """Return the size of a layout in bytes, without its lists and its items of variable length."""
     return sum(STRUCT[e.type].size if e.type in STRUCT else e.size for e in layout if isinstance(e, Item))
 
 
 def encode_item(item: Item, value: Value) -> bytes:
-    """Bytes of one value."""
+    """Return the bytes of one value."""
     value = coerce(item, value)
     if item.type == "enum":
         return bytes([item.choice(str(value)).value])
@@ -159,7 +165,7 @@ def encode_item(item: Item, value: Value) -> bytes:
 
 
 def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None = None) -> bytes:
-    """Payload of a layout; BadInput where a value is missing or does not fit."""
+    """Return the payload of a layout. Raises BadInput if a value is missing or does not fit."""
     parts: list[bytes] = []
     for entry in layout:
         if isinstance(entry, Group):
@@ -176,7 +182,7 @@ def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None 
 
 
 class _Reader:
-    """Takes values off the front of a payload; CorruptData when it ends too early."""
+    """Reads values sequentially from a payload. Raises CorruptData if the payload is too short."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at = data, 0
@@ -197,7 +203,7 @@ class _Reader:
 
 
 def decode(layout: Layout | Sequence[Item], payload: bytes) -> Decoded:
-    """Values of a payload that must fit the layout exactly; CorruptData otherwise."""
+    """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
     reader, result = _Reader(payload), Decoded()
     for entry in layout:
         if isinstance(entry, Group):
@@ -234,7 +240,7 @@ def _take(item: Item, reader: _Reader) -> Value:
 
 
 def _named(item: Item, raw: Value) -> Value:
-    """Enumerations by name, telemetry in engineering units."""
+    """Return an enumeration's name, or telemetry in engineering units."""
     if item.type == "enum":
         name = item.choice_name(int(raw))
         if name is None:

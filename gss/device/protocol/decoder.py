@@ -1,7 +1,7 @@
-"""A layout prepared for many payloads: a run of items of known size is unpacked at once instead of item by item.
+"""Fast decoder for a layout: consecutive items of fixed size are unpacked together instead of item by item.
 
-What is unusual (a wrong length, a bool that is none, an unknown choice, bytes that are no text) is left to
-:func:`gss.device.protocol.codec.decode`, which says what is wrong with it.
+Invalid payloads (wrong length, invalid bool, unknown choice, invalid text) are passed to
+:func:`gss.device.protocol.codec.decode`, which raises the detailed error.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from gss.device.protocol.codec import STRUCT, Decoded, decode
 
 BOOLS: Mapping[Any, Value] = {0: False, 1: True}
 Change = tuple[str, Callable[[Any], Value]]
-"""Name of an item, and what is made of what was unpacked; KeyError or ValueError where that cannot be."""
+"""Name of an item and the conversion of its unpacked value, which raises KeyError or ValueError for an invalid value."""
 
 
 class Decoder:
-    """``decode`` of one layout."""
+    """Prepared :func:`gss.device.protocol.codec.decode` for one layout."""
 
     def __init__(self, layout: Layout | Sequence[Item]) -> None:
         self._layout = tuple(layout)
@@ -27,7 +27,7 @@ class Decoder:
         self._prepared = all(part.known for part in self._parts)
 
     def decode(self, payload: bytes) -> Decoded:
-        """Values of a payload that must fit the layout exactly; CorruptData otherwise."""
+        """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
         if self._prepared:
             try:
                 return self._unpacked(payload)
@@ -53,7 +53,7 @@ class Decoder:
 
 
 class _Run:
-    """Items one after the other, of a layout or of a list's rows. ``known``: the size of each is known before it is read."""
+    """Consecutive items of a layout or of a list's rows. ``known``: every item has a fixed size and no name occurs twice."""
 
     def __init__(self, items: Sequence[Item], group: str = "") -> None:
         self.group, self._names = group, [item.name for item in items]
@@ -75,7 +75,7 @@ class _Run:
                 self._named.append((item.name, item.conversion.engineering))
 
     def take(self, payload: bytes, at: int, result: Decoded) -> int:
-        """Put the items at a place into the result; the place behind them."""
+        """Decode the items at offset ``at`` into the result. Returns the offset after them."""
         raw: dict[str, Value] = dict(zip(self._names, self._struct.unpack_from(payload, at), strict=True))
         for name, change in self._raw:
             raw[name] = change(raw[name])
@@ -86,7 +86,7 @@ class _Run:
         return at + self.size
 
     def rows(self, piece: bytes) -> tuple[dict[str, Value], ...]:
-        """The rows of a list."""
+        """Return the decoded rows of a list."""
         changes, names = (*self._raw, *self._named), self._names
         found = []
         for values in self._struct.iter_unpack(piece):
@@ -98,7 +98,7 @@ class _Run:
 
 
 def _cut(layout: Layout | Sequence[Item]) -> Iterator[Group | list[Item]]:
-    """Lists by themselves, and the items between them together."""
+    """Yield each list of a layout, and the consecutive items between lists as one sequence."""
     run: list[Item] = []
     for entry in layout:
         if isinstance(entry, Group):
@@ -113,7 +113,7 @@ def _cut(layout: Layout | Sequence[Item]) -> Iterator[Group | list[Item]]:
 
 
 def _code(item: Item) -> str:
-    """As struct has it; "" for what says its length itself."""
+    """Return the item's struct format code, "" for an item of variable length."""
     if item.type in STRUCT:
         return STRUCT[item.type].format.lstrip(">")
     return f"{item.size}s" if item.type in ("bytes", "str") and item.size else ""

@@ -1,9 +1,9 @@
-"""Frames on a byte stream, by two plug-ins: ``cobs`` (default) and ``slip``.
+"""Framing on a byte stream, by two plug-ins: ``cobs`` (default) and ``slip``.
 
 cobs: ``00`` + COBS(packet) + ``00``. slip (RFC 1055): ``C0`` + packet with C0 as DB DC and DB as DB DD + ``C0``.
 
-A delimiter on both sides costs one byte and keeps every damage inside the frame it hits: were neighbours to share one
-delimiter, a flipped delimiter would lose both.
+A delimiter on both sides costs one byte and confines damage to one frame: if adjacent frames shared a delimiter, one
+damaged delimiter would lose both.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from cobs import cobs
 from gss.domain.errors import BadInput
 
 MAX_PACKET_BYTES = 2048
-"""Largest packet before framing; both ends drop what is longer before it fills memory."""
+"""Largest packet before framing; both ends drop longer ones before they fill memory."""
 
 SLIP_END, SLIP_ESCAPE = b"\xc0", b"\xdb"
 SLIP_ESCAPED_END, SLIP_ESCAPED_ESCAPE = b"\xdb\xdc", b"\xdb\xdd"
 
 
 class BrokenFrame(ValueError):
-    """What lies between two delimiters is no encoded packet."""
+    """The bytes between two delimiters are not an encoded packet."""
 
 
 def encoded_limit(max_packet_bytes: int = MAX_PACKET_BYTES) -> int:
-    """Longest COBS form of a packet: one code byte per started 254 bytes."""
+    """Return the maximum COBS-encoded length of a packet: one extra byte per started 254 bytes."""
     return max_packet_bytes + max_packet_bytes // 254 + 1
 
 
@@ -54,7 +54,7 @@ def _slip_decode(body: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Framing:
-    """One way to mark where packets begin and end. ``decode`` raises BrokenFrame; ``limit``: longest body of a packet."""
+    """A method to delimit packets. ``decode`` raises BrokenFrame; ``limit``: maximum encoded length for a packet length."""
 
     delimiter: bytes
     encode: Callable[[bytes], bytes]
@@ -69,22 +69,23 @@ FRAMINGS = {
 
 
 def framing_named(name: str) -> Framing:
-    """The framing of that name; BadInput lists them."""
+    """Return the framing of that name. Raises BadInput listing the valid names."""
     if name not in FRAMINGS:
         raise BadInput("unknown framing", expected=" | ".join(FRAMINGS), got=name)
     return FRAMINGS[name]
 
 
 def encode_frame(packet: bytes, framing: str = "cobs") -> bytes:
-    """Frame with both delimiters."""
+    """Return the frame of a packet, with both delimiters."""
     how = framing_named(framing)
     return how.delimiter + how.encode(packet) + how.delimiter
 
 
 class Deframer:
-    """Cuts a stream into packets. Holds at most one longest frame; never raises.
+    """Splits a byte stream into packets. Buffers at most one frame of maximum length; never raises.
 
-    ``bytes``: everything fed. ``unframed``: bytes before the first delimiter. ``too_long``, ``broken``: frames lost.
+    Counters: ``bytes`` received in total, ``unframed`` bytes before the first delimiter, ``too_long`` and ``broken``
+    frames.
     """
 
     def __init__(self, max_packet_bytes: int = MAX_PACKET_BYTES, framing: str = "cobs") -> None:
@@ -96,17 +97,17 @@ class Deframer:
         self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
-        """A new stream: forget the half frame, wait for a delimiter. Counters stay."""
+        """Start a new stream: discard the partial frame and wait for a delimiter. Counters are kept."""
         self._held.clear()
         self._overflow = self._synced = False
 
     @property
     def held_bytes(self) -> int:
-        """Memory in use, never above the longest frame."""
+        """Bytes in the buffer, at most one frame of maximum length."""
         return len(self._held)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Packets that ``data`` completes; empty frames between double delimiters are no frames."""
+        """Return the packets that ``data`` completes. Empty frames between adjacent delimiters are ignored."""
         self.bytes += len(data)
         pieces = data.split(self._how.delimiter)
         packets = []
@@ -128,7 +129,7 @@ class Deframer:
             self._held += piece
 
     def _close(self) -> bytes | None:
-        """A delimiter came: what does the buffer hold?"""
+        """Decode the buffered frame at a delimiter. Returns None if it is empty or invalid."""
         self._synced = True
         if self._overflow:
             self._overflow = False

@@ -1,4 +1,4 @@
-"""One end of the line: packets to frames with sequence counts, frames to packets with counters. Used by both ends."""
+"""One end of the line: packets to frames with sequence counts, frames to packets with counters. Used by host and device."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.device.protocol.packet import SEQUENCE_MODULO, Damage, Packet, PacketTy
 
 
 class LineSender:
-    """Numbers and frames packets. ``bytes`` and ``good`` count what was made."""
+    """Numbers and frames packets. ``bytes`` and ``good`` count the frames produced."""
 
     def __init__(self, *, to_device: bool, prefix: int, framing: str = "cobs") -> None:
         framing_named(framing)
@@ -19,7 +19,7 @@ class LineSender:
         self.bytes = self.good = 0
 
     def packet(self, kind: PacketType, code: int, request_id: int, payload: bytes, time_s: float = 0.0) -> bytes:
-        """The next packet of its kind, framed."""
+        """Return the next packet of its type as a frame."""
         sequence = self._sequence[kind]
         self._sequence[kind] = (sequence + 1) % SEQUENCE_MODULO
         packet = Packet(kind, code, request_id, payload, self.prefix, self._to_device, sequence, time_s)
@@ -29,14 +29,16 @@ class LineSender:
         return frame
 
     def next_packet(self, kind: PacketType, code: int, request_id: int, payload: bytes) -> bytes:
-        """The same without framing and without using up a number: the dry run."""
+        """Return the next packet of its type unframed, without using up its sequence count (dry run)."""
         packet = Packet(kind, code, request_id, payload, self.prefix, self._to_device, self._sequence[kind])
         return encode_packet(packet)
 
 
 class LineReceiver:
-    """Bytes to packets. Counters: good, bad_crc, too_short, unknown (APID, type or direction), gaps, duplicates, and the
-    Deframer's."""
+    """Converts bytes to packets.
+
+    Counters: good, bad_crc, too_short, unknown (APID, type or direction), gaps, duplicates, and those of the Deframer.
+    """
 
     def __init__(self, *, from_device: bool, max_packet_bytes: int = MAX_PACKET_BYTES, framing: str = "cobs") -> None:
         self.deframer = Deframer(max_packet_bytes, framing)
@@ -45,12 +47,12 @@ class LineReceiver:
         self.good = self.bad_crc = self.too_short = self.unknown = self.gaps = self.duplicates = 0
 
     def restart(self) -> None:
-        """A new stream: the next sequence counts are taken as they come."""
+        """Start a new stream: accept any next sequence count."""
         self.deframer.restart()
         self._expected.clear()
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Intact packets for this end, in order."""
+        """Return the intact packets addressed to this end, in order."""
         packets = []
         for frame in self.deframer.feed(data):
             packet = decode_packet(frame)
@@ -73,7 +75,7 @@ class LineReceiver:
             self.unknown += 1
 
     def _follow(self, packet: Packet) -> None:
-        """Count what the sequence says is missing. The same number twice is a duplicate, a jump is a gap."""
+        """Compare the sequence count with the expected one: the previous number again is a duplicate, a jump is a gap."""
         expected = self._expected.get(packet.type)
         if expected is not None and packet.sequence != expected:
             if (packet.sequence + 1) % SEQUENCE_MODULO == expected:
@@ -84,5 +86,5 @@ class LineReceiver:
 
     @property
     def bad_total(self) -> int:
-        """Frames that came and could not be used."""
+        """Number of received frames that could not be used."""
         return self.bad_crc + self.too_short + self.deframer.too_long + self.deframer.broken

@@ -1,10 +1,11 @@
-"""Packets: CCSDS primary header, our secondary header, payload, CRC-32.
+"""Packets: CCSDS primary header, secondary header of this protocol, payload, CRC-32.
 
-Primary header (CCSDS 133.0-B-2 §4.1.3, 6 bytes): version 0, type 1 to the device and 0 from it, secondary header flag 1,
-APID by packet type, sequence flags 3, sequence count per APID and direction modulo 2¹⁴, length − 1 of all that follows.
+Primary header (CCSDS 133.0-B-2 §4.1.3, 6 bytes): version 0, type 1 to the device and 0 from it, secondary header flag
+1, APID by packet type, sequence flags 3, sequence count per APID and direction modulo 2¹⁴, number of bytes that follow
+− 1.
 
-Secondary header (14 bytes, big-endian): u8 packet type; u8 code; u16 first two bytes of the dictionary hash;
-u32 request id, 0 = unsolicited; u32 + u16 device time in seconds and milliseconds since the device's epoch, 0 from ground.
+Secondary header (14 bytes, big-endian): u8 packet type; u8 code; u16 first two bytes of the dictionary hash; u32
+request id, 0 = unsolicited; u32 + u16 device time in seconds and milliseconds since the device's epoch, 0 from ground.
 
 CRC-32 (``zlib.crc32``) over everything before it, last four bytes.
 """
@@ -27,7 +28,7 @@ MAX_TIME_S = float(0xFFFF_FFFF)
 
 
 class PacketType(IntEnum):
-    """What a packet is; the APID is APID_BASE plus this."""
+    """Packet types. The APID is APID_BASE plus the type."""
 
     COMMAND = 1
     REPORT = 2
@@ -40,7 +41,7 @@ KINDS: dict[int, PacketType] = {kind.value: kind for kind in PacketType}
 
 
 class Damage(Enum):
-    """Why bytes are no packet."""
+    """Reasons why bytes are not a valid packet."""
 
     TOO_SHORT = "too_short"
     BAD_CRC = "bad_crc"
@@ -49,7 +50,10 @@ class Damage(Enum):
 
 @dataclass(frozen=True)
 class Packet:
-    """One packet, decoded down to its payload. ``to_device``: direction bit. ``prefix``: of the sender's dictionary hash."""
+    """One packet, decoded down to its payload.
+
+    ``to_device``: direction bit. ``prefix``: first two bytes of the sender's dictionary hash.
+    """
 
     type: PacketType
     code: int
@@ -62,7 +66,7 @@ class Packet:
 
 
 def encode_packet(packet: Packet) -> bytes:
-    """Bytes of a packet, CRC included."""
+    """Return the bytes of a packet, including its CRC."""
     body = _secondary(packet) + packet.payload
     identification = (TO_DEVICE if packet.to_device else 0) | SECONDARY_FLAG | (APID_BASE + packet.type)
     primary = PRIMARY.pack(identification, (3 << 14) | (packet.sequence % SEQUENCE_MODULO), len(body) + CRC_BYTES - 1)
@@ -76,12 +80,12 @@ def _secondary(packet: Packet) -> bytes:
 
 
 def with_crc(data: bytes) -> bytes:
-    """The data followed by its CRC-32."""
+    """Return the data followed by its CRC-32."""
     return data + zlib.crc32(data).to_bytes(CRC_BYTES, "big")
 
 
 def decode_packet(data: bytes) -> Packet | Damage:
-    """The packet, or why it is none. Never raises."""
+    """Return the packet, or the reason why the bytes are not valid. Never raises."""
     if len(data) < OVERHEAD_BYTES:
         return Damage.TOO_SHORT
     if zlib.crc32(data[:-CRC_BYTES]) != int.from_bytes(data[-CRC_BYTES:], "big"):
@@ -106,7 +110,7 @@ def decode_packet(data: bytes) -> Packet | Damage:
 
 
 def labelled_bytes(data: bytes) -> list[tuple[str, bytes]]:
-    """An encoded packet's header groups, in order, without payload and CRC: for the console's bytes view."""
+    """Return the header fields of an encoded packet as labelled bytes, in order, without payload and CRC (for the console)."""
     cuts = [
         ("APID", 2),
         ("sequence", 2),

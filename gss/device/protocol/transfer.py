@@ -1,9 +1,9 @@
-"""The transfer service, pure: which chunk is sent when, and who holds what. Both ends and both directions use it.
+"""Transfer protocol without I/O: which chunk is sent when, and which end holds what. Both ends use it in both directions.
 
-A transfer is cut into numbered chunks. The sender keeps at most a window of them on their way and gets no reply per chunk.
-The receiver says now and then (STATUS) which ranges it stored and the highest ``serial`` it has seen; every chunk sent
-carries the next serial. A serial line keeps order, so a chunk with a lower serial that is not stored is lost and is sent
-again, and nothing else is. When STATUS stays away, the sender asks (STATUS_REQUEST).
+A transfer is divided into numbered chunks. The sender keeps at most one window of chunks in flight; single chunks are
+not acknowledged. The receiver periodically reports (STATUS) which ranges it has stored and the highest ``serial`` it
+has seen; every chunk sent carries the next serial. A serial line keeps order, so a chunk with a lower serial that is
+not stored is lost, and only lost chunks are sent again. If no STATUS arrives, the sender requests one (STATUS_REQUEST).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ REQUEST_BACKOFF = 1.6
 LONGEST_REQUEST_S = 3.0
 ANSWER_S = 0.25
 STATUS_EVERY = 4
-"""A receiver reports when a window's quarter has come."""
+"""A receiver reports after a quarter of a window."""
 
 
 @dataclass(frozen=True)
 class Compatibility:
-    """What an upload says about itself; the device refuses what it cannot use. Zeros where it does not apply (images)."""
+    """Properties of an upload by which the device rejects incompatible content. Zeros where not applicable (images)."""
 
     device_model: str = ""
     profile: str = ""
@@ -38,7 +38,7 @@ class Compatibility:
 
 @dataclass(frozen=True)
 class StatusPage:
-    """What a receiver says: from ``from_index`` to before ``to_index`` it holds exactly ``ranges`` (last inclusive)."""
+    """A receiver's report: of the chunks ``from_index`` to ``to_index`` − 1 it holds exactly ``ranges`` (last inclusive)."""
 
     serial: int
     stored_chunks: int
@@ -47,7 +47,7 @@ class StatusPage:
     ranges: tuple[tuple[int, int], ...]
 
     def values(self, session: int) -> dict[str, Value]:
-        """Fields of a STATUS message."""
+        """Return the fields of a STATUS message."""
         return {
             "session": session,
             "serial": self.serial,
@@ -57,31 +57,34 @@ class StatusPage:
         }
 
     def lists(self) -> dict[str, list[Mapping[str, Value]]]:
-        """Lists of a STATUS message."""
+        """Return the lists of a STATUS message."""
         return {"ranges": [{"first": first, "last": last} for first, last in self.ranges]}
 
     @classmethod
     def of(cls, message: Decoded) -> StatusPage:
-        """From a decoded STATUS message."""
+        """Return the page in a decoded STATUS message."""
         v = {name: int(value) for name, value in message.values.items()}
         ranges = tuple((int(r["first"]), int(r["last"])) for r in message.lists["ranges"])
         return cls(v["serial"], v["stored_chunks"], v["from_index"], v["to_index"], ranges)
 
 
 def chunk_count(size: int, chunk_bytes: int) -> int:
-    """Chunks of a transfer of ``size`` bytes."""
+    """Return the number of chunks in a transfer of ``size`` bytes."""
     return -(-size // chunk_bytes)
 
 
 def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None) -> float:
-    """How long a sender waits for a STATUS before it asks: until one is due, and an answer's time. No rate: no line time."""
+    """Return how long a sender waits for a STATUS before it requests one: until one is due, plus a response time.
+
+    Without a line rate only the response time is counted.
+    """
     if not bytes_per_s:
         return ANSWER_S
     return ANSWER_S + (window // STATUS_EVERY + 2) * (chunk_bytes + 64) / bytes_per_s
 
 
 class ChunkSet:
-    """Which of n chunks are there."""
+    """Set of the held chunks, out of n."""
 
     def __init__(self, count: int, held: Iterable[int] = ()) -> None:
         self._flags = bytearray(count)
@@ -98,18 +101,18 @@ class ChunkSet:
 
     @property
     def complete(self) -> bool:
-        """Nothing is missing."""
+        """True if no chunk is missing."""
         return self.stored == len(self._flags)
 
     @property
     def first_missing(self) -> int:
-        """Lowest chunk that is not there; n where none is missing."""
+        """Lowest missing chunk; n if none is missing."""
         at = self._flags.find(0, self._first_missing)
         self._first_missing = len(self._flags) if at < 0 else at
         return self._first_missing
 
     def add(self, index: int) -> bool:
-        """Mark a chunk; False if it was there or does not exist."""
+        """Mark a chunk as held; False if it already was or does not exist."""
         if not 0 <= index < len(self._flags) or self._flags[index]:
             return False
         self._flags[index] = 1
@@ -117,14 +120,14 @@ class ChunkSet:
         return True
 
     def add_range(self, first: int, last: int) -> None:
-        """Mark first to last, inclusive, as far as they exist."""
+        """Mark chunks first to last (inclusive) as held; numbers that do not exist are ignored."""
         first, last = max(first, 0), min(last, len(self._flags) - 1)
         if first <= last:
             self.stored += self._flags.count(0, first, last + 1)
             self._flags[first : last + 1] = b"\1" * (last + 1 - first)
 
     def ranges(self, start: int = 0, limit: int | None = None) -> tuple[tuple[tuple[int, int], ...], int]:
-        """Held ranges from ``start``, at most ``limit``, and the number up to which they are complete."""
+        """Return held ranges from ``start`` on, at most ``limit``, and the chunk number up to which they are complete."""
         found: list[tuple[int, int]] = []
         at, count = start, len(self._flags)
         while True:
@@ -138,14 +141,14 @@ class ChunkSet:
             found.append((first, at - 1))
 
     def stored_bytes(self, size: int, chunk_bytes: int) -> int:
-        """Bytes in the held chunks; the last one may be short."""
+        """Return the bytes in the held chunks; the last chunk may be short."""
         count = len(self._flags)
         short = count * chunk_bytes - size if count and (count - 1) in self else 0
         return self.stored * chunk_bytes - short
 
 
 class ChunkSender:
-    """Chooses the next chunk. ``stored``: what the receiver is known to hold."""
+    """Chooses the next chunk to send. ``stored``: chunks the receiver is known to hold."""
 
     def __init__(self, count: int, window: int, request_after_s: float, *, resumed: bool = False) -> None:
         self.stored = ChunkSet(count)
@@ -153,7 +156,7 @@ class ChunkSender:
         self._flight: dict[int, int] = {}
         self._again: deque[int] = deque()
         self._next = 0
-        # A resumed transfer first learns all pages of what the other side holds.
+        # A resumed transfer sends nothing until status pages have reported everything the receiver holds.
         self._known_to = 0 if resumed else count
         self.serial = 0
         self.resent = 0
@@ -166,21 +169,21 @@ class ChunkSender:
 
     @property
     def in_flight(self) -> int:
-        """Chunks on their way."""
+        """Number of chunks sent and neither acknowledged nor lost."""
         return len(self._flight)
 
     @property
     def settled(self) -> int:
-        """Sent chunks whose fate is known; ``lost`` of them did not arrive."""
+        """Number of sent chunks whose outcome is known; ``lost`` of them did not arrive."""
         return self.serial - len(self._flight)
 
     @property
     def complete(self) -> bool:
-        """The receiver said that it holds all."""
+        """True if the receiver has reported all chunks as stored."""
         return self.stored.complete
 
     def next_chunk(self, now_s: float) -> tuple[int, int] | None:
-        """(chunk, serial) to send now; None if the window is full or nothing is left to send."""
+        """Return (chunk, serial) to send now; None if the window is full or nothing is left to send."""
         if len(self._flight) >= self._window or self._known_to < len(self.stored):
             return None
         index = self._choose()
@@ -205,7 +208,10 @@ class ChunkSender:
         return None
 
     def request_due(self, now_s: float) -> tuple[int, int] | None:
-        """(serial, from_index) of a STATUS_REQUEST to send now, with growing patience."""
+        """Return (serial, from_index) of a STATUS_REQUEST to send now, otherwise None.
+
+        The interval grows with each unanswered request.
+        """
         if self.complete:
             return None
         if self._heard_s is None:
@@ -215,7 +221,7 @@ class ChunkSender:
         if self._known_to >= len(self.stored) and not self._flight and (self._again or self._next < len(self.stored)):
             return None
         if self._at_the_end():
-            # Nothing follows that would make the receiver report: ask at once instead of waiting for its silence.
+            # No further chunk follows that would trigger a report, so request one at once instead of waiting.
             self._asked_at_end = self.serial
         else:
             longest_s = max(LONGEST_REQUEST_S, self._request_base_s)
@@ -225,7 +231,7 @@ class ChunkSender:
         return self.serial, self._ask_from()
 
     def _at_the_end(self) -> bool:
-        """Has all been sent, some without a word of it, and nobody been asked since?"""
+        """True if every chunk has been sent, some are unacknowledged, and no status request is outstanding."""
         return (
             bool(self._flight)
             and self._asked_at_end != self.serial
@@ -239,7 +245,7 @@ class ChunkSender:
         return min(self._flight.values(), default=0)
 
     def on_status(self, page: StatusPage, now_s: float) -> None:
-        """Learn what arrived; what is lost goes to the front of what is to be sent."""
+        """Process a status page; lost chunks are sent again before new ones."""
         self._heard_s, self.silent_requests = now_s, 0
         self._request_after_s = self._request_base_s
         for first, last in page.ranges:
@@ -247,7 +253,7 @@ class ChunkSender:
         if self._known_to < len(self.stored) and page.from_index <= self._known_to:
             self._known_to = max(self._known_to, page.to_index)
             self._heard_s = now_s - self._request_after_s
-        # Everything below the page is held: pages start at the receiver's first gap unless another start was asked for.
+        # Only chunks inside the page can be judged lost; the others stay in flight until a page covers them.
         for serial in [s for s in self._flight if s <= page.serial]:
             index = self._flight[serial]
             if index in self.stored:
@@ -261,8 +267,11 @@ class ChunkSender:
 
 
 class ChunkReceiver:
-    """Keeps what arrived. ``asked_again``: chunks that were sent, did not arrive whole and were told as missing: each
-    chunk sent has its own serial and the line keeps order, so what is missing among the serials was lost."""
+    """Tracks the chunks received.
+
+    ``asked_again``: chunks that were sent, did not arrive intact and were reported as missing. Each chunk sent has a
+    separate serial and the line keeps order, so a missing serial is a lost chunk.
+    """
 
     def __init__(self, size: int, chunk_bytes: int, window: int, held: Iterable[int] = ()) -> None:
         self.size, self.chunk_bytes = size, chunk_bytes
@@ -275,15 +284,15 @@ class ChunkReceiver:
 
     @property
     def settled(self) -> int:
-        """Chunks that were sent as far as is known; ``asked_again`` of them did not arrive whole."""
+        """Number of chunks known to have been sent; ``asked_again`` of them did not arrive intact."""
         return self._serial
 
     def expected_bytes(self, index: int) -> int:
-        """Length of a chunk; 0 for one that does not exist."""
+        """Return the length of a chunk; 0 if it does not exist."""
         return max(0, min(self.chunk_bytes, self.size - index * self.chunk_bytes))
 
     def accept(self, index: int, serial: int, length: int) -> bool:
-        """Is this chunk new and whole? Then the owner stores it."""
+        """Record a received chunk. Returns True if it is new and complete; the caller then stores its data."""
         whole = 0 < length == self.expected_bytes(index)
         self._arrived += whole and serial > self._serial
         self._serial = max(self._serial, serial)
@@ -291,17 +300,20 @@ class ChunkReceiver:
         return whole and self.held.add(index)
 
     def status_due(self) -> bool:
-        """Some chunks came since the last STATUS, or the last one came."""
+        """True if a quarter of a window has arrived since the last STATUS, or if the transfer has become complete."""
         return self._since >= self._every or (self._since > 0 and self.held.complete)
 
     def status(self, from_index: int | None = None, serial: int = 0) -> StatusPage:
-        """A page from the first gap (or where asked). ``serial``: of the request that asks; order on the line makes it final."""
+        """Return the status page from the start, or from ``from_index``.
+
+        ``serial``: of the status request. Because the line keeps order, every chunk up to it has arrived or is lost.
+        """
         self._serial = max(self._serial, serial)
         self.asked_again = self._serial - self._arrived
         self._since = 0
         start = self.held.first_missing if from_index is None else min(from_index, len(self.held))
         if from_index is None and start:
-            # The run before the first gap is one range: it costs nothing and lets the sender forget it.
+            # The run before the first gap is one range: it costs little and lets the sender drop those chunks.
             start = 0
         ranges, end = self.held.ranges(start, PAGE_RANGES)
         return StatusPage(self._serial, self.held.stored, start, end, ranges)

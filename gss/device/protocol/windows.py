@@ -1,8 +1,8 @@
-"""Star windows: squares cut out of a frame round its stars, as they travel down. Both ends use this one file.
+"""Star windows: squares cut from a frame around its stars, as downlinked. Used by host and device.
 
 Layout, big-endian: u16 columns and u16 rows of the frame, u8 bytes per pixel (1 or 2), u8 number of windows; then per
 window u16 col_px and u16 row_px of its first pixel, u8 columns, u8 rows, and its pixels row by row. A window that would
-reach beyond the frame is cut off at the edge, so columns and rows may be smaller than the side asked for.
+extend beyond the frame is clipped, so columns and rows may be smaller than the requested side.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of a frame: place of its first pixel, size, all in pixels."""
+    """A rectangle of a frame: position of its first pixel and size, in pixels."""
 
     col_px: int
     row_px: int
@@ -36,7 +36,10 @@ class Window:
 
 
 def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns: int, rows: int) -> tuple[Window, ...]:
-    """Squares of an odd side round (col, row) centres, cut at the edges of a frame of that size, in the given order."""
+    """Return squares of an odd side around (col, row) centres, clipped to a frame of that size, in the given order.
+
+    Raises BadInput if the side is even or out of range. Squares entirely outside the frame are left out.
+    """
     low, high = SIDE_RANGE_PX
     if side_px % 2 == 0 or not low <= side_px <= high:
         raise BadInput("side of star windows", expected=f"odd, {low} – {high}", got=str(side_px))
@@ -51,7 +54,7 @@ def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns:
 
 
 def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:
-    """Bytes of these windows of a (rows, columns) frame."""
+    """Return the encoded windows of a (rows, columns) frame."""
     pixel_bytes = pixels.dtype.itemsize
     parts = [HEAD.pack(pixels.shape[1], pixels.shape[0], pixel_bytes, len(windows))]
     for w in windows:
@@ -62,7 +65,10 @@ def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:
 
 
 def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
-    """A (rows, columns) frame that is 0 outside the windows, and the windows; CorruptData where the bytes do not fit."""
+    """Return a (rows, columns) frame that is 0 outside the windows, and the windows.
+
+    Raises CorruptData if the bytes are invalid.
+    """
     if len(data) < HEAD.size:
         raise CorruptData("star windows are too short", expected=f"{HEAD.size} B", got=f"{len(data)} B")
     columns, rows, pixel_bytes, count = HEAD.unpack_from(data)
