@@ -1,1 +1,1 @@
-"""The instrument as seen from the ground: dictionary, protocol, host session, and a simulator that is its own process."""
+"""The star tracker as the ground sees it: dictionary, protocol, host session, and a simulator that runs as a separate process."""

@@ -1,6 +1,7 @@
-"""The numbered sentences of the interface document: what both ends promise. ``gss check device`` tests them by number.
+"""Numbered clauses of the interface document: what both ends guarantee. ``gss check device`` tests them by number.
 
-Numbers are part of the interface: a clause that goes leaves a gap, a new one takes a new number at the end of its section.
+Numbers are part of the interface: a deleted clause leaves a gap, a new one takes a new number at the end of its
+section.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from gss.domain.errors import NotFound
 
 @dataclass(frozen=True)
 class Clause:
-    """One promise. ``unchecked``: why no program at the far end of a line can test it, "" where one can."""
+    """One clause. ``unchecked``: why no program at the far end of a line can test it, "" if one can."""
 
     number: str
     text: str
@@ -232,7 +233,7 @@ CLAUSES: tuple[Clause, ...] = (
 
 
 def clause(number: str) -> Clause:
-    """The clause of that number; NotFound otherwise."""
+    """Return the clause of that number. Raises NotFound."""
     for one in CLAUSES:
         if one.number == number:
             return one
@@ -240,6 +241,6 @@ def clause(number: str) -> Clause:
 
 
 def section_markdown(section: str) -> str:
-    """The clauses of a section as a list."""
+    """Return the clauses of a section as a Markdown list."""
     mine = [c for c in CLAUSES if c.number.split(".")[0] == section]
     return "\n".join(f"- **{c.number}** {c.text}" for c in mine)

@@ -1,8 +1,8 @@
-"""What can be said to the device and what it says: commands, telemetry, events, services as records.
+"""Records of the device interface: commands, telemetry, events and service messages.
 
 The content is ``dictionary.yaml``; :mod:`gss.device.dictionary_file` reads and checks it. Codec, forms, the interface
-document and the simulator are driven by these records, so that a new command is a new row and nothing else.
-Units are those of the wire and the screen (deg, ms, °C), as the file's header says.
+document and the simulator are generated from these records, so a new command needs only a new row. Units are those of
+the wire and the display (deg, ms, °C), as stated in the file's header.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Precondition:
-    """A condition on the latest housekeeping: ``field`` ``op`` ``value``, op one of eq ne lt le gt ge."""
+    """A condition on the latest housekeeping: ``field`` ``op`` ``value``, with op one of eq ne lt le gt ge."""
 
     field: str
     op: str
@@ -59,7 +59,7 @@ class Precondition:
     text: str
 
     def met(self, housekeeping: Values | None) -> bool | None:
-        """Does it hold? None where nothing is known yet."""
+        """True if the condition holds; None if it cannot be evaluated, e.g. without housekeeping."""
         if housekeeping is None or self.field not in housekeeping:
             return None
         left, right = housekeeping[self.field], self.value
@@ -72,8 +72,11 @@ class Precondition:
 
 @dataclass(frozen=True)
 class Command:
-    """One command. ``any_dictionary``: the device takes it even when the dictionaries differ. ``simulator_only``: a real
-    unit answers ``unknown_command``."""
+    """One command.
+
+    ``any_dictionary``: the device accepts it even if the dictionaries differ. ``simulator_only``: a real unit rejects
+    it with ``unknown_command``.
+    """
 
     name: str
     code: int
@@ -93,7 +96,7 @@ class Command:
     simulator_only: bool = False
 
     def hazard_for(self, arguments: Values) -> tuple[Hazard, str]:
-        """The worst hazard of the command and of the chosen values of its enumerations, with the reason."""
+        """Return the worst hazard of the command and of the chosen enumeration values, with its reason."""
         worst, reason = self.hazard, self.hazard_reason
         for argument in self.arguments:
             chosen = arguments.get(argument.name, argument.default)
@@ -103,7 +106,7 @@ class Command:
         return worst, reason
 
     def argument(self, name: str) -> Argument:
-        """The argument of that name."""
+        """Return the argument of that name. Raises NotFound."""
         for argument in self.arguments:
             if argument.name == name:
                 return argument
@@ -125,7 +128,7 @@ class Packet:
 
     @cached_property
     def values(self) -> tuple[TelemetryField, ...]:
-        """The fields that are no lists."""
+        """The fields that are not lists."""
         return tuple(f for f in self.fields if isinstance(f, TelemetryField))
 
 
@@ -141,7 +144,7 @@ class EventDefinition:
 
 @dataclass(frozen=True)
 class Service:
-    """One message of the machinery below commands: ``packet`` is report, event or transfer."""
+    """One message below the command level; ``packet``: report, event or transfer."""
 
     name: str
     packet: str
@@ -152,7 +155,7 @@ class Service:
 
 @dataclass(frozen=True)
 class LimitSet:
-    """A set of limits that an operator can choose."""
+    """A set of limits that the operator can select."""
 
     name: str
     note: str = ""
@@ -160,7 +163,7 @@ class LimitSet:
 
 @dataclass(frozen=True)
 class Dictionary:
-    """Everything, with look-up by name and by code. ``hash``: SHA-256 of the canonical content."""
+    """The whole dictionary, with look-up by name and code. ``hash``: SHA-256 of the canonical content."""
 
     version: int
     device_model: str
@@ -178,49 +181,49 @@ class Dictionary:
 
     @cached_property
     def prefix(self) -> int:
-        """First two bytes of the hash, as every packet carries them."""
+        """First two bytes of the hash, contained in every packet."""
         return int.from_bytes(self.hash[:2], "big")
 
     def command(self, name: str) -> Command:
-        """The command of that name; NotFound otherwise."""
+        """Return the command of that name. Raises NotFound."""
         for command in self.commands:
             if command.name == name:
                 return command
         raise NotFound("unknown command", expected=", ".join(c.name for c in self.commands), got=name)
 
     def command_of_code(self, code: int) -> Command | None:
-        """The command with that code, None where there is none: codes come from the line."""
+        """Return the command with that code, None if there is none, because codes come from the line."""
         return next((c for c in self.commands if c.code == code), None)
 
     def packet(self, name: str) -> Packet:
-        """The telemetry packet of that name; NotFound otherwise."""
+        """Return the telemetry packet of that name. Raises NotFound."""
         for packet in self.telemetry:
             if packet.name == name:
                 return packet
         raise NotFound("unknown telemetry packet", expected=", ".join(p.name for p in self.telemetry), got=name)
 
     def packet_of_code(self, code: int) -> Packet | None:
-        """The telemetry packet with that code."""
+        """Return the telemetry packet with that code, or None."""
         return next((p for p in self.telemetry if p.code == code), None)
 
     def event_named(self, name: str) -> EventDefinition:
-        """The event of that name; NotFound otherwise."""
+        """Return the event of that name. Raises NotFound."""
         for event in self.events:
             if event.name == name:
                 return event
         raise NotFound("unknown event", expected=", ".join(e.name for e in self.events), got=name)
 
     def event_of_code(self, code: int) -> EventDefinition | None:
-        """The event with that code."""
+        """Return the event with that code, or None."""
         return next((e for e in self.events if e.code == code), None)
 
     def service(self, name: str) -> Service:
-        """The service message of that name; NotFound otherwise."""
+        """Return the service message of that name. Raises NotFound."""
         for service in self.services:
             if service.name == name:
                 return service
         raise NotFound("unknown service message", expected=", ".join(s.name for s in self.services), got=name)
 
     def service_of_code(self, packet: str, code: int) -> Service | None:
-        """The service message of a packet type with that code."""
+        """Return the service message of a packet type with that code, or None."""
         return next((s for s in self.services if s.packet == packet and s.code == code), None)

@@ -1,4 +1,4 @@
-"""Reads ``dictionary.yaml`` and refuses whatever could not work: double codes, defaults out of range, unknown fields."""
+"""Read ``dictionary.yaml`` and reject invalid content: duplicate codes, defaults out of range, unknown fields."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ SERVICE_PACKETS = ("report", "event", "transfer")
 
 @lru_cache(maxsize=1)
 def load_dictionary() -> Dictionary:
-    """The dictionary that comes with this version."""
+    """Return the dictionary of this version."""
     return parse_dictionary(resources.files("gss.device").joinpath("dictionary.yaml").read_text("utf-8"))
 
 
 def parse_dictionary(text: str) -> Dictionary:
-    """Dictionary from YAML text; BadInput names the row that is wrong."""
+    """Return the dictionary in a YAML text. Raises BadInput naming the invalid row."""
     try:
-        content = yaml.load(text, _PlainLoader)  # noqa: S506  # a safe loader that knows less
+        content = yaml.load(text, _PlainLoader)  # noqa: S506  # a SafeLoader with fewer features
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise BadInput("dictionary is not YAML", got=str(error)[:300] or type(error).__name__) from error
     if not isinstance(content, dict):
@@ -60,7 +60,7 @@ def parse_dictionary(text: str) -> Dictionary:
     try:
         return _dictionary(content)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError) as error:
-        # A row of another shape: what is missing or of a wrong type is in the error's own words.
+        # Missing keys and wrong types are named in the original error's text.
         got = f"{type(error).__name__}: {error}"[:200]
         raise BadInput(
             "a row of the dictionary is not as it must be", expected="its keys and types", got=got
@@ -68,7 +68,7 @@ def parse_dictionary(text: str) -> Dictionary:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """No aliases: they grow a few bytes into gigabytes, and a dictionary says everything once."""
+    """YAML loader without aliases, which can expand a few bytes to gigabytes; the dictionary does not need them."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -94,7 +94,7 @@ def _dictionary(content: Mapping[str, Any]) -> Dictionary:
 
 
 def content_hash(content: Mapping[str, Any]) -> bytes:
-    """SHA-256 of the content as JSON with sorted keys: comments and layout of the file do not count."""
+    """Return the SHA-256 of the content as JSON with sorted keys; the file's comments and layout do not affect it."""
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
@@ -174,7 +174,7 @@ def _field(where: str, row: Row, enums: Enums, stale_after_s: float) -> Telemetr
 
 
 def _limits(where: str, row: Row) -> Limits:
-    """The levels of a row that has them; BadInput where one reaches beyond a more urgent one."""
+    """Return the limits in a row. Raises BadInput if one reaches beyond a more severe one."""
     limits = Limits(**{s.value: _pair(where, row[s.value]) for s in list(State)[1:] if s.value in row})
     try:
         return limits.checked()
@@ -206,7 +206,7 @@ def _pair(where: str, value: Sequence[float | None]) -> tuple[float | None, floa
 
 
 def _conversion(where: str, row: Row) -> Conversion:
-    """``{linear: [scale, offset]}`` or ``{polynomial: [c0, c1, …]}``; nothing else is ever evaluated."""
+    """Return the conversion ``{linear: [scale, offset]}`` or ``{polynomial: [c0, c1, …]}``; no other expression is evaluated."""
     if not row:
         return Conversion()
     if set(row) == {"linear"} and len(row["linear"]) == 2:
@@ -233,7 +233,7 @@ def _service(row: Row, enums: Enums) -> Service:
 
 
 def _check_whole(dictionary: Dictionary) -> None:
-    """What only shows across rows: unique names and codes, one-byte codes, preconditions on fields that exist."""
+    """Check rules across rows: unique names and codes, one-byte codes, limit sets and precondition fields that exist."""
     for where, rows in (
         ("commands", dictionary.commands),
         ("telemetry", dictionary.telemetry),

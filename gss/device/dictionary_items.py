@@ -1,4 +1,4 @@
-"""The small rows of ``dictionary.yaml``: choices, values, arguments, lists; what cannot work is refused by name."""
+"""Parse the inner rows of ``dictionary.yaml``: choices, values, arguments, lists. Errors name the invalid row."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Enums = dict[str, tuple[Choice, ...]]
 
 
 def read_choices(name: str, rows: Sequence[Row]) -> tuple[Choice, ...]:
-    """An enumeration, each value one byte."""
+    """Return the choices of an enumeration. Raises BadInput unless each value fits in one byte."""
     choices = tuple(
         Choice(str(r["name"]), int(r["value"]), Hazard(r.get("hazard", "none")), str(r.get("note", ""))) for r in rows
     )
@@ -28,21 +28,21 @@ def read_choices(name: str, rows: Sequence[Row]) -> tuple[Choice, ...]:
 
 
 def unique(where: str, keys: Sequence[object]) -> None:
-    """BadInput where a key comes twice."""
+    """Raise BadInput if a key occurs twice."""
     doubles = {k for k in keys if keys.count(k) > 1}
     if doubles:
         raise BadInput(f"{where}: given twice", got=", ".join(map(str, sorted(doubles, key=str))))
 
 
 def known_keys(where: str, row: Row, keys: str) -> None:
-    """BadInput where a row says more than anybody reads."""
+    """Raise BadInput if a row has unknown keys."""
     unknown = set(row) - set(keys.split())
     if unknown:
         raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(map(str, sorted(unknown, key=str))))
 
 
 def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
-    """The arguments that every kind of Item shares."""
+    """Return the constructor arguments that all kinds of Item share."""
     name, kind = str(row["name"]), str(row["type"])
     sized = SIZED.fullmatch(kind)
     if not sized and kind not in PLAIN_TYPES:
@@ -62,7 +62,7 @@ def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
 
 
 def read_argument(where: str, row: Row, enums: Enums) -> Argument:
-    """An argument: a number needs a range, a default must lie in it."""
+    """Return an argument. A number needs a range, and a default must be within it."""
     known_keys(f"{where}.{row.get('name')}", row, "name type enum unit min max default purpose")
     argument = Argument(
         **read_item(where, row, enums), minimum=row.get("min"), maximum=row.get("max"), default=row.get("default")
@@ -97,7 +97,7 @@ def _check_default(where: str, argument: Argument, numeric: bool) -> None:
 
 
 def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
-    """Values and lists in their order."""
+    """Return values and lists in their order."""
     layout: list[Item | Group] = []
     for row in rows:
         if "list" in row:
@@ -109,7 +109,7 @@ def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
 
 
 def read_items(where: str, rows: Sequence[Row], enums: Enums) -> tuple[Item, ...]:
-    """The values of one row of a list."""
+    """Return the values in one row of a list."""
     items = tuple(Item(**read_item(where, row, enums)) for row in rows)
     if any(item.type == "rest" for item in items):
         raise BadInput(f"{where}: rest cannot be inside a list")

@@ -1,4 +1,4 @@
-"""What a value on the wire is: type, unit, range, choices, conversion, limits. The words of dictionary rows."""
+"""Types of dictionary rows: values on the wire with type, unit, range, choices, conversion and limits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLOATS = ("f32", "f64")
 
 
 class Hazard(StrEnum):
-    """How much a command can hurt. WARNING wants a yes, CRITICAL its name typed."""
+    """Hazard level of a command. WARNING needs a confirmation, CRITICAL the command's name typed."""
 
     NONE = "none"
     WATCH = "watch"
@@ -33,7 +33,7 @@ class Hazard(StrEnum):
 
     @property
     def rank(self) -> int:
-        """0 for none to 3 for critical."""
+        """0 for NONE to 3 for CRITICAL."""
         return list(Hazard).index(self)
 
 
@@ -49,7 +49,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Item:
-    """One value on the wire. ``size``: bytes of ``bytes`` and ``str``. ``choices``: of ``enum``, whose values are the names."""
+    """One value on the wire. ``size``: bytes of a ``bytes`` or ``str``. ``choices``: of an ``enum``, whose values are the names."""
 
     name: str
     type: str
@@ -59,7 +59,7 @@ class Item:
     choices: tuple[Choice, ...] = ()
 
     def choice(self, name: str) -> Choice:
-        """The choice of that name; BadInput lists what there is."""
+        """Return the choice of that name. Raises BadInput listing the valid names."""
         for choice in self.choices:
             if choice.name == name:
                 return choice
@@ -67,13 +67,13 @@ class Item:
         raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
 
     def choice_name(self, value: int) -> str | None:
-        """Name of a numeric choice, None where the enumeration has no such value."""
+        """Return the name of a numeric choice, None if the enumeration does not have it."""
         return next((c.name for c in self.choices if c.value == value), None)
 
 
 @dataclass(frozen=True)
 class Argument(Item):
-    """An argument of a command, inclusive range."""
+    """An argument of a command, with an inclusive range."""
 
     minimum: float | None = None
     maximum: float | None = None
@@ -91,12 +91,12 @@ class Argument(Item):
 
 @dataclass(frozen=True)
 class Conversion:
-    """Raw to engineering: Σ cᵢ·rawⁱ. Without coefficients the raw value is the engineering value."""
+    """Conversion from raw to engineering value: Σ cᵢ·rawⁱ. Without coefficients both are equal."""
 
     coefficients: tuple[float, ...] = ()
 
     def engineering(self, raw: Value) -> Value:
-        """The value in the field's unit."""
+        """Return the value in the field's unit."""
         if not self.coefficients or not isinstance(raw, int | float):
             return raw
         total = 0.0
@@ -107,8 +107,11 @@ class Conversion:
 
 @dataclass(frozen=True)
 class TelemetryField(Item):
-    """One telemetered value. ``stale_after_s`` 0 = never stale. ``page``: where the console shows it. ``persistence``:
-    samples that must agree before a limit counts. ``sets``: limits in force while the set of that name is chosen."""
+    """One telemetry value.
+
+    ``stale_after_s`` 0 = never stale. ``page``: where the console shows it. ``persistence``: samples that must agree
+    before the limit state changes. ``sets``: limits in force while the set of that name is selected.
+    """
 
     title: str = ""
     page: str = ""
@@ -120,13 +123,13 @@ class TelemetryField(Item):
     sets: Mapping[str, Limits] = field(default_factory=dict)
 
     def limits_in(self, limit_set: str) -> Limits:
-        """Limits while that set is chosen; its own where the set has none for it."""
+        """Return the limits while that set is selected; the field's default limits if the set has none for it."""
         return self.sets.get(limit_set, self.limits)
 
 
 @dataclass(frozen=True)
 class Group:
-    """A list: u8 count, then that many times the items."""
+    """A list: u8 count, then the items, repeated count times."""
 
     name: str
     items: tuple[Item, ...]

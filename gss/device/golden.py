@@ -1,4 +1,7 @@
-"""The factory catalogue: the whole sky to the camera's faint limit. The simulator burns it, the ground knows its names."""
+"""Factory catalogue: the whole sky to the camera's magnitude limit.
+
+The simulator writes it to flash; the ground knows which stars it contains.
+"""
 
 from __future__ import annotations
 
@@ -17,29 +20,29 @@ from gss.pipeline.chains.oersted_parameters import uncertainty_rad
 
 GOLDEN_EPOCH_JYEAR = 2025.0
 MIN_PAIR_RAD = 0.0044
-# Half as dense as the document's survey: a unit boots faster, and a percent of the stars is lost.
+# Half as dense as the survey in the document: the unit boots faster and about 1 % of the stars are lost.
 SURVEY_STEP_RAD = float(np.radians(2.0))
 
 
-# By profile, beside its own: a chain works best from its own tables, and makes them from what the other formats have. Sunsat's
-# matching goes by magnitudes, which CubeStar's format lacks; a unit reads that one all the same.
+# Formats by profile, besides its own. A chain works best with its own tables, and computes them from other formats.
+# Sunsat's matching needs magnitudes, which CubeStar's format does not contain, but a unit can still read it.
 OTHERS_OF = {
     "sunsat": ("sunsat-5", "cubestar"),
     "oersted": ("sunsat", "cubestar"),
     "far_mst": ("sunsat", "cubestar"),
     "aim": ("sunsat", "cubestar"),
 }
-# Read, but not matched from: Sunsat's matching needs magnitudes.
+# Formats that a unit reads but cannot match from: Sunsat's matching needs magnitudes.
 LACKING = {"sunsat": ("cubestar",)}
 
 
 def bank_formats(profile_name: str) -> tuple[str, ...]:
-    """On-board formats that a unit reads, its own first."""
+    """Return the on-board formats that a unit reads, its own first."""
     return (own_format(profile_name), *OTHERS_OF.get(profile_name, ()))
 
 
 def matching_formats(profile_name: str) -> tuple[str, ...]:
-    """Those of :func:`bank_formats` that the unit's matching finds all it needs in."""
+    """Return those of :func:`bank_formats` that contain all the unit's matching needs."""
     return tuple(name for name in bank_formats(profile_name) if name not in LACKING.get(profile_name, ()))
 
 
@@ -52,10 +55,10 @@ class Golden:
 
 
 def build_golden(profile: CameraProfile, capacity_bytes: int) -> Golden:
-    """All stars to the faint limit (Erlank 2013 §4.3.2: V 3.8), all pairs that fit one frame; the same on any machine.
+    """Return all stars to the magnitude limit (Erlank 2013 §4.3.2: V 3.8) and all pairs that fit in one frame.
 
-    In the unit's own format and with its own tables. Where the bank is too small the table of pairs ends at a shorter distance,
-    and then at brighter stars.
+    In the unit's own format, with its own tables; the result is the same on any machine. If the bank is too small, the
+    maximum pair distance is reduced first, then the magnitude limit.
     """
     faint_mag = min(profile.sensor.faint_limit_mag, 8.0)
     form = bank_formats(profile.name)[0]
@@ -69,7 +72,7 @@ def build_golden(profile: CameraProfile, capacity_bytes: int) -> Golden:
 
 
 def _images(form: str, stars: StarTable, profile: CameraProfile) -> Iterator[bytes]:
-    """Images of a star list, the largest first."""
+    """Yield images of a star list, the largest first."""
     camera = profile.camera
     reduced = reduced_catalogue(stars, frame_of(camera, SURVEY_STEP_RAD)) if form == "far-mst" else None
     for share in (1.0, 0.9, 0.8) if format_of(form).pairs else (1.0,):

@@ -1,4 +1,4 @@
-"""The interface control document, written from the dictionary so that it cannot disagree with the code."""
+"""Interface control document, generated from the dictionary so that it cannot disagree with the code."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ rows, then the rows. Units are those of the wire and of the screen.
 
 
 def icd_markdown(dictionary: Dictionary) -> str:
-    """The whole document."""
+    """Return the whole document as Markdown."""
     types = ", ".join(f"{t.value} {t.name.lower()}" for t in PacketType)
     clauses = {title.lower().replace(" ", "_"): section_markdown(number) for number, title in SECTIONS}
     parts = [
@@ -101,7 +101,7 @@ def _type(item: Item) -> str:
 
 
 def _choices(item: Item) -> str:
-    """Values and names; a hazardous one with its hazard."""
+    """Return values and names of the choices, with the hazard of hazardous ones."""
     shown = [f"{c.value} {c.name}" + (f" (**{c.hazard}**)" if c.hazard.rank else "") for c in item.choices]
     return ", ".join(shown)
 
@@ -154,7 +154,7 @@ def _field_row(f: TelemetryField) -> tuple[str, ...]:
 
 
 def _all_limits(f: TelemetryField) -> str:
-    """Limits of the field and of its sets; how many samples must agree."""
+    """Return the limits of the field and of its limit sets, and the persistence."""
     parts = [_limits(f.limits)] if f.limits.any else []
     parts += [f"in {name}: {_limits(limits)}" for name, limits in f.sets.items()]
     if parts and f.persistence > 1:

@@ -1,7 +1,7 @@
-"""Addresses of a line: a device path, or scheme, host and port of a serial device server.
+"""Line addresses: a device path, or scheme, host and port of a serial device server.
 
-Nothing else is accepted: pyserial reads options from paths and queries (time limits, logging), and its other schemes (spy, alt,
-loop) write files or load code.
+Nothing else is accepted: pyserial reads options (timeouts, logging) from paths and queries, and its other schemes (spy,
+alt, loop) write files or load code.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NETWORK = re.compile(
 
 @dataclass(frozen=True)
 class LineAddress:
-    """A checked address. ``scheme`` is "" for a device path, then ``host`` is "" and ``port`` 0. ``host`` is in lower case."""
+    """A checked address. A device path has ``scheme`` and ``host`` "" and ``port`` 0. ``host`` is in lower case."""
 
     text: str
     scheme: str = ""
@@ -33,12 +33,12 @@ class LineAddress:
 
     @property
     def is_device(self) -> bool:
-        """True if it is a path of this machine."""
+        """True if the address is a device path on this machine."""
         return not self.scheme
 
 
 def parse_line_address(text: str) -> LineAddress:
-    """Check an address. BadInput if it has a user name, path, query or fragment, another scheme, or no valid port."""
+    """Check an address. Raises BadInput if it has a user name, path, query, fragment, another scheme or no valid port."""
     if text and "://" not in text and text.isprintable():
         return LineAddress(text)
     match = NETWORK.fullmatch(text)

@@ -1,8 +1,9 @@
-"""The ground's half of a contact, without any input or output: bytes and a clock in, bytes and events out.
+"""Host side of a contact, without I/O: takes bytes and a clock, returns bytes and events.
 
-``HostSession`` keeps commands (queue, windows, retries), transfers and counters. It owns no thread and no port: an owner
-calls ``link_up`` when a port is open, ``feed`` with what arrived and ``poll`` often (10–50 ms) and writes what poll returns.
-All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: one owner, one lock.
+``HostSession`` keeps commands (queue, timeouts, retries), transfers and counters. It owns no thread and no port: its
+owner calls ``link_up`` when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the
+bytes that ``poll`` returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with
+several threads needs a lock.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ UNPACED_CHUNKS = 32
 
 
 class HostSession:
-    """One device on one line. See the module's text; methods raise BadInput, NotFound or Conflict and then change nothing."""
+    """Session with one device on one line; see the module docstring.
+
+    Methods that raise BadInput, NotFound or Conflict change nothing.
+    """
 
     def __init__(
         self, dictionary: Dictionary, *, next_request_id: int = 1, next_transfer_id: int = 1, framing: str = "cobs"
@@ -70,11 +74,11 @@ class HostSession:
     # --- commands -----------------------------------------------------------------------------------------------
 
     def submit(self, name: str, arguments: Mapping[str, Value], now_s: float, *, request_id: int | None = None) -> int:
-        """Queue a command and return its request id, a fresh one unless one was reserved. Missing arguments take their
-        default.
+        """Queue a command and return its request id: ``request_id`` if reserved before, else a new one.
 
-        Commands wait until the device has introduced itself; only ABORT does not.
-        BadInput "0 – 255, got 300" out of range; Conflict while the dictionaries differ and nobody acknowledged it.
+        Missing arguments take their defaults. Commands wait until the device has identified itself; only ABORT does
+        not. Raises BadInput ("0 – 255, got 300") if a value is out of range, Conflict while the dictionaries differ and
+        the operator has not acknowledged it.
         """
         self.check_allowed(name)
         if request_id is None:
@@ -83,11 +87,11 @@ class HostSession:
         return request_id
 
     def reserve(self) -> int:
-        """A request id for a later ``submit``: the owner can write it down before anything is queued."""
+        """Return a request id for a later ``submit``, so that the owner can store it before the command is queued."""
         return self._ids()
 
     def check_allowed(self, name: str) -> None:
-        """Conflict while the dictionaries differ and nobody acknowledged it; NotFound without such a command."""
+        """Raise Conflict while the dictionaries differ unacknowledged, NotFound if there is no such command."""
         self._handshake.check_allowed(name)
 
     def _add(self, name: str, arguments: Mapping[str, Value], *, urgent: bool) -> int:
@@ -96,34 +100,37 @@ class HostSession:
         return self._ids()
 
     def preview(self, name: str, arguments: Mapping[str, Value]) -> list[tuple[str, bytes]]:
-        """Dry run: the packet before framing as labelled groups; an argument's group has its name as label.
+        """Return the packet before framing as labelled groups (dry run); an argument's group has its name as label.
 
         The request id shown is the one the next submit would take.
         """
         return command_preview(self._dictionary, self._sender, self._ids.following, name, arguments)
 
     def retry(self, request_id: int, now_s: float) -> None:
-        """Send the same bytes with the same id once more; Conflict unless the command is unknown."""
+        """Send the same bytes with the same id again. Raises Conflict unless the command's stage is UNKNOWN."""
         self._events.append(self._lane.retry(request_id))
 
     def withdraw(self, request_id: int, detail: str) -> CommandStage:
-        """Take a command back that waits in the queue; Conflict once it was released. The stage is not told again."""
+        """Withdraw a queued command and return its new stage, which is not repeated in the events.
+
+        Raises Conflict if the command is not in the queue.
+        """
         return self._lane.withdraw(request_id, detail)
 
     def withdraw_all(self, detail: str) -> list[CommandStage]:
-        """The same for everything that waits in the queue."""
+        """Withdraw all queued commands; see ``withdraw``."""
         return self._lane.clear(detail)
 
     def abort(self, now_s: float) -> int:
-        """ABORT ahead of everything, never blocked. Returns its request id."""
+        """Queue ABORT ahead of everything; it is never blocked. Returns its request id."""
         return self._add("ABORT", {}, urgent=True)
 
     def acknowledge_mismatch(self) -> None:
-        """The operator accepts that the device has another dictionary; commands go out with the device's prefix."""
+        """Accept that the device has another dictionary; packets are then sent with the device's prefix."""
         self._handshake.acknowledge()
 
     def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
-        """After a restart: seed the ids; (request id, name, arguments) come back as unknown and may be retried."""
+        """Seed the ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and may be retried."""
         self._ids.following = next_request_id
         self._next_transfer_id = max(self._next_transfer_id, next_transfer_id)
         for request_id, name, arguments in in_flight:
@@ -132,8 +139,10 @@ class HostSession:
     def craft(
         self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
     ) -> tuple[int, bytes]:
-        """Request id and frame of a packet of the owner's own making, which this session does not follow: for tests of the
-        far end. The id is a fresh one unless given; the prefix is the dictionary's unless given."""
+        """Return the request id and the frame of an arbitrary packet that this session does not track, for device tests.
+
+        The id is a new one and the prefix the dictionary's, unless given.
+        """
         used = self._ids() if request_id is None else request_id
         return used, crafted_frame(self._sender, kind, code, used, payload, prefix)
 
@@ -150,11 +159,11 @@ class HostSession:
         part: Part | None = None,
         paused: str = "",
     ) -> int:
-        """Queue a download of any kind the dictionary knows and return its transfer id.
+        """Queue a download of any kind the dictionary defines and return its transfer id.
 
-        ``held``: what an earlier attempt left; only the rest is asked for if the content is still the same. ``part``: which
-        region, or which side of star windows. ``chunk_bytes``: just this size, whatever the line does. ``paused``: wait, for
-        this reason, until the device has introduced itself.
+        ``held``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
+        which region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
+        ``paused``: reason to wait until the device has identified itself.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = Transfer(self._next_transfer_id, Direction.DOWN, kind, checked_target(slot), size)
@@ -174,9 +183,10 @@ class HostSession:
         chunk_bytes: int | None = None,
         paused: str = "",
     ) -> int:
-        """Queue an upload (to a bank's or slot's number); verify and commit follow by themselves.
+        """Queue an upload to a bank or slot number and return its transfer id; verify and commit follow automatically.
 
-        The same data to the same target after a break resumes with what the device still holds. ``paused``: as for downloads.
+        The same data to the same target resumes after an interruption with what the device still holds. ``chunk_bytes``
+        and ``paused`` as in ``start_download``.
         """
         if not data:
             raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
@@ -187,7 +197,7 @@ class HostSession:
         return self._queue(transfer, paused)
 
     def _chunk_size(self, kind: str, wanted: int | None, direction: Direction) -> int:
-        """The size of chunks for a kind of content that the dictionary knows."""
+        """Return the chunk size to request. Raises BadInput if the dictionary does not define the kind."""
         opening = self._dictionary.service("OPEN_DOWNLOAD")
         item = next(f for f in opening.fields if f.name == "kind")
         encode([item], {"kind": kind})  # type: ignore[list-item]  # an item of a service is an Item
@@ -202,24 +212,24 @@ class HostSession:
         return transfer.id
 
     def pause_transfer(self, transfer_id: int, now_s: float) -> None:
-        """Stop sending; Conflict unless it is queued, opening, transferring or link_lost."""
+        """Pause a transfer. Raises Conflict unless it is queued, opening, transferring or link_lost."""
         self._desk.pause(transfer_id)
 
     def resume_transfer(self, transfer_id: int, now_s: float) -> None:
-        """Go on with a paused, link_lost or failed transfer."""
+        """Resume a transfer. Raises Conflict unless it is paused, link_lost or failed."""
         self._desk.resume(transfer_id)
 
     def abort_transfer(self, transfer_id: int, now_s: float) -> None:
-        """Give a transfer up on both sides; what was received stays readable with ``partial``."""
+        """Abort a transfer at both ends; received data stays readable with ``partial``."""
         self._desk.abort(transfer_id)
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
-        """What a download holds: (size,) bytes with zeros where chunks miss, and the held chunk ranges."""
+        """Return the data of a download, (size,) bytes with zeros for missing chunks, and the held chunk ranges."""
         transfer = self._desk.get(transfer_id)
         return bytes(transfer.data), transfer.stored()[0]
 
     def transfer(self, transfer_id: int) -> TransferUpdate:
-        """The transfer as it stood at the last poll; NotFound otherwise."""
+        """Return the transfer's state at the last poll. Raises NotFound."""
         return self._desk.get(transfer_id).update(self._pacer.polled_s or 0.0, self._desk.line_bytes_s)
 
     def forget_transfer(self, transfer_id: int) -> None:
@@ -229,14 +239,14 @@ class HostSession:
     # --- line ---------------------------------------------------------------------------------------------------
 
     def link_up(self, now_s: float) -> None:
-        """The owner has a port (again): parsers start clean, HELLO goes out until it is answered, then transfers resume."""
+        """Start on a newly opened port: reset the parsers, send HELLO until it is answered, then resume transfers."""
         self._receiver.restart()
         self._up = True
         self._handshake.begin(now_s)
         self._pacer.restart(now_s)
 
     def link_lost(self, now_s: float) -> list[SessionEvent]:
-        """The owner lost the port: commands under way become unknown, transfers link_lost."""
+        """Handle the loss of the port: commands sent become UNKNOWN, transfers link_lost."""
         self._up = False
         self._handshake.ask_at(None)
         self._desk.lose_line()
@@ -244,7 +254,7 @@ class HostSession:
         return self._take_events(now_s)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Take bytes from the line. Never raises, whatever they are."""
+        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
         for packet in self._receiver.feed(data):
             self._last_good_s = now_s
             try:
@@ -254,7 +264,7 @@ class HostSession:
         return self._take_events(now_s)
 
     def poll(self, now_s: float) -> tuple[bytes, list[SessionEvent]]:
-        """Bytes to write now, and what time alone brought (windows closed, transfers suspended, progress)."""
+        """Return the bytes to write now and the events since the last call (timeouts, suspended transfers, progress)."""
         out: list[bytes] = []
         if self._up:
             self._pacer.refill(now_s, self._desk.line_bytes_s)
@@ -295,14 +305,14 @@ class HostSession:
         payload = encode(service.fields, message.values, message.lists)
         return self._sender.packet(PacketType.TRANSFER, service.code, message.request_id, payload)
 
-    # --- what came ----------------------------------------------------------------------------------------------
+    # --- received packets ---------------------------------------------------------------------------------------
 
     def _dispatch(self, packet: Packet, now_s: float) -> None:
         command = self._dictionary.command_of_code(packet.code) if packet.type is PacketType.REPORT else None
         if command is not None:
             self._report(packet, command, now_s)
         elif packet.prefix != self._dictionary.prefix and not self._handshake.acknowledged:
-            # Another dictionary's telemetry would decode to nonsense.
+            # Telemetry of another dictionary would decode to wrong values.
             self._undecodable += 1
         elif packet.type is PacketType.TELEMETRY:
             self._telemetry(packet)
@@ -320,7 +330,7 @@ class HostSession:
     def _report(self, packet: Packet, command: Command, now_s: float) -> None:
         sent = self._lane.record(packet.request_id)
         if sent is not None and sent.command.code != command.code:
-            # Its values would be taken for those of the command that was sent under this id.
+            # Its values would be attributed to the command that was sent under this id.
             raise CorruptData("a report names another command", expected=sent.command.name, got=command.name)
         stage_reached, facts = read_report(packet, command, self._dictionary)
         stages = self._lane.report(packet.request_id, stage_reached, now_s, facts)
@@ -341,10 +351,10 @@ class HostSession:
     def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
         before, hello = self._handshake.hello, self._handshake.met(v, device_time_s)
         if before is not None and before.serial != hello.serial:
-            # What was meant for one unit must never reach another.
+            # Commands meant for one unit must never reach another.
             self._events += self._lane.abandon(f"meant for {before.serial}; {hello.serial} answered")
         self._desk.line_bytes_s = hello.line_baud / 10 if hello.line_baud else None
-        # A ground without its old database must not use ids again that the device remembers.
+        # If the host's database was lost, ids that the device remembers must not be used again.
         self._ids.following = max(self._ids.following, hello.last_request_id % 0xFFFF_FFFF + 1)
         self._events.append(hello)
         if self._handshake.agreed:
@@ -378,12 +388,12 @@ class HostSession:
 
     @property
     def counters(self) -> LinkCounters:
-        """Counters since the session was made."""
+        """Counters since the session was created."""
         return count_line(self._sender, self._receiver, self._undecodable, self._last_good_s, self._repeated_ids)
 
     @property
     def next_request_id(self) -> int:
-        """The id that the next command or opening takes; store it before a restart."""
+        """Id that the next command or transfer opening takes; store it before a restart."""
         return self._ids.following
 
     @property
@@ -393,10 +403,10 @@ class HostSession:
 
     @property
     def hello(self) -> HelloReceived | None:
-        """The last identity the device gave."""
+        """The last identity received from the device."""
         return self._handshake.hello
 
     @property
     def device_dictionary_hash(self) -> str | None:
-        """As the last HELLO said."""
+        """Dictionary hash in the last HELLO."""
         return self.hello.dictionary_hash if self.hello else None

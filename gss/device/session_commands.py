@@ -1,4 +1,4 @@
-"""The command lane of a host session: queue, windows, unknown, retry, abort. No bytes on the line here."""
+"""Command queue of a host session: timeouts, unknown outcomes, retry, abort. No I/O."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
 from gss.domain.errors import Conflict, NotFound
 
 KEPT_COMMANDS = 512
-"""Finished commands remembered to recognise late and repeated reports."""
+"""Number of commands kept, so that late and repeated reports of finished ones are recognised."""
 
 WITHDRAWN = "withdrawn"
-"""Reason of a command that was taken back before it was sent; no word of the device."""
+"""Reason of a command withdrawn before it was sent; not a reason of the device's."""
 
 ORDER = {s: i for i, s in enumerate((Stage.SENT, Stage.ACCEPTED, Stage.STARTED, Stage.PROGRESS))}
 
 
 @dataclass
 class CommandRecord:
-    """One command under way. ``deadline_s``: when its present window closes; None while none is open."""
+    """One tracked command. ``deadline_s``: when its current timeout expires; None if none is running."""
 
     request_id: int
     command: Command
@@ -34,19 +34,21 @@ class CommandRecord:
     was_unknown: bool = field(default=False)
 
     def event(self, **facts: Any) -> CommandStage:
-        """The present stage as an event."""
+        """Return the current stage as an event."""
         base = CommandStage(self.request_id, self.command.name, self.stage, attempt=self.attempt)
         return replace(base, **facts)
 
     def to(self, stage: Stage, deadline_s: float | None = None, **facts: Any) -> CommandStage:
-        """Go to a stage."""
+        """Change the stage and return it as an event."""
         self.stage, self.deadline_s = stage, deadline_s
         return self.event(**facts)
 
 
 class CommandLane:
-    """Commands go out one after the other: the next is released when the one before it is final or unknown.
-    ABORT has its own lane."""
+    """Sends commands one at a time: the next is released when the current one is final or unknown.
+
+    ABORT has a separate queue.
+    """
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._dictionary = dictionary
@@ -56,13 +58,13 @@ class CommandLane:
         self._current: CommandRecord | None = None
 
     def add(self, request_id: int, name: str, arguments: Values, *, urgent: bool = False) -> CommandStage:
-        """Queue a command; BadInput and NotFound before anything changes."""
+        """Queue a command. Raises BadInput or NotFound before anything changes."""
         record = self._make(request_id, name, arguments)
         (self._urgent if urgent else self._queue).append(record)
         return record.event()
 
     def add_unknown(self, request_id: int, name: str, arguments: Values) -> CommandStage:
-        """A command of which only the sending is known, after a restart."""
+        """Add a command that was sent before a restart; its outcome is unknown."""
         record = self._make(request_id, name, arguments)
         record.was_unknown = True
         return record.to(Stage.UNKNOWN, detail="The server restarted while the command was under way.")
@@ -82,7 +84,7 @@ class CommandLane:
                 del self._records[request_id]
 
     def record(self, request_id: int) -> CommandRecord | None:
-        """The command with that id."""
+        """Return the command with that id, or None."""
         return self._records.get(request_id)
 
     def retry(self, request_id: int) -> CommandStage:
@@ -99,31 +101,34 @@ class CommandLane:
         return record.to(Stage.QUEUED)
 
     def withdraw(self, request_id: int, detail: str) -> CommandStage:
-        """Take a queued command back: nothing of it was sent, or nothing more of it will be."""
+        """Withdraw a queued command: it becomes FAILED, or UNKNOWN again if it was queued for a retry."""
         record = self._records.get(request_id)
         if record is None:
             raise NotFound("unknown command id", got=str(request_id))
         if record not in self._queue:
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=record.stage.value)
         self._queue.remove(record)
-        if record.attempt > 1:  # it was sent before: its fate is as open as it was
+        if record.attempt > 1:  # an earlier attempt was sent, so its outcome is still unknown
             record.attempt -= 1
             return record.to(Stage.UNKNOWN, detail=detail)
         return record.to(Stage.FAILED, reason=WITHDRAWN, detail=detail)
 
     def clear(self, detail: str) -> list[CommandStage]:
-        """Take back everything that waits; what was sent goes on."""
+        """Withdraw all queued commands; commands already sent are not affected."""
         return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
 
     def abandon(self, detail: str) -> list[CommandStage]:
-        """Another unit is at the other end: nothing that was meant for the one before may be sent, now or as a retry."""
+        """Drop all commands meant for the previous unit after another unit has identified itself.
+
+        Queued commands are withdrawn; unknown ones can no longer be retried.
+        """
         events = self.clear(detail)
         for request_id in [i for i, r in self._records.items() if r.stage is Stage.UNKNOWN]:
             del self._records[request_id]
         return events
 
     def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandStage]]:
-        """Commands to write now, with their stages."""
+        """Return the commands to send now, and their stages."""
         records = list(self._urgent)
         self._urgent.clear()
         if self._current is None and self._queue and not only_urgent:
@@ -136,7 +141,7 @@ class CommandLane:
         return records, events
 
     def expire(self, now_s: float) -> list[CommandStage]:
-        """Windows that closed without a report."""
+        """Return the commands that timed out without a report, as UNKNOWN."""
         events = []
         for record in self._records.values():
             if record.deadline_s is not None and now_s >= record.deadline_s:
@@ -146,8 +151,11 @@ class CommandLane:
         return events
 
     def lose_all(self, detail: str) -> list[CommandStage]:
-        """The line is gone: what was sent is unknown, what was queued stays queued. Urgent commands that were not sent end here: an
-        ABORT that leaves on the next line, minutes later, is not what was asked for."""
+        """Handle the loss of the line: sent commands become unknown, queued ones stay queued.
+
+        Urgent commands not yet sent fail: an ABORT sent on the next line, minutes later, is not what the operator
+        requested.
+        """
         unsent = [
             r.to(Stage.FAILED, reason=WITHDRAWN, detail="The line was lost before it was sent.") for r in self._urgent
         ]
@@ -164,7 +172,7 @@ class CommandLane:
             self._current = None
 
     def report(self, request_id: int, stage: Stage, now_s: float, facts: dict[str, Any]) -> Sequence[CommandStage]:
-        """A report of the device. A repeated or overtaken one brings nothing new."""
+        """Process a report of the device. A repeated or out-of-order one returns no stages."""
         record = self._records.get(request_id)
         if record is None or record.stage in FINAL_STAGES:
             return ()
@@ -183,5 +191,5 @@ class CommandLane:
 
     @property
     def idle(self) -> bool:
-        """Nothing queued and nothing under way."""
+        """True if no command is queued or in progress."""
         return self._current is None and not self._queue and not self._urgent

@@ -1,4 +1,4 @@
-"""What went over the line and how much of it was damaged, in all and of late."""
+"""Count the traffic on the line and its damage, in total and over the last minute."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TELLING_LOSSES = 3
 def count_line(
     sender: LineSender, receiver: LineReceiver, undecodable: int, last_good_s: float | None, repeated_ids: int = 0
 ) -> LinkCounters:
-    """Counters of both directions; ``undecodable``: good packets that nobody could read."""
+    """Return the counters of both directions; ``undecodable``: intact packets that could not be decoded."""
     deframer = receiver.deframer
     received = DirectionCounters(
         bytes=deframer.bytes,
@@ -38,14 +38,14 @@ def count_line(
 
 @dataclass(frozen=True)
 class _Sample:
-    """Bytes, packets and damaged packets of one direction at a moment."""
+    """Bytes, packets and damaged packets of one direction at one time."""
 
     bytes: int
     packets: int
     damaged: int
 
     def rate_since(self, before: _Sample) -> float:
-        """Damage per byte between two moments; 0 where too little happened to tell."""
+        """Return the damage per byte between two samples; 0 if there is too little data for an estimate."""
         packets, damaged = self.packets - before.packets, self.damaged - before.damaged
         if damaged < TELLING_LOSSES or packets < damaged:
             return 0.0
@@ -53,7 +53,10 @@ class _Sample:
 
 
 class LineQuality:
-    """Damage per byte of each direction over the last minute: what comes is counted here, what goes by the device."""
+    """Damage per byte of each direction over the last minute.
+
+    The host counts the packets it receives; the device counts those sent to it and reports them in housekeeping.
+    """
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, _Sample, _Sample]] = deque()
@@ -61,20 +64,20 @@ class LineQuality:
     def note(
         self, now_s: float, sender: LineSender, receiver: LineReceiver, housekeeping: Mapping[str, Value] | None
     ) -> None:
-        """Take the counters as they stand; call about once a second."""
+        """Sample the counters; call about once a second."""
         down = _Sample(receiver.deframer.bytes, receiver.good + receiver.bad_total, receiver.bad_total)
         sensed = housekeeping or {}
         bad = int(sensed.get("frames_bad", 0))
         up = _Sample(sender.bytes, int(sensed.get("frames_good", 0)) + bad, bad)
         newest = self._samples[-1] if self._samples else None
         if newest is not None and up.packets < newest[2].packets:
-            self._samples.clear()  # the device restarted and counts anew
+            self._samples.clear()  # the device restarted and its counters with it
         self._samples.append((now_s, down, up))
         while now_s - self._samples[0][0] > LATELY_S:
             self._samples.popleft()
 
     def chunk_bytes(self, direction: Direction) -> int:
-        """The size of chunks that carries most on a line like that."""
+        """Return the chunk size with the highest throughput at the current damage rate."""
         if not self._samples:
             return best_chunk_bytes(0.0)
         (_, down_before, up_before), (_, down, up) = self._samples[0], self._samples[-1]

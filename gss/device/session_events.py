@@ -1,4 +1,4 @@
-"""What a host session tells its owner. Every record carries only facts from the line; wall-clock times are the owner's."""
+"""Events a host session reports to its owner. They contain only data from the line; the owner adds wall-clock times."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from enum import StrEnum
 from gss.device.dictionary import Value
 
 Ranges = tuple[tuple[int, int], ...]
-"""Chunk numbers, first and last inclusive, ascending and apart."""
+"""Ranges of chunk numbers, first and last inclusive, ascending and disjoint."""
 
 
 class Stage(StrEnum):
-    """Where a command is. REJECTED, COMPLETED and FAILED are final; UNKNOWN may still be resolved by a late report or a retry."""
+    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve UNKNOWN."""
 
     QUEUED = "queued"
     RELEASED = "released"
@@ -31,7 +31,7 @@ FINAL_STAGES = (Stage.REJECTED, Stage.COMPLETED, Stage.FAILED)
 
 
 class TransferState(StrEnum):
-    """Where a transfer is. A download ends VERIFIED, an upload COMMITTED and later ACTIVE."""
+    """State of a transfer. A download ends VERIFIED, an upload COMMITTED and later ACTIVE."""
 
     QUEUED = "queued"
     OPENING = "opening"
@@ -47,7 +47,7 @@ class TransferState(StrEnum):
 
 
 class Direction(StrEnum):
-    """Seen from the ground."""
+    """Direction as seen from the ground."""
 
     UP = "up"
     DOWN = "down"
@@ -58,9 +58,9 @@ class CommandStage:
     """A command reached a stage.
 
     ``device_time_s``: the device's clock in the report, None for stages that the host sets itself. ``reason``: the
-    dictionary's word for a rejection or failure, "" otherwise. ``detail``: a sentence. ``values``: the command's returns,
-    at COMPLETED. ``progress``: percent at PROGRESS. ``late``: it came after the window had closed. ``replayed``: the device
-    repeated a stored report. ``attempt``: 1 for the first sending.
+    dictionary's name of a rejection or failure, "" otherwise. ``detail``: a sentence. ``values``: the command's
+    returned values, at COMPLETED. ``progress``: percent, at PROGRESS. ``late``: received after the timeout.
+    ``replayed``: the device repeated a stored report. ``attempt``: 1 for the first sending.
     """
 
     request_id: int
@@ -78,8 +78,11 @@ class CommandStage:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """One telemetry packet. ``request_id`` 0 = sent by itself, otherwise caused by that command. ``raw``: as on the wire;
-    ``values``: in engineering units, enumerations by name. ``lists``: rows of each list, by the list's name."""
+    """One telemetry packet.
+
+    ``request_id``: the command that caused it, 0 = unsolicited. ``raw``: as on the wire; ``values``: in engineering
+    units, enumerations by name. ``lists``: rows of each list, by the list's name.
+    """
 
     packet: str
     device_time_s: float
@@ -92,7 +95,7 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class DeviceEvent:
-    """Something happened on board. ``severity``: ok, watch, warning, critical."""
+    """An event on board. ``severity``: ok, watch, warning, critical."""
 
     name: str
     severity: str
@@ -103,9 +106,12 @@ class DeviceEvent:
 
 @dataclass(frozen=True)
 class TransferUpdate:
-    """A transfer as it stands. ``stored``: what the *receiving* side says it stored. ``stored_bytes`` likewise.
-    ``rate_bytes_s``: stored bytes over the last seconds, 0 until known. ``line_share``: of the line's payload rate, None on a
-    line without a rate. ``resent``: chunks sent again (up) or asked for again (down)."""
+    """Current state of a transfer.
+
+    ``stored``, ``stored_bytes``: what the *receiving* end reports as stored. ``rate_bytes_s``: stored bytes per second
+    over the last seconds, 0 until known. ``line_share``: fraction of the line's payload rate, None on a line without a
+    rate. ``resent``: chunks sent again (uplink) or requested again (downlink).
+    """
 
     transfer_id: int
     direction: Direction
@@ -130,7 +136,7 @@ class TransferUpdate:
 
 @dataclass(frozen=True)
 class TransferDone:
-    """A download is complete and its hash is right, or an upload is committed (then ``data`` is what was sent)."""
+    """A download is complete and its hash correct, or an upload is committed (``data`` is then what was sent)."""
 
     transfer_id: int
     direction: Direction
@@ -143,7 +149,7 @@ class TransferDone:
 
 @dataclass(frozen=True)
 class HelloReceived:
-    """The device introduced itself. ``dictionary_match`` False blocks commanding until acknowledged."""
+    """The device identified itself. ``dictionary_match`` False blocks commanding until acknowledged."""
 
     device_model: str
     profile: str
@@ -165,11 +171,11 @@ class HelloReceived:
 
 @dataclass(frozen=True)
 class DirectionCounters:
-    """Counters of one direction. For what is sent only bytes and good move; the device counts its own side.
+    """Counters of one direction. For sent packets only ``bytes`` and ``good`` count; the device counts the rest.
 
-    ``unknown``: APID, packet type or direction that do not exist. ``undecodable``: good packets whose code or content the
-    dictionary does not know. ``gaps``, ``duplicates``: packets missing and packets twice by their sequence counts.
-    ``repeated_ids``: reports that brought nothing new of a request id, replays included.
+    ``unknown``: undefined APID, packet type or direction. ``undecodable``: intact packets whose code or content the
+    dictionary does not define. ``gaps``, ``duplicates``: packets missing and repeated according to their sequence
+    counts. ``repeated_ids``: reports without new information on a request id, including replays.
     """
 
     bytes: int = 0
@@ -192,7 +198,7 @@ class DirectionCounters:
 
 @dataclass(frozen=True)
 class LinkCounters:
-    """Both directions, and when something good last came (the owner's ``now_s``)."""
+    """Counters of both directions, and the time of the last intact packet (``now_s`` of the owner)."""
 
     sent: DirectionCounters
     received: DirectionCounters

@@ -1,4 +1,4 @@
-"""Who is at the other end: asking until somebody answers, comparing dictionaries, and what is allowed meanwhile."""
+"""Identify the device: repeat HELLO until it is answered, compare dictionaries, and restrict commands until they agree."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HELLO_AGAIN_S = 3.0
 
 
 class Handshake:
-    """The last HELLO and what follows from it. The sender's prefix is the dictionary's that both ends know."""
+    """State of the last HELLO. Sets the sender's prefix to that of the dictionary in use."""
 
     def __init__(self, dictionary: Dictionary, sender: LineSender) -> None:
         self._dictionary, self._sender = dictionary, sender
@@ -22,26 +22,26 @@ class Handshake:
         self._due_s: float | None = None
         self.acknowledged = False
         self.greeted = False
-        """Has somebody answered on the present line?"""
+        """True if a device has answered on the current line."""
 
     def begin(self, now_s: float) -> None:
-        """A line was opened: whoever is at its end must say so before anything else is sent."""
+        """Start on a newly opened line: the device must identify itself before anything else is sent."""
         self.greeted = False
         self.ask_at(now_s)
 
     def ask_at(self, now_s: float | None) -> None:
-        """Ask from this moment on until it is answered; None: do not ask."""
+        """Send HELLO from ``now_s`` on until it is answered; None: do not send it."""
         self._due_s = now_s
 
     def is_due(self, now_s: float) -> bool:
-        """Shall HELLO go out now? Asks again after a while."""
+        """True if HELLO must be sent now; schedules the next repeat."""
         if self._due_s is None or now_s < self._due_s:
             return False
         self._due_s = now_s + HELLO_AGAIN_S
         return True
 
     def met(self, values: Mapping[str, Value], device_time_s: float) -> HelloReceived:
-        """The answer. An acknowledgement holds until the dictionaries match again."""
+        """Process the answer to HELLO. An acknowledged mismatch stays acknowledged until the dictionaries match again."""
         self.hello = read_hello(values, device_time_s, self._dictionary.hash)
         if self.hello.dictionary_match:
             self._sender.prefix, self.acknowledged = self._dictionary.prefix, False
@@ -49,18 +49,18 @@ class Handshake:
         return self.hello
 
     def acknowledge(self) -> None:
-        """The operator accepts the difference; packets go out with the device's prefix."""
+        """Accept the dictionary mismatch; packets are sent with the device's prefix."""
         self.acknowledged = True
         if self.hello is not None:
             self._sender.prefix = int(self.hello.dictionary_hash[:4], 16)
 
     @property
     def agreed(self) -> bool:
-        """Somebody answered, with our dictionary or with one whose difference was accepted."""
+        """True if a device answered, with the same dictionary or with an acknowledged mismatch."""
         return self.hello is not None and (self.hello.dictionary_match or self.acknowledged)
 
     def check_allowed(self, name: str) -> None:
-        """Conflict while the dictionaries differ and nobody acknowledged it; NotFound without such a command."""
+        """Raise Conflict while the dictionaries differ unacknowledged, NotFound if there is no such command."""
         command = self._dictionary.command(name)
         if self.hello is None or self.agreed or command.any_dictionary:
             return

@@ -1,4 +1,4 @@
-"""How many bytes may go out now, so that a command never waits behind a full buffer."""
+"""Limit the bytes sent at a time, so that a command never waits behind a full output buffer."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ BURST_S = 0.25
 
 
 class Pacer:
-    """Credit in bytes, filled at the line's own rate up to a burst. ``polled_s``: when it was filled last."""
+    """Token bucket in bytes, filled at the line rate up to a burst. ``polled_s``: time of the last refill."""
 
     def __init__(self) -> None:
         self.polled_s: float | None = None
         self._credit_bytes = 0.0
 
     def restart(self, now_s: float) -> None:
-        """A port was opened."""
+        """Start with an empty bucket on a newly opened port."""
         self.polled_s, self._credit_bytes = now_s, 0.0
 
     def refill(self, now_s: float, bytes_per_s: float | None) -> None:
-        """Time has passed."""
+        """Add the credit for the time since the last call."""
         elapsed_s = now_s - (self.polled_s if self.polled_s is not None else now_s)
         self.polled_s = now_s
         if bytes_per_s is not None:
             self._credit_bytes = min(self._credit_bytes + bytes_per_s * elapsed_s, bytes_per_s * BURST_S)
 
     def spend(self, sent_bytes: int) -> None:
-        """Bytes went out; urgent ones may overdraw."""
+        """Subtract sent bytes; urgent packets may make the credit negative."""
         self._credit_bytes -= sent_bytes
 
     @property
     def open(self) -> bool:
-        """May more go out?"""
+        """True if more bytes may be sent now."""
         return self._credit_bytes > 0

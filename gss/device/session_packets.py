@@ -1,4 +1,4 @@
-"""Packets that a host session shows or makes without following them: dry runs, and tests of the far end."""
+"""Packets that a host session shows or builds without tracking them: dry runs and device tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from gss.device.protocol.packet import CRC_BYTES, PacketType, labelled_bytes
 def command_preview(
     dictionary: Dictionary, sender: LineSender, request_id: int, name: str, arguments: Mapping[str, Value]
 ) -> list[tuple[str, bytes]]:
-    """The packet before framing as labelled groups; an argument's group has its name as label. Nothing is counted."""
+    """Return the packet before framing as labelled groups; an argument's group has its name as label.
+
+    Uses up no sequence count and changes no counter.
+    """
     command = dictionary.command(name)
     values = check_arguments(command, arguments)
     groups = [(a.name, encode_item(a, values[a.name])) for a in command.arguments]
@@ -25,7 +28,7 @@ def command_preview(
 def crafted_frame(
     sender: LineSender, kind: PacketType, code: int, request_id: int, payload: bytes, prefix: int | None
 ) -> bytes:
-    """A frame of any content, with another prefix than the sender's where one is given."""
+    """Return a frame with arbitrary content; ``prefix`` replaces the sender's unless None."""
     own = sender.prefix
     sender.prefix = own if prefix is None else prefix
     frame = sender.packet(kind, code, request_id, payload)

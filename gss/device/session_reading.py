@@ -1,4 +1,4 @@
-"""What a packet of the device says, as an event of the session: a packet and its definition in, an event out."""
+"""Decode packets from the device into session events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COMPLETED = bytes([5])
 
 
 def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tuple[Stage, dict[str, Any]]:
-    """Stage of a command and its facts; a completed one brings the command's returned values."""
+    """Return a command's stage and its report's values; a completed report includes the returned values."""
     fields = dictionary.service("REPORT").fields
     completed = packet.payload[:1] == COMPLETED
     v = decode((*fields, *command.returns) if completed else fields, packet.payload).values
@@ -32,7 +32,7 @@ def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tup
 
 
 def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) -> HelloReceived:
-    """The device's identity from what HELLO returns; ``own_hash``: of the ground's dictionary."""
+    """Return the device's identity from the values that HELLO returns; ``own_hash``: of the host's dictionary."""
     told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
     return HelloReceived(
         device_model=str(v["device_model"]),
@@ -55,13 +55,13 @@ def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) ->
 
 
 class TelemetryReader:
-    """Reads telemetry packets; each kind's layout is prepared once, for they are most of what comes."""
+    """Decodes telemetry packets, with a prepared decoder per packet type because they are most of the traffic."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._kinds = {p.code: (p, Decoder(p.fields)) for p in reversed(dictionary.telemetry)}
 
     def read(self, packet: Packet) -> Telemetry | None:
-        """A telemetry packet, raw and in engineering units; None where the dictionary has none of that code."""
+        """Return a telemetry packet, raw and in engineering units; None if the dictionary does not define its code."""
         kind = self._kinds.get(packet.code)
         if kind is None:
             return None
@@ -79,6 +79,6 @@ class TelemetryReader:
 
 
 def read_event(packet: Packet, definition: EventDefinition, dictionary: Dictionary) -> DeviceEvent:
-    """Something the device noticed."""
+    """Return the device event in a packet."""
     text = str(decode(dictionary.service("EVENT").fields, packet.payload).values["text"])
     return DeviceEvent(definition.name, definition.severity, text, packet.time_s, packet.request_id)

@@ -1,4 +1,4 @@
-"""One transfer of the ground: what it is, how far it has come, what is told about it; and the ids and messages it uses."""
+"""One transfer on the host: content, progress and reported state; and the request ids and messages it uses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NO_HASH = bytes(32)
 
 
 class RequestIds:
-    """Hands out request ids; 0 means unsolicited and is left out."""
+    """Returns consecutive request ids, skipping 0 (unsolicited)."""
 
     def __init__(self, following: int) -> None:
         self.following = following
@@ -49,7 +49,7 @@ class Message:
 
 @dataclass(frozen=True)
 class HeldPart:
-    """What a broken download left: its hash and chunk size (as its last update said), bytes, and the ranges that are good."""
+    """Data of an interrupted download: hash and chunk size (from its last update), bytes, and the valid ranges."""
 
     sha256: str
     chunk_bytes: int
@@ -59,8 +59,11 @@ class HeldPart:
 
 @dataclass(frozen=True)
 class Part:
-    """Which part of an image is asked for, in pixels: a rectangle for "region"; for "star_windows" ``columns`` is the side of
-    the squares and the rest is 0. All 0: no part."""
+    """The requested part of an image, in pixels.
+
+    "region": a rectangle. "star_windows": ``columns`` is the side of the squares, the other fields are 0. All 0: no
+    part.
+    """
 
     col_px: int = 0
     row_px: int = 0
@@ -69,7 +72,7 @@ class Part:
 
 
 def checked_target(target: int) -> int:
-    """A slot or bank number; BadInput unless it fits a byte."""
+    """Return a slot or bank number. Raises BadInput unless it fits in one byte."""
     if not 0 <= target <= 0xFF:
         raise BadInput("impossible target", expected="0 – 255", got=str(target))
     return target
@@ -77,11 +80,12 @@ def checked_target(target: int) -> int:
 
 @dataclass
 class Transfer:
-    """One transfer under way.
+    """One transfer.
 
-    ``chunk_bytes``: the grid in force; ``wanted_chunk_bytes``: what the next opening asks for, unless the device has shown
-    that it keeps its own or the owner wants just this (``grid_is_fixed``). ``waits_for_device``: paused only until the
-    device has introduced itself. ``note``: said while it transfers.
+    ``chunk_bytes``: current chunk size; ``wanted_chunk_bytes``: size that the next opening requests. ``grid_is_fixed``:
+    the size is not adapted, because the owner set it or the device uses a different one than requested.
+    ``waits_for_device``: paused only until the device has identified itself. ``note``: reason text shown while
+    transferring.
     """
 
     id: int
@@ -118,14 +122,14 @@ class Transfer:
         self.wanted_chunk_bytes = self.wanted_chunk_bytes or self.chunk_bytes
 
     def take_held(self, held: HeldPart) -> None:
-        """A download that goes on: only the rest is asked for if the content is still the same."""
+        """Continue an earlier download: only missing chunks are requested if the content is unchanged."""
         self.data, self.size = bytearray(held.data), len(held.data)
         self.chunk_bytes, self.sha256 = held.chunk_bytes, bytes.fromhex(held.sha256)
         numbers = [i for first, last in held.ranges for i in range(first, last + 1)]
         self.receiver = ChunkReceiver(self.size, self.chunk_bytes, 1, numbers)
 
     def take_content(self, data: bytes) -> None:
-        """What an upload sends."""
+        """Set the content of an upload."""
         self.data, self.size, self.sha256 = bytearray(data), len(data), hashlib.sha256(data).digest()
 
     @property
@@ -134,7 +138,7 @@ class Transfer:
         return chunk_count(self.size, self.chunk_bytes) if self.size else 0
 
     def stored(self) -> tuple[Ranges, int]:
-        """What the receiving side holds: ranges and bytes."""
+        """Return what the receiving end holds: ranges and bytes."""
         held = self.sender.stored if self.sender else self.receiver.held if self.receiver else None
         if held is None:
             return (), 0
@@ -142,11 +146,11 @@ class Transfer:
 
     @property
     def holds_any(self) -> bool:
-        """Has the receiving side stored anything?"""
+        """True if the receiving end has stored any data."""
         return self.stored()[1] > 0
 
     def smaller_chunks(self) -> int | None:
-        """A chunk size worth re-opening for after what this session lost; None to go on."""
+        """Return a smaller chunk size if this session's losses justify reopening with it, otherwise None."""
         if self.grid_is_fixed:
             return None
         if self.sender is not None:
@@ -157,16 +161,16 @@ class Transfer:
 
     @property
     def resent(self) -> int:
-        """Chunks sent again (up) or asked for again (down)."""
+        """Chunks sent again (uplink) or requested again (downlink)."""
         now = self.sender.resent if self.sender else self.receiver.asked_again if self.receiver else 0
         return self.resent_before + now
 
     def to(self, state: TransferState, reason: str = "") -> None:
-        """Go to a state; the next poll tells."""
+        """Change the state; the next poll reports it."""
         self.state, self.reason, self.changed = state, reason, True
 
     def update(self, now_s: float, line_bytes_s: float | None) -> TransferUpdate:
-        """The transfer as it stands."""
+        """Return the current state as an event."""
         ranges, stored_bytes = self.stored()
         rate = self._rate_bytes_s(stored_bytes, now_s)
         return TransferUpdate(

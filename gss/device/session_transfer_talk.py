@@ -1,4 +1,4 @@
-"""What the ground says and does for one transfer at a time: open, keep moving, check, verify, commit, close."""
+"""Message exchange of one transfer on the host: open, transfer, check, verify, commit, close."""
 
 from __future__ import annotations
 
@@ -26,12 +26,15 @@ STARTED_OVER = {
 
 
 def abort_message(session: int, request_id: int, reason: str) -> Message:
-    """ABORT_TRANSFER for a session of the device."""
+    """Return ABORT_TRANSFER for a session of the device."""
     return Message("ABORT_TRANSFER", request_id, {"session": session, "reason": reason, "detail": ""})
 
 
 class TransferTalk:
-    """The protocol of a transfer. ``out``: messages to send; ``done``: contents that arrived; ``line_bytes_s``: None unpaced."""
+    """Host side of the transfer protocol.
+
+    ``out``: messages to send. ``done``: finished transfers. ``line_bytes_s``: line rate, None if unknown (no pacing).
+    """
 
     def __init__(self) -> None:
         self.out: deque[Message] = deque()
@@ -39,14 +42,14 @@ class TransferTalk:
         self.line_bytes_s: float | None = None
 
     def begin_open(self, t: Transfer, now_s: float, take_request_id: RequestIds) -> None:
-        """Open under a fresh request id."""
+        """Open the transfer with a new request id."""
         t.request_id = take_request_id()
         t.session, t.tries, t.committing = None, 0, False
         t.to(TransferState.OPENING)
         self.open_again(t, now_s)
 
     def open_again(self, t: Transfer, now_s: float) -> None:
-        """Say the opening (again), until it is answered or the line counts as lost."""
+        """Send the opening message, again until it is answered or the tries are used up (link_lost)."""
         if t.tries >= SILENT_TRIES:
             self.lose(t, "no answer to the opening", now_s)
             return
@@ -66,7 +69,7 @@ class TransferTalk:
         self.out.append(Message("OPEN_UPLOAD", t.request_id, values))
 
     def adapt(self, t: Transfer, now_s: float, take_request_id: RequestIds) -> bool:
-        """Where too much is lost, open again with smaller chunks; what is held stays held."""
+        """Reopen with smaller chunks if losses are high; stored data is kept. Returns True if reopened."""
         smaller = t.smaller_chunks()
         if smaller is None or t.session is None:
             return False
@@ -76,7 +79,7 @@ class TransferTalk:
         return True
 
     def keep_moving(self, t: Transfer, now_s: float) -> None:
-        """A sender asks when it hears nothing; a receiver reports, and pokes when nothing comes."""
+        """Request a STATUS as sender, or repeat it as receiver, when nothing arrives; link_lost after too many tries."""
         if t.session is None:
             return
         if t.sender is not None:
@@ -101,20 +104,23 @@ class TransferTalk:
         self.out.append(Message("STATUS", t.request_id, page.values(t.session), page.lists()))
 
     def _poke_after_s(self, t: Transfer) -> float:
-        """A silence in which several chunks should have come; longer after each that was broken in vain."""
+        """Return the silence after which a receiver repeats its STATUS.
+
+        Several chunks should have arrived in that time; it grows with each unsuccessful try.
+        """
         return max(POKE_S, 4 * self._chunk_time_s(t)) * (1 + t.tries)
 
     def _chunk_time_s(self, t: Transfer) -> float:
         return (t.chunk_bytes + 64) / self.line_bytes_s if self.line_bytes_s else 0.0
 
     def lose(self, t: Transfer, reason: str, now_s: float) -> None:
-        """Wait for the line or the device and open again then."""
+        """Set the transfer to link_lost; it is reopened after ``RETRY_LOST_S`` or when the line is back."""
         t.due_s = now_s + RETRY_LOST_S
         t.session = None
         t.to(TransferState.LINK_LOST, reason)
 
     def ask_verify(self, t: Transfer, now_s: float) -> None:
-        """Ask for the read-back, or after it for the commit."""
+        """Request the read-back, or the commit once the read-back is verified."""
         if t.tries >= SILENT_TRIES or t.session is None:
             self.lose(t, "no answer to the verification", now_s)
             return
@@ -123,7 +129,7 @@ class TransferTalk:
         self.out.append(Message("COMMIT" if t.committing else "VERIFY", t.request_id, {"session": t.session}))
 
     def after_the_end(self, t: Transfer, service: str, session: int) -> None:
-        """The device did not hear the last word of a session that is over here."""
+        """Repeat the closing message of a session that has ended here but not on the device."""
         if service not in ("CHUNK", "STATUS_REQUEST"):
             return
         if t.state is TransferState.VERIFIED:
@@ -134,7 +140,7 @@ class TransferTalk:
             self.out.append(abort_message(session, t.request_id, "aborted"))
 
     def opened(self, t: Transfer, message: Decoded, now_s: float) -> bool:
-        """The device opened its side; False when it opened something else than asked for."""
+        """Process OPENED. Returns False, with the transfer failed, if the upload's size differs or the chunk size is invalid."""
         v = message.values
         session, size, chunk_bytes = int(v["session"]), int(v["size_bytes"]), int(v["chunk_bytes"])
         if chunk_bytes < 1 or (t.direction is Direction.UP and size != t.size):
@@ -162,7 +168,7 @@ class TransferTalk:
         return True
 
     def _prepare_download(self, t: Transfer, size: int, chunk_bytes: int, window: int, sha256: bytes) -> None:
-        """Keep what is held if it is a part of the same content; another size of chunks cuts it anew."""
+        """Keep stored data if the content is unchanged, mapping it to the new chunk size."""
         same = t.receiver is not None and (t.sha256, t.size) == (sha256, size)
         held = regrid(t.stored()[0], size, t.chunk_bytes, chunk_bytes) if same else []
         if not same:
@@ -171,7 +177,7 @@ class TransferTalk:
         t.receiver = ChunkReceiver(size, chunk_bytes, window, held)
 
     def refused(self, t: Transfer, session: int, message: Decoded, now_s: float) -> None:
-        """The device ended it: some reasons pass, others do not."""
+        """Process ABORT_TRANSFER: reopen after no_session or busy, otherwise end the transfer."""
         if t.state in ENDED or t.state is TransferState.PAUSED:
             return
         if t.session is not None and session not in (0, t.session):
@@ -187,7 +193,7 @@ class TransferTalk:
         t.session = None
 
     def chunk(self, t: Transfer, message: Decoded, now_s: float) -> None:
-        """A chunk came down."""
+        """Store a received chunk."""
         assert t.receiver is not None  # noqa: S101 - the caller has checked it
         index, data = int(message.values["index"]), bytes(message.values["data"])  # type: ignore[arg-type]  # bytes fields decode to bytes
         t.tries = 0
@@ -200,7 +206,7 @@ class TransferTalk:
             self._check_download(t)
 
     def asked(self, t: Transfer, message: Decoded, now_s: float) -> None:
-        """The device wants to know what is held here."""
+        """Answer the device's STATUS_REQUEST."""
         if t.receiver is None:
             return
         v = message.values
@@ -215,7 +221,7 @@ class TransferTalk:
             t.to(TransferState.VERIFIED)
             self.finish(t)
             return
-        # A part that was kept may have rotted; without one the bytes came as the device sent them.
+        # A kept part may be corrupt, so a resumed download starts over; otherwise the device sent wrong data.
         kept_part, t.receiver, t.sha256, t.session = t.resumed, None, NO_HASH, None
         if kept_part:
             t.note = "the hash of what was held and what came is not the device's: started over"
@@ -224,13 +230,13 @@ class TransferTalk:
             t.to(TransferState.FAILED, "the hash of what arrived is not the device's")
 
     def to_verify(self, t: Transfer, now_s: float) -> None:
-        """Everything is stored over there: ask for the read-back."""
+        """Request the read-back after the device has stored everything."""
         t.to(TransferState.VERIFYING)
         t.tries = 0
         self.ask_verify(t, now_s)
 
     def verified(self, t: Transfer, message: Decoded, now_s: float) -> None:
-        """The device read its memory back."""
+        """Process the result of the device's read-back: request the commit, or fail."""
         if not message.values["equal"] or message.values["sha256"] != t.sha256:
             t.to(TransferState.FAILED, "the device read back something else than was sent")
             t.session = None
@@ -239,7 +245,7 @@ class TransferTalk:
         self.ask_verify(t, now_s)
 
     def finish(self, t: Transfer) -> None:
-        """The content is safe where it belongs."""
+        """Report the transfer as done."""
         t.session = None
         done = TransferDone(t.id, t.direction, t.kind, t.target, t.frame_number, bytes(t.data), t.sha256.hex())
         self.done.append(done)

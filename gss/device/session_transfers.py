@@ -1,4 +1,4 @@
-"""The transfers of a host session: one at a time on the line, any number waiting. Decides messages; writes no bytes."""
+"""Transfers of a host session: one at a time on the line, any number queued. Produces messages; no I/O."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REPORT_EVERY_S = 0.25
 
 
 class TransferDesk:
-    """All transfers. Each opening takes a fresh request id, which names the transfer on the line."""
+    """All transfers of a session. Each opening takes a new request id, which identifies the transfer on the line."""
 
     def __init__(self) -> None:
         self._transfers: dict[int, Transfer] = {}
@@ -23,28 +23,28 @@ class TransferDesk:
 
     @property
     def line_bytes_s(self) -> float | None:
-        """The line's rate; None while unknown: no pacing."""
+        """The line's rate; None while unknown (no pacing)."""
         return self._talk.line_bytes_s
 
     @line_bytes_s.setter
     def line_bytes_s(self, rate: float | None) -> None:
         self._talk.line_bytes_s = rate
 
-    # --- orders of the owner ------------------------------------------------------------------------------------
+    # --- requests of the owner ----------------------------------------------------------------------------------
 
     def add(self, transfer: Transfer) -> None:
         """Queue a transfer."""
         self._transfers[transfer.id] = transfer
 
     def get(self, transfer_id: int) -> Transfer:
-        """The transfer of that id; NotFound otherwise."""
+        """Return the transfer of that id. Raises NotFound."""
         try:
             return self._transfers[transfer_id]
         except KeyError:
             raise NotFound("unknown transfer", got=str(transfer_id)) from None
 
     def pause(self, transfer_id: int) -> None:
-        """Stop; the device keeps what it has."""
+        """Pause a transfer; the device keeps what it has stored. Raises Conflict."""
         transfer = self.get(transfer_id)
         if transfer.state in ENDED or transfer.state in (TransferState.PAUSED, TransferState.VERIFYING):
             raise Conflict(
@@ -56,7 +56,7 @@ class TransferDesk:
         transfer.to(TransferState.PAUSED)
 
     def resume(self, transfer_id: int) -> None:
-        """Wait for the line and open again."""
+        """Queue a paused, link_lost or failed transfer again. Raises Conflict."""
         transfer = self.get(transfer_id)
         if transfer.state not in (TransferState.PAUSED, TransferState.LINK_LOST, TransferState.FAILED):
             raise Conflict(
@@ -66,7 +66,7 @@ class TransferDesk:
         transfer.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
-        """Give up on both sides."""
+        """Abort a transfer at both ends. Raises Conflict if it has ended."""
         transfer = self.get(transfer_id)
         if transfer.state in ENDED:
             raise Conflict("the transfer has ended", got=transfer.state.value)
@@ -75,14 +75,14 @@ class TransferDesk:
         transfer.to(TransferState.ABORTED, "by the operator")
 
     def forget(self, transfer_id: int) -> None:
-        """Drop an ended transfer."""
+        """Remove a transfer that has ended. Raises Conflict."""
         if self.get(transfer_id).state not in ENDED:
             raise Conflict("the transfer has not ended", got=self.get(transfer_id).state.value)
         del self._transfers[transfer_id]
         self._by_session = {s: t for s, t in self._by_session.items() if t != transfer_id}
 
     def lose_line(self) -> None:
-        """The port is gone."""
+        """Set active transfers to link_lost after the port was lost."""
         self.line_is_up = False
         self._talk.out.clear()
         for transfer in self._transfers.values():
@@ -90,7 +90,7 @@ class TransferDesk:
                 self._talk.lose(transfer, "the line is gone", 0.0)
 
     def line_back(self, now_s: float) -> None:
-        """The device has introduced itself: open again what the loss of the line or a restart interrupted."""
+        """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself."""
         self.line_is_up = True
         for transfer in self._transfers.values():
             if transfer.state is TransferState.PAUSED and transfer.waits_for_device:
@@ -100,14 +100,14 @@ class TransferDesk:
                 transfer.due_s = now_s
 
     def device_restarted(self, now_s: float) -> None:
-        """The device lost its sessions; what it had stored is still there."""
+        """Reopen the active transfer: the device lost its sessions, but not what it had stored."""
         for transfer in self._transfers.values():
             if transfer.state in MOVING and transfer.request_id:
                 self._talk.lose(transfer, "the device restarted", now_s)
                 transfer.due_s = now_s
 
     def bank_in_use(self, bank: int) -> None:
-        """A committed upload became the active catalogue."""
+        """Mark a committed upload as ACTIVE once its bank is the active catalogue."""
         for transfer in self._transfers.values():
             if transfer.state is TransferState.COMMITTED and (transfer.kind, transfer.target) == ("catalogue", bank):
                 transfer.to(TransferState.ACTIVE)
@@ -115,11 +115,11 @@ class TransferDesk:
     # --- time ---------------------------------------------------------------------------------------------------
 
     def current(self) -> Transfer | None:
-        """The transfer that has the line."""
+        """Return the transfer that uses the line, or None."""
         return next((t for t in self._transfers.values() if t.state in MOVING), None)
 
     def step(self, now_s: float, take_request_id: RequestIds) -> list[Message]:
-        """Messages (not chunks) to send now."""
+        """Return the messages (not chunks) to send now."""
         if not self.line_is_up:
             return []
         transfer = self.current()
@@ -141,7 +141,7 @@ class TransferDesk:
         return messages
 
     def next_chunk(self, now_s: float) -> Message | None:
-        """The next chunk to send, if a transfer wants to send one."""
+        """Return the next chunk to send, or None."""
         t = self.current()
         if t is None or t.state is not TransferState.TRANSFERRING or t.sender is None or t.session is None:
             return None
@@ -152,10 +152,10 @@ class TransferDesk:
         data = bytes(t.data[index * t.chunk_bytes : (index + 1) * t.chunk_bytes])
         return Message("CHUNK", t.request_id, {"session": t.session, "index": index, "serial": serial, "data": data})
 
-    # --- messages of the device ---------------------------------------------------------------------------------
+    # --- messages from the device -------------------------------------------------------------------------------
 
     def receive(self, service: str, request_id: int, message: Decoded, now_s: float) -> None:
-        """Act on a transfer message; one for no known transfer is ignored."""
+        """Process a transfer message; a message for an unknown transfer is ignored."""
         if service == "OPENED":
             self._opened(request_id, message, now_s)
             return
@@ -196,10 +196,10 @@ class TransferDesk:
         if t is not None:
             self._talk.refused(t, session, message, now_s)
 
-    # --- what to tell -------------------------------------------------------------------------------------------
+    # --- reports ------------------------------------------------------------------------------------------------
 
     def news(self, now_s: float) -> list[TransferUpdate | TransferDone]:
-        """Updates since the last call: each change of state, progress a few times a second."""
+        """Return updates since the last call: each state change, and progress every ``REPORT_EVERY_S``."""
         events: list[TransferUpdate | TransferDone] = []
         for t in self._transfers.values():
             progressing = t.state is TransferState.TRANSFERRING and now_s - t.reported_s >= REPORT_EVERY_S

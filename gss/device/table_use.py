@@ -1,4 +1,4 @@
-"""What a calibration or a parameter table means for the chain on board: the camera it takes for its own, its constants."""
+"""Apply calibration and parameter tables to the on-board chain: its camera model and its constants."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GEOMETRY = ("columns", "rows", "focal_col_px", "focal_row_px", "centre_col_px", 
 WHOLE = ("columns", "rows", "bits")
 RADIAL = ("radial_1", "radial_2", "radial_3", "radial_4")
 COMMANDED = ("threshold_dn", "min_area_px", "max_area_px")
-"""Constants that SET_DETECTION holds; a parameter set gives their values after it becomes active."""
+"""Constants that SET_DETECTION sets; activating a parameter set replaces their values."""
 REASON = 100.0
 LOST_NOTHING: Mapping[str, Scalar] = {}
 
@@ -39,7 +39,7 @@ NAMES = {Pinhole: "pinhole", Brown: "brown", BrownUndistort: "brown_undistort", 
 
 
 def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
-    """A camera's geometry and photometry as a calibration table holds them."""
+    """Return a camera's geometry and photometry as the values of a calibration table."""
     camera, model = profile.camera, profile.camera.distortion
     values: dict[str, Scalar] = {"distortion": NAMES[type(model)]}
     values |= {name: getattr(camera, name) for name in GEOMETRY}
@@ -52,7 +52,7 @@ def calibration_values(profile: CameraProfile) -> dict[str, Scalar]:
 
 
 def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraProfile:
-    """The profile with a table's geometry and photometry; BadInput where it cannot be this detector's."""
+    """Return the profile with a table's geometry and photometry. Raises BadInput if they cannot be this detector's."""
     word = str(values.get("distortion"))
     if word not in MODELS:
         raise BadInput("unknown distortion model", expected=" | ".join(MODELS), got=word)
@@ -78,7 +78,7 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     own = calibration_values(profile)
     for name in numbers:
         known = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
-        # A coefficient of a lens may turn out to be nothing, or of the other sign.
+        # A lens coefficient may turn out to be zero or of the opposite sign.
         within_reason(name, numbers[name], -abs(float(known)) if name in coefficients and name != "focal_mm" else known)
     if not numbers["bright_limit_mag"] < numbers["faint_limit_mag"]:
         raise BadInput("limiting magnitudes are crossed", expected="bright_limit_mag below faint_limit_mag")
@@ -91,8 +91,11 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
 
 
 def within_reason(name: str, value: float, own: Scalar) -> None:
-    """BadInput where a value lies so far from the unit's own that it can only be a mistake: a hundredfold either way, or of
-    the other sign; where the unit's own is zero or negative, beyond a hundred times its size or 10."""
+    """Raise BadInput if a value is too far from the unit's own to be correct.
+
+    Limits: a factor of 100 either way with the same sign; if the unit's own value is zero or negative, ± 100 times its
+    absolute value, at least ± 10.
+    """
     if isinstance(own, str):
         return
     if float(own) > 0:
@@ -106,13 +109,15 @@ def within_reason(name: str, value: float, own: Scalar) -> None:
 
 
 def constants(parameters: Any) -> dict[str, float | int | bool]:
-    """The numbers among a chain's parameters."""
+    """Return the numeric parameters of a chain by name."""
     return {f.name: v for f in fields(parameters) if isinstance(v := getattr(parameters, f.name), float | int | bool)}
 
 
 def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) -> dict[str, Scalar]:
-    """The chain of a unit and its constants as a parameter table holds them. Constants that follow from the camera or the
-    exposure are left out: a table that names one fixes it."""
+    """Return a unit's chain and its constants as the values of a parameter table.
+
+    Constants derived from the camera or the exposure are left out, because a table that contains one fixes it.
+    """
     used = chain or on_board(profile.name)
     parameters = used.parameters(profile, None, Commanded(), Mode.LOST_IN_SPACE)
     longer = constants(used.parameters(profile, 2 * profile.sensor.exposure_s, Commanded(), Mode.LOST_IN_SPACE))
@@ -122,12 +127,12 @@ def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) 
 
 
 def chain_of(profile: CameraProfile, values: Mapping[str, Scalar] = LOST_NOTHING) -> OnboardChain:
-    """The chain that a parameter table is for; without a table the unit's own."""
+    """Return the chain that a parameter table is for; without a table, the unit's own."""
     return system(str(values["chain"])) if values else on_board(profile.name)
 
 
 def check_parameters(profile: CameraProfile, values: Mapping[str, Scalar]) -> None:
-    """BadInput where a parameter set names a chain or a constant that does not exist, or a value of the wrong kind."""
+    """Raise BadInput if a parameter set has an unknown chain or constant, or a value of the wrong type."""
     try:
         chain = chain_of(profile, values)
     except NotFound as error:
@@ -138,13 +143,13 @@ def check_parameters(profile: CameraProfile, values: Mapping[str, Scalar]) -> No
 def parameters_with(
     values: Mapping[str, Scalar], profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
 ) -> Any:
-    """A chain's parameters for one frame: its own, those of the table in their place, and over both what was commanded."""
+    """Return a chain's parameters for one frame: its defaults, replaced by the table's values, then by commanded ones."""
     chain = chain_of(profile, values)
     plain = chain.parameters(profile, exposure_s, Commanded(), mode)
     told = chain.parameters(profile, exposure_s, commanded, mode)
     if not values:
         return told
-    # What a command changes beside the detection's settings, such as the reach of a hint, stays as commanded.
+    # Other constants that a command changes, such as the radius of a hint, also keep the commanded value.
     changed = [n for n, v in constants(told).items() if constants(plain).get(n) != v]
     set_by_command = [n for n in COMMANDED if getattr(commanded, n) is not None]
     return _replaced(told, values, (*set_by_command, *changed))

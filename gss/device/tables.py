@@ -1,7 +1,7 @@
-"""Calibration and parameter tables in the bytes a sensor keeps them, both ways. The ground and the simulator use this file.
+"""Encode and decode calibration and parameter tables as stored in the sensor. Used by the ground and the simulator.
 
-A table is a word and numbers with names: a calibration's word is its distortion model, a parameter set's word the chain it
-is for. Triplet tables have a format of their own: ``gss.catalogue_tools.tables.triplets``. Little endian, as bank images.
+A table contains one word and named numbers: a calibration's word is its distortion model, a parameter set's word is its
+chain. Triplet tables have a separate format: ``gss.catalogue_tools.tables.triplets``. Little-endian, like bank images.
 
 Header, offset type meaning
      0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)
@@ -37,13 +37,16 @@ HEADER_BYTES = HEADER.size + 4
 NUMBER = struct.Struct("<d")
 LONGEST_NAME, MOST_PAIRS = 40, 200
 TABLE_BYTES = 4096
-"""Room of a calibration or a parameter set in flash: one sector."""
+"""Size of a calibration or a parameter set in flash: one sector."""
 
 Scalar = float | int | bool | str
 
 
 def encode_table(kind: str, profile_name: str, values: Mapping[str, Scalar]) -> bytes:
-    """Bytes of a table; ``values`` holds the word under "distortion" or "chain". BadInput names what does not fit."""
+    """Return the bytes of a table; ``values`` contains the word under "distortion" or "chain".
+
+    Raises BadInput naming the invalid value.
+    """
     word_name = _word_name(kind)
     word = values.get(word_name)
     if not isinstance(word, str) or not word:
@@ -95,7 +98,7 @@ def _fixed(kind: str, what: str, text: str) -> bytes:
 
 
 def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
-    """Profile name and values; CorruptData when the bytes are no such table or are damaged."""
+    """Return profile name and values. Raises CorruptData if the bytes are not such a table or are damaged."""
     word_name = _word_name(kind)
     if len(data) < HEADER_BYTES:
         raise CorruptData(f"no {kind} table", expected=f"at least {HEADER_BYTES} B", got=f"{len(data)} B")

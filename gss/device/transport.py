@@ -1,7 +1,7 @@
-"""Bytes to and from a port: tty, pseudo-terminal, ``socket://host:port`` and ``rfc2217://host:port``.
+"""Serial line I/O: tty, pseudo-terminal, ``socket://host:port`` and ``rfc2217://host:port``.
 
-The only importer of pyserial. Reading blocks at most as long as requested, opening at most ``OPEN_WITHIN_S``; a port that vanishes
-is a LinkDown; a port that another process holds is a Conflict.
+The only module that imports pyserial. A read blocks at most for its timeout, opening at most ``OPEN_WITHIN_S``. A port
+that disappears raises LinkDown; a port that another process holds raises Conflict.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SETTLE_S = 0.15
 CONNECT_HINT = "start the device or the simulator, or check the address"
 UNFINISHED_MOST = 8
 _unfinished = threading.BoundedSemaphore(UNFINISHED_MOST)
-"""Openings whose threads have not ended. Each ends sooner or later: pyserial limits every step."""
+"""Limits the opening threads that run at a time. Each ends eventually, because pyserial limits every step."""
 
 
 class ByteStream(Protocol):
@@ -41,20 +41,26 @@ class ByteStream(Protocol):
 
 
 PORT_ERRORS = (OSError, TypeError, AttributeError, ValueError)
-"""pyserial raises TypeError or AttributeError when another thread closes the port under a blocked read, and ValueError when the
-process has so many open files that select() cannot watch the port."""
+"""Errors pyserial raises when a port fails.
+
+TypeError or AttributeError when another thread closes the port during a blocking read; ValueError when the process has
+so many open files that select() cannot watch the port.
+"""
 
 
 class SerialStream:
-    """A ByteStream over pyserial. Reading and writing may happen in different threads; one of each at a time."""
+    """A ByteStream over pyserial. One thread may read while another writes."""
 
     def __init__(self, url: str, port: serial.Serial) -> None:
         self.url, self._port = url, port
         self._early, self._heard = b"", False
 
     def settle(self) -> None:
-        """Wait a moment for the far end to hang up: a device server that speaks to one program at a time takes the second
-        connection and closes it. Conflict then; what comes meanwhile is kept for the first read."""
+        """Wait ``SETTLE_S`` for the far end to close the connection, and raise Conflict if it does.
+
+        A device server that serves one client at a time accepts a second connection and closes it. A byte received
+        meanwhile is kept for the first read.
+        """
         try:
             self._early = self.read(1, SETTLE_S)
         except LinkDown as error:
@@ -65,8 +71,10 @@ class SerialStream:
             ) from error
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Up to ``max_bytes``: what is there, or what comes first within ``timeout_s``; b"" if nothing does. LinkDown if
-        the far end is gone."""
+        """Return up to ``max_bytes`` that are available or first arrive within ``timeout_s``; b"" if none do.
+
+        Raises LinkDown if the port or connection is lost.
+        """
         if self._early:
             data, self._early = self._early, b""
             return data
@@ -81,13 +89,13 @@ class SerialStream:
         port.timeout = timeout_s
         data = bytes(port.read(1))
         if data and max_bytes > 1:
-            # Reading more with no timeout gives what is there; a socket does not know how much that is.
+            # A read without timeout returns the available bytes; a socket cannot report how many there are.
             port.timeout = 0
             data += bytes(port.read(max_bytes - 1))
         return data
 
     def write(self, data: bytes) -> None:
-        """All of ``data``, or LinkDown."""
+        """Write all of ``data``. Raises LinkDown on failure."""
         try:
             self._port.write(data)
         except PORT_ERRORS as error:
@@ -98,8 +106,8 @@ class SerialStream:
         return LinkDown(f"the line {self.url} is gone", got=str(error), hint=hint)
 
     def close(self) -> None:
-        """Give the port back. Closing twice is fine."""
-        # pyserial forgets to close its socket when the far end has gone first.
+        """Close the port. May be called more than once."""
+        # pyserial does not close its socket if the far end closed the connection first.
         left_open = getattr(self._port, "_socket", None)
         with contextlib.suppress(OSError):
             self._port.close()
@@ -108,7 +116,7 @@ class SerialStream:
 
 
 class Rfc2217Stream(SerialStream):
-    """The same over RFC 2217. pyserial renegotiates the whole port whenever a time limit changes, so that it never does here."""
+    """SerialStream for RFC 2217. Never changes the timeout, because pyserial renegotiates the port on every change."""
 
     def _receive(self, port: serial.Serial, max_bytes: int, timeout_s: float) -> bytes:
         for _ in range(max(1, round(timeout_s / RFC2217_POLL_S))):
@@ -119,8 +127,11 @@ class Rfc2217Stream(SerialStream):
 
 
 def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) -> ByteStream:
-    """Open a line for this process alone, on a separate thread. NotFound, Conflict, BadInput or LinkDown name the reason, LinkDown
-    also after ``within_s``; a port that opens later is closed at once."""
+    """Open a line for exclusive use, on a separate thread.
+
+    Raises NotFound, Conflict, BadInput or LinkDown, stating the reason; LinkDown also after ``within_s``. A port that
+    opens after that is closed at once.
+    """
     address = parse_line_address(url)
     if not _unfinished.acquire(blocking=False):
         raise Conflict(
@@ -140,7 +151,7 @@ def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) 
 def _open_into(opening: Future[ByteStream], address: LineAddress, baud: int) -> None:
     try:
         opening.set_result(_open(address, baud))
-    except BaseException as error:  # raised again where the opening is awaited
+    except BaseException as error:  # raised again by opening.result()
         opening.set_exception(error)
     finally:
         _unfinished.release()
@@ -163,7 +174,7 @@ def _open(address: LineAddress, baud: int) -> ByteStream:
     except (OSError, ValueError) as error:
         raise LinkDown(f"cannot open {url}", got=str(error), hint=CONNECT_HINT) from error
     if address.is_device:
-        # What lay in the terminal's buffer before the opening belongs to an earlier user of the port.
+        # Bytes in the terminal's buffer from before the opening belong to an earlier user of the port.
         with contextlib.suppress(OSError):
             port.reset_input_buffer()
     stream = Rfc2217Stream(url, port) if address.scheme == RFC2217 else SerialStream(url, port)
@@ -179,7 +190,7 @@ def _open(address: LineAddress, baud: int) -> ByteStream:
 def _port(address: LineAddress, baud: int) -> serial.Serial:
     port = serial.serial_for_url(address.text, do_not_open=True)
     port.baudrate, port.timeout = baud, RFC2217_POLL_S
-    if address.scheme != RFC2217:  # pyserial has no such limit there; its socket stops waiting after 5 s
+    if address.scheme != RFC2217:  # pyserial has no write timeout there; its socket stops waiting after 5 s
         port.write_timeout = WRITE_TIMEOUT_S
     if address.is_device:
         port.exclusive = True
@@ -198,7 +209,7 @@ def _check_device(path: str) -> None:
 
 
 def _cannot_open(url: str, error: serial.SerialException) -> Conflict | LinkDown:
-    """pyserial reports a held lock in the text only."""
+    """Return the error for a failed opening. pyserial reports a held lock only in the message text."""
     text = str(error)
     if "exclusively lock" in text or "Resource temporarily unavailable" in text:
         return Conflict(f"another process holds {url}", got=text, hint="stop the other program, or use another port")

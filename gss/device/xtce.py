@@ -1,11 +1,13 @@
-"""The telemetry side of the dictionary as XTCE 1.2 (CCSDS 660.0-B-2), for tools that are not ours.
+"""Export the telemetry part of the dictionary as XTCE 1.2 (CCSDS 660.0-B-2), for third-party tools.
 
-Containers from the top: ``CCSDSPacket`` (primary header), ``GSSPacket`` (our secondary header), both abstract; below them
+Containers from the top: ``CCSDSPacket`` (primary header), ``GSSPacket`` (secondary header), both abstract; below them
 one container per telemetry packet and event, per transfer message, and per kind of report. Parameter names are
-``packet_field``. Limits: the standard knows no counted list of rows inside a packet that space-packet-parser could follow,
-so a list is its count and the bytes of its rows, and the container ``packet_list_row`` reads one row; with
-``repeat_lists`` the rows are repeated as the standard says, for tools that can. A fixed text ends at its first zero byte:
-one that fills its field is valid on our line, but not for parsers that insist on the zero.
+``packet_field``.
+
+Limitations: XTCE has no counted list of rows inside a packet that space-packet-parser can follow, so a list is exported
+as its count and the bytes of its rows, and the container ``packet_list_row`` decodes one row; with ``repeat_lists`` the
+rows are repeated as the standard defines, for tools that support it. A fixed-size text ends at its first zero byte:
+text that fills its field is valid in this protocol, but not for parsers that require the zero.
 """
 
 from __future__ import annotations
@@ -41,16 +43,16 @@ SECONDARY_BITS = (
     ("DEVICE_TIME_MS", 16, "Milliseconds of the device's time"),
 )
 Criteria = Sequence[tuple[str, str, object]]
-"""(parameter, operator, value): all must hold."""
+"""(parameter, operator, value); all must hold."""
 
 
 def xtce(dictionary: Dictionary, *, repeat_lists: bool = False) -> str:
-    """The whole document as XML text. ``repeat_lists``: rows of lists as repeated containers instead of bytes."""
+    """Return the document as XML text. ``repeat_lists``: export list rows as repeated containers instead of bytes."""
     return _Document(dictionary, repeat_lists).text()
 
 
 class _Document:
-    """The tree while it grows: types, parameters and containers in step."""
+    """XML tree under construction, with types, parameters and containers kept consistent."""
 
     def __init__(self, dictionary: Dictionary, repeat_lists: bool) -> None:
         self._dictionary, self._repeat = dictionary, repeat_lists
@@ -101,7 +103,7 @@ class _Document:
         self._container(name, purpose, GSS, where, self._entries(name, fields), abstract=True)
 
     def _reports(self) -> None:
-        """A completed report ends with what its command returns; the others end after the common fields."""
+        """Add the report containers: a completed report ends with the returned values, others after the common fields."""
         report = self._dictionary.service("REPORT")
         self._abstract("REPORT", report.purpose, PacketType.REPORT, report.fields)
         stage, on_the_way = "REPORT_stage", "A stage that is not completion"
@@ -140,7 +142,7 @@ class _Document:
     # --- entries ------------------------------------------------------------------------------------------------
 
     def _entries(self, owner: str, layout: Layout | Sequence[Item]) -> list[str | ET.Element]:
-        """Make the parameters of a layout and name them in their order."""
+        """Create the parameters of a layout and return their names in order."""
         entries: list[str | ET.Element] = []
         fixed = SECONDARY.size + CRC_BYTES
         for entry in layout:
@@ -172,7 +174,10 @@ class _Document:
         return [count, name]
 
     def _item(self, name: str, item: Item, around: int) -> None:
-        """Type and parameter of one value; ``around``: bytes of all after the primary header but this and what is around it."""
+        """Add type and parameter of one value.
+
+        ``around``: size in bytes of the packet after the primary header, without this value.
+        """
         kind = item.type
         if kind in INTEGER_RANGES or kind in ("bool", "enum", "f32", "f64"):
             self._number(name, item)
@@ -241,7 +246,7 @@ class _Document:
 
 
 def _dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> None:
-    """A size in bits: slope · parameter + intercept."""
+    """Add a size in bits: slope · parameter + intercept."""
     dynamic = ET.SubElement(size, "DynamicValue")
     ET.SubElement(dynamic, "ParameterInstanceRef", parameterRef=parameter)
     ET.SubElement(dynamic, "LinearAdjustment", slope=str(slope), intercept=str(intercept))
