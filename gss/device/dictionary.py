@@ -1,8 +1,8 @@
 """Records of the device interface: commands, telemetry, events and service messages.
 
 The content is ``dictionary.yaml``; :mod:`gss.device.dictionary_file` reads and checks it. Codec, forms, the interface
-document and the simulator are generated from these records, so a new command needs only a new row. Units are those of
-the wire and the display (deg, ms, °C), as stated in the file's header.
+document and the simulator are driven by these records, so a new command needs only a new row. Units are those of the
+wire and the display (deg, ms, °C), as stated in the file's header.
 """
 
 from __future__ import annotations

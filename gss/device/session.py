@@ -77,8 +77,8 @@ class HostSession:
         """Queue a command and return its request id: ``request_id`` if reserved before, else a new one.
 
         Missing arguments take their defaults. Commands wait until the device has identified itself; only ABORT does
-        not. Raises BadInput ("0 – 255, got 300") if a value is out of range, Conflict while the dictionaries differ and
-        the operator has not acknowledged it.
+        not. Raises BadInput ("0 – 255, got 300") if a value is out of range, Conflict while a dictionary mismatch is
+        unacknowledged.
         """
         self.check_allowed(name)
         if request_id is None:
@@ -91,7 +91,7 @@ class HostSession:
         return self._ids()
 
     def check_allowed(self, name: str) -> None:
-        """Raise Conflict while the dictionaries differ unacknowledged, NotFound if there is no such command."""
+        """Raise Conflict while a dictionary mismatch is unacknowledged, NotFound if there is no such command."""
         self._handshake.check_allowed(name)
 
     def _add(self, name: str, arguments: Mapping[str, Value], *, urgent: bool) -> int:
@@ -162,8 +162,8 @@ class HostSession:
         """Queue a download of any kind the dictionary defines and return its transfer id.
 
         ``held``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
-        which region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
-        ``paused``: reason to wait until the device has identified itself.
+        the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line. ``paused``:
+        reason to wait until the device has identified itself.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = Transfer(self._next_transfer_id, Direction.DOWN, kind, checked_target(slot), size)

@@ -60,7 +60,7 @@ class Handshake:
         return self.hello is not None and (self.hello.dictionary_match or self.acknowledged)
 
     def check_allowed(self, name: str) -> None:
-        """Raise Conflict while the dictionaries differ unacknowledged, NotFound if there is no such command."""
+        """Raise Conflict while a dictionary mismatch is unacknowledged, NotFound if there is no such command."""
         command = self._dictionary.command(name)
         if self.hello is None or self.agreed or command.any_dictionary:
             return

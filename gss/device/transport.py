@@ -89,7 +89,7 @@ class SerialStream:
         port.timeout = timeout_s
         data = bytes(port.read(1))
         if data and max_bytes > 1:
-            # A read without timeout returns the available bytes; a socket cannot report how many there are.
+            # A read with timeout 0 returns the bytes available now; a socket cannot report how many there are.
             port.timeout = 0
             data += bytes(port.read(max_bytes - 1))
         return data

@@ -1,1 +1,1 @@
-"""A twin of the sensor to train on; its own process on a pseudo-terminal or a TCP port."""
+"""Simulated star tracker for training; runs as a separate process on a pseudo-terminal or a TCP port."""

@@ -1,7 +1,7 @@
 """``python -m gss.device.simulator``: one simulated star tracker on a pseudo-terminal or a TCP port.
 
-Prints one line ``READY <url>`` when the link can be opened, and on standard output nothing else but, with ``--stepped``,
-the answers to the orders of time. Ends on SIGTERM, SIGINT, or (asked for) when standard input closes.
+Prints one line ``READY <url>`` when the link can be opened. Standard output contains nothing else except, with
+``--stepped``, the answers to time commands. Ends on SIGTERM or SIGINT, or when standard input closes if requested.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BUSY_S = 0.001
 
 
 def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, Device, SimulatedClock]:
-    """The device on its line."""
+    """Return the device connected to its line."""
     camera = profile(arguments.profile)
     memory = Memory.in_directory(arguments.state_dir) if arguments.state_dir else Memory.in_ram()
     held = memory.record.banks[GOLDEN]
@@ -46,7 +46,7 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=arguments.baud)
     tracker = StarTracker(camera, sky, memory)
-    with contextlib.suppress(Refusal):  # a bank that cannot be used is told when it is asked for
+    with contextlib.suppress(Refusal):  # an unusable bank is reported when it is used
         tracker.warm()
     period_s = 1.0 / min(1000.0, max(0.001, arguments.housekeeping_hz))
     device = Device(
@@ -56,7 +56,7 @@ def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, 
 
 
 def serve(terminal: Terminal, device: Device, clock: SimulatedClock, url: str, *, watch_stdin: bool) -> None:
-    """Run until told to stop. Standard input, where it is watched, gives the orders of time."""
+    """Run until stopped. If ``watch_stdin``, time commands are read from standard input."""
     stopping = False
 
     def stop(*_: object) -> None:
@@ -88,7 +88,7 @@ def _say(line: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, build, serve."""
+    """Parse the options, build the device and run it. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="gss.device.simulator", description="A simulated star tracker on a line.")
     add_arguments(parser)
     arguments = parser.parse_args(argv)

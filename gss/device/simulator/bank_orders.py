@@ -1,4 +1,4 @@
-"""What the commands for catalogue banks do: verify, activate on trial, confirm, fall back, erase."""
+"""Handlers of the catalogue bank commands: verify, activate on trial, confirm, fall back, erase."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ERASE_S = 0.4
 
 
 class BankOrders:
-    """Handlers over the banks. An activated bank is on trial until CONFIRM_BANK; the trial ends by time or reset."""
+    """Handlers for the banks. An activated bank is on trial until CONFIRM_BANK; a timeout or a reset ends the trial."""
 
     def __init__(self, memory: Memory, tracker: StarTracker, loader: Loader, outbox: Outbox) -> None:
         self._memory, self._tracker, self._loader, self._outbox = memory, tracker, loader, outbox
@@ -27,7 +27,7 @@ class BankOrders:
         self._now_s = 0.0
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {
             "LIST_BANKS": self.list_banks,
             "VERIFY_BANK": self.verify_bank,
@@ -38,7 +38,7 @@ class BankOrders:
         }
 
     def restart(self) -> None:
-        """After a reset: a trial is over, and the catalogue of the active bank is read."""
+        """Restart after a reset: end a trial and read the catalogue of the active bank."""
         self._confirm_by_s = None
         record = self._memory.record
         if record.unconfirmed:
@@ -48,7 +48,7 @@ class BankOrders:
         self._tell_problem(0)
 
     def advance(self, now_s: float) -> None:
-        """Let time pass: a trial may end."""
+        """Advance the time; a trial may end."""
         self._now_s = now_s
         if self._confirm_by_s is not None and now_s >= self._confirm_by_s:
             self._fall_back("was not confirmed in time", 0)
@@ -90,7 +90,7 @@ class BankOrders:
         return {"count": len(BANKS)}
 
     def _read_back(self, bank: str, request_id: int) -> Generator[float, None, str]:
-        """SHA-256 of what is in flash now; a bank that is not what its record says becomes corrupt."""
+        """Return the SHA-256 of the flash content. A bank that does not match its record becomes corrupt."""
         held = self._memory.record.banks[bank]
         if held.state not in ("committed", "corrupt"):
             raise Refusal("bank_empty", f"bank {bank} is {held.state}")

@@ -1,4 +1,4 @@
-"""Uploads into flash: what may be written where, what flash still holds of an earlier attempt, and the commit."""
+"""Write uploads to flash: what may be written where, what flash still holds of an earlier attempt, and the commit."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ def _short(value: Value) -> str:
 
 
 class BankWriter:
-    """Writes the flash of one device. Refusal where something may not be; saving the record after ``open`` is the caller's."""
+    """Writes the flash of one device. Raises Refusal if a write is not allowed. After ``open`` the caller saves the record."""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, profile: CameraProfile) -> None:
         self._dictionary, self._memory, self._profile = dictionary, memory, profile
         self._table_banks = {c.value: c.name for c in dictionary.command("VERIFY_TABLE").argument("bank").choices}
 
-    # --- what may be written ------------------------------------------------------------------------------------
+    # --- checks before writing ----------------------------------------------------------------------------------
 
     def area(self, kind: str, target: int) -> str:
-        """Name of the flash area that a kind and a number mean."""
+        """Return the name of the flash area for a kind of content and a target number. Raises Refusal."""
         if kind == "catalogue":
             if target >= len(BANKS):
                 raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
@@ -56,7 +56,7 @@ class BankWriter:
         return area_name(kind, bank)
 
     def check(self, v: Mapping[str, Value], target: int, size: int) -> str:
-        """May this content go there? The area."""
+        """Return the area to write. Raises Refusal if the content must not be written there."""
         kind = str(v["kind"])
         area = self.area(kind, target)
         if area == GOLDEN or area.endswith(FACTORY):
@@ -80,7 +80,7 @@ class BankWriter:
         return area
 
     def formats(self, kind: str) -> tuple[int, ...]:
-        """Formats that the unit reads: of catalogues CubeStar's, and that of its own system where it has one."""
+        """Return the format versions that the unit reads for a kind of content."""
         if kind == "catalogue":
             return tuple(FORMATS[name] for name in bank_formats(self._profile.name))
         return (triplets.HEADER_VERSION,) if kind == "triplets" else (TABLE_FORMAT,)
@@ -95,9 +95,9 @@ class BankWriter:
     # --- writing ------------------------------------------------------------------------------------------------
 
     def open(self, area: str, size: int, chunk_bytes: int, digest: bytes) -> tuple[ChunkReceiver, bool]:
-        """Prepare an area: the receiver with the chunks that are there already, and whether an attempt goes on.
+        """Prepare an area for writing. Returns a receiver with the chunks already held, and whether an earlier attempt resumes.
 
-        An attempt that was broken off goes on in chunks of any size; another content starts from an erased area.
+        An interrupted attempt resumes with any chunk size; different content starts from an erased area.
         """
         record = self._memory.record
         upload = record.uploads.get(area)
@@ -117,19 +117,19 @@ class BankWriter:
         return receiver, complete or same
 
     def program(self, session: Session, at: int, data: bytes) -> None:
-        """Write a chunk; FlashError when the flash cannot."""
+        """Write a chunk. Raises FlashError."""
         self._memory.flash.program(self._memory.offset(session.area) + at, data)
 
     def read(self, session: Session) -> bytes:
-        """What flash holds."""
+        """Return the flash content of the session's area."""
         return self._memory.flash.read(self._memory.offset(session.area), session.size)
 
     def erase(self, session: Session) -> None:
-        """Nothing of this attempt is worth keeping."""
+        """Erase the area after a failed attempt."""
         self._memory.erase_bank(session.area)
 
     def keep_progress(self, session: Session) -> None:
-        """Note which chunks flash holds, for an attempt after a reset."""
+        """Record which chunks flash holds, so that the upload can resume after a reset."""
         upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
             held = session.receiver.held.ranges()[0]
@@ -140,7 +140,7 @@ class BankWriter:
     # --- commit -------------------------------------------------------------------------------------------------
 
     def commit(self, session: Session, content: bytes) -> None:
-        """The area holds this content from now on; Refusal when it is not what it says, or another camera's."""
+        """Commit the content to the area. Raises Refusal if it is invalid or for another camera."""
         try:
             record = self._catalogue(content) if session.kind == "catalogue" else self._table(session.kind, content)
         except (CorruptData, BadInput) as error:

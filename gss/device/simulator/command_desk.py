@@ -1,7 +1,7 @@
-"""The life of commands on board: admission, the ring of known ids, one running command, reports.
+"""Command processing on board: checks, stored request ids, one running command, reports.
 
-A handler returns its values at once, or is a generator that yields how long to wait (seconds of the device) before it goes
-on and finally returns them. It raises Refusal when the command cannot be carried out.
+A handler returns its values at once, or is a generator that yields the time to wait (device seconds) before it
+continues, and finally returns them. It raises Refusal if the command cannot be executed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gss.domain.errors import BadInput, CorruptData
 
 MOST_WAITING = 4
 REPLAYED_AT = 3
-"""Offset of the flag "replayed" in a report: after stage, reason and progress."""
+"""Offset of the flag "replayed" in a report, after stage, reason and progress."""
 UNFINISHED = (b"\1", b"\3", b"\4")
 
 Returns = dict[str, Value]
@@ -29,9 +29,9 @@ Arguments = Mapping[str, Value]
 Task = Generator[float, None, Returns]
 Handler = Callable[[Arguments, int], "Returns | Task"]
 Guard = Callable[[Arguments], None]
-"""Raises Refusal where a command must be rejected before it is accepted."""
+"""Raises Refusal if a command must be rejected before it is accepted."""
 Ended = Callable[[str, str, str], None]
-"""Called with stage, reason and detail at the end of a command that nobody on the line waits for."""
+"""Called with stage, reason and detail when a scheduled command ends."""
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Running:
 
 
 class CommandDesk:
-    """Takes command packets, runs handlers by name. ``state``: housekeeping, for preconditions."""
+    """Accepts command packets and runs handlers by name. ``state``: returns housekeeping, for preconditions."""
 
     def __init__(self, dictionary: Dictionary, memory: Memory, outbox: Outbox, state: Callable[[], Returns]) -> None:
         self._dictionary, self._memory, self._outbox, self._state = dictionary, memory, outbox, state
@@ -61,11 +61,11 @@ class CommandDesk:
 
     @property
     def busy(self) -> bool:
-        """Is a command running?"""
+        """True if a command is running."""
         return self._current is not None
 
     def restart(self) -> None:
-        """After a reset: what ran has failed, and says so now and when asked again."""
+        """Restart after a reset: interrupted commands are reported as failed, now and when they are repeated."""
         self._current = None
         self._waiting.clear()
         self.accepted = self.rejected = 0
@@ -74,19 +74,19 @@ class CommandDesk:
                 self._report(request, "failed", "reset", "the device restarted while the command ran")
 
     def note_id(self, request_id: int) -> None:
-        """HELLO tells the highest id seen, so that no ground uses one twice."""
+        """Update the highest request id seen, which HELLO reports so that the ground does not reuse ids."""
         record = self._memory.record
         record.last_request_id = max(record.last_request_id, request_id)
 
     # --- admission ----------------------------------------------------------------------------------------------
 
     def receive(self, packet: Packet, now_s: float) -> None:
-        """A command packet."""
+        """Process a command packet."""
         self._now_s = now_s
         digest = hashlib.sha256(bytes([packet.code]) + packet.payload).hexdigest()
         command = self._dictionary.command_of_code(packet.code)
         known = self._memory.request(packet.request_id)
-        # HELLO and ABORT must work for a ground that knows nothing of earlier ids.
+        # HELLO and ABORT must work for a ground system that does not know earlier ids.
         if known is not None and not (command and command.any_dictionary):
             self._repeat(known, packet, digest)
             return
@@ -106,7 +106,7 @@ class CommandDesk:
             self.run(now_s)
 
     def _repeat(self, known: StoredRequest, packet: Packet, digest: str) -> None:
-        """The same id again: the stored report, marked; or a refusal where the content is another."""
+        """Answer a repeated id with the stored report marked as replayed, or reject it if the content differs."""
         if known.digest != digest:
             self.rejected += 1
             payload = self._payload("rejected", "id_reused", "this id was used before")
@@ -117,7 +117,7 @@ class CommandDesk:
         self._outbox.report(packet.request_id, packet.code, payload)
 
     def _admit(self, command: Command | None, packet: Packet) -> Running:
-        """All checks before a command is accepted."""
+        """Check a command before it is accepted. Raises Refusal."""
         if command is None:
             raise Refusal("unknown_command", f"code {packet.code}")
         if command.name not in self.handlers:
@@ -142,7 +142,7 @@ class CommandDesk:
         return Running(packet.request_id, command, arguments)
 
     def run_scheduled(self, request_id: int, code: int, payload: bytes, on_end: Ended) -> None:
-        """Admit and run a command of the schedule: the same checks, no reports on the line, no id used up."""
+        """Check and run a scheduled command, without reports on the line and without using up an id."""
         packet = Packet(PacketType.COMMAND, code, request_id, payload, self._dictionary.prefix, True)
         try:
             running = self._admit(self._dictionary.command_of_code(code), packet)
@@ -156,7 +156,7 @@ class CommandDesk:
     # --- running ------------------------------------------------------------------------------------------------
 
     def run(self, now_s: float) -> None:
-        """Go on with the running command and start those that wait."""
+        """Continue the running command and start waiting ones."""
         self._now_s = now_s
         while True:
             if self._current is None:
@@ -197,7 +197,7 @@ class CommandDesk:
         self.on_completed(running.command.name)
 
     def abort_all(self) -> int:
-        """ABORT: everything accepted and not ended has failed; how many."""
+        """Fail all accepted commands that have not ended (ABORT). Returns their number."""
         stopped = [r for r in (self._current, *self._waiting) if r is not None]
         self._current = None
         self._waiting.clear()
@@ -208,7 +208,7 @@ class CommandDesk:
     # --- reports ------------------------------------------------------------------------------------------------
 
     def progress(self, percent: int) -> None:
-        """A word on the way; not stored, a retry gets what comes after it."""
+        """Send a progress report. It is not stored; a repeated request gets the last stored report."""
         if self._current is not None and self._current.on_end is None:
             payload = self._payload("progress", percent=percent)
             self._outbox.report(self._current.request_id, self._current.command.code, payload)

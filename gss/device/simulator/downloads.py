@@ -1,4 +1,4 @@
-"""What can be read from the device: images whole and in part, banks, their sections, tables."""
+"""Content that can be downloaded from the device: whole and partial images, banks, sections of banks, tables."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ SECTIONS = ("star_list", "distance_table")
 
 
 class Downloads:
-    """Contents by kind and target."""
+    """Content by kind and target."""
 
     def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter) -> None:
         self._memory, self._tracker, self._writer = memory, tracker, writer
 
     def content(self, v: Mapping[str, Value]) -> tuple[bytes, int]:
-        """Bytes and frame number (0 for what is no image) of an OPEN_DOWNLOAD; Refusal where there is nothing."""
+        """Return the bytes and the frame number (0 if not an image) for an OPEN_DOWNLOAD. Raises Refusal."""
         kind, target = str(v["kind"]), int(v["target"])
         if kind in FLASH_KINDS:
             return self._flash(self._writer.area(kind, target)), 0
@@ -43,7 +43,7 @@ class Downloads:
         return self._memory.content(area)
 
     def _section(self, kind: str, image: bytes) -> bytes:
-        """Stars or pairs of a bank image, as its format has them; not every format has pairs."""
+        """Return the stars or pairs of a bank image in its own format; not every format has pairs."""
         try:
             header = read_header(image)
         except CorruptData as error:
@@ -64,7 +64,7 @@ class Downloads:
         return frame_bytes(frame.pixels[row : row + rows, col : col + columns])
 
     def _windows(self, frame: StoredFrame, side_px: int) -> bytes:
-        """Round the centroids found in that image; it is searched where that has not been done yet."""
+        """Return windows around the centroids of that image, which is searched first if necessary."""
         tracker = self._tracker
         if tracker.frame is not frame or tracker.detection is None:
             tracker.find_centroids(frame.slot)

@@ -1,6 +1,6 @@
-"""Everything round the camera that an exercise can change: motion, what shines, the detector's flaws, heat, the line.
+"""Everything around the camera that an exercise can change: motion, bodies, detector defects, temperature, the line.
 
-Attributes may be set at any time; the next exposure sees them. Times are simulated seconds.
+Attributes may be set at any time and affect the next exposure. Times are simulated seconds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MEAN_C, SWING_C, LAG_S = 12.0, 6.0, 600.0
 
 
 class Environment:
-    """The world of one simulated camera. Stars are always there; the switches add the rest."""
+    """The surroundings of one simulated camera. Stars are always present; the switches add the rest."""
 
     def __init__(
         self,
@@ -49,7 +49,8 @@ class Environment:
         self.profile, self.motion, self.epoch_jyear, self.seed = profile, motion, epoch_jyear, seed
         self.orbit: Orbit = orbit or (motion.orbit if isinstance(motion, Zenith) else CircularOrbit())
         self.line = line or LineControl(seed=seed)
-        # Where "zenith" leads back to: the motion of the start if it flies with the Earth, else its orbit.
+        # Motion that "zenith" restores: the initial one if Earth-pointing, otherwise Earth-pointing on the initial
+        # orbit.
         sky_bound = isinstance(motion, Zenith | EarthPointing)
         flown = CircularOrbit() if self.orbit.grounded else self.orbit
         self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
@@ -60,17 +61,17 @@ class Environment:
         self._bodies: tuple[float, Bodies] | None = None
 
     def make_real(self, on: bool = True) -> None:
-        """Everything but aberration, which the ground does not take out yet."""
+        """Switch everything on or off except aberration, which the ground does not correct yet."""
         self.planets = self.moon = self.sun = self.earth = self.stray = on
         self.set_defects(on)
 
     def set_defects(self, on: bool) -> None:
-        """The camera's own flaws, or a perfect detector."""
+        """Use the camera's documented defects, or a perfect detector."""
         self.defects = self.profile.defects if on else NO_DEFECTS
 
     @property
     def chip(self) -> Chip | None:
-        """The detector as it was made; None: perfect."""
+        """The detector with its defects; None if perfect."""
         if self._chip[0] != self.defects:
             flawless = self.defects == NO_DEFECTS
             made = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
@@ -79,7 +80,7 @@ class Environment:
 
     @property
     def dark_factor(self) -> float:
-        """How much more dark current than the profile says: it doubles every 8 °C."""
+        """Dark current relative to the profile's; it doubles every 8 °C."""
         return float(2.0 ** (self.temperature_offset_c / DARK_DOUBLING_C))
 
     # --- motion -------------------------------------------------------------------------------------------------
@@ -96,9 +97,12 @@ class Environment:
         duration_s: float = 60.0,
         from_rad: tuple[float, float, float] | None = None,
     ) -> None:
-        """From the attitude of now on: back on the orbit (zenith), stand still (inertial), turn about camera y (slew),
-        tumble, drift with the Earth (ground), or turn to a place within ``duration_s`` (point). ``from_rad``: first jump
-        to that right ascension, declination and roll."""
+        """Change the motion, starting from the current attitude.
+
+        ``kind``: "zenith" back to the orbit, "inertial" fixed, "slew" turning about camera y, "tumble", "ground"
+        drifting with the Earth, "point" turning to a target within ``duration_s``. ``from_rad``: first jump to that
+        right ascension, declination and roll. Raises BadInput for an unknown kind or a rate out of range.
+        """
         if kind not in MOTIONS:
             raise BadInput("unknown motion", expected=" | ".join(MOTIONS), got=kind)
         if not abs(rate_rad_s) <= FASTEST_RAD_S:
@@ -119,56 +123,56 @@ class Environment:
             self.motion = SlewTo(now, cam_from_icrs(ra_rad, dec_rad, roll_rad), time_s, duration_s)
 
     def rate_rad_s(self, time_s: float) -> float:
-        """How fast the camera turns."""
+        """Return the camera's angular speed."""
         return float(np.linalg.norm(self.motion.at(time_s).rate_rad_s))
 
     # --- geometry -----------------------------------------------------------------------------------------------
 
     def jyear(self, time_s: float) -> float:
-        """Julian year, Terrestrial Time."""
+        """Return the Julian year, Terrestrial Time."""
         return self.epoch_jyear + time_s / DAY_S / DAYS_PER_YEAR
 
     def bodies(self, time_s: float) -> Bodies:
-        """Sun, Moon and planets from where the camera is."""
+        """Return Sun, Moon and planets as seen from the camera."""
         if self._bodies is None or self._bodies[0] != time_s:
             self._bodies = (time_s, bodies_at(self.jyear(time_s), self.orbit.state(time_s)[0]))
         return self._bodies[1]
 
     def velocity_c(self, time_s: float) -> Array:
-        """(3,) barycentric velocity of the camera in units of c: annual aberration and that of the orbit."""
+        """Return the (3,) barycentric velocity of the camera in units of c, for annual and orbital aberration."""
         return self.bodies(time_s).earth_velocity_c + self.orbit.state(time_s)[1] / LIGHT_KM_S
 
     def earth_disc(self, time_s: float) -> tuple[Array, float]:
-        """(3,) ICRS direction to the Earth's centre and its angular radius."""
+        """Return the (3,) ICRS direction to the Earth's centre and its angular radius."""
         place_km = self.orbit.state(time_s)[0]
         distance_km = float(np.linalg.norm(place_km))
         return -place_km / distance_km, float(np.arcsin(min(1.0, EARTH_RADIUS_KM / distance_km)))
 
     def behind_earth(self, icrs: Array, time_s: float) -> bool:
-        """Is that (3,) direction hidden by the Earth?"""
+        """True if the (3,) direction is hidden by the Earth."""
         nadir, earth_rad = self.earth_disc(time_s)
         return bool(nadir @ icrs > np.cos(earth_rad))
 
     def in_eclipse(self, time_s: float) -> bool:
-        """Is the Sun's centre behind the Earth? A test on the ground is made by night."""
+        """True if the Sun's centre is behind the Earth; always True on the ground, where tests take place at night."""
         return self.orbit.grounded or self.behind_earth(self.bodies(time_s).sun.icrs, time_s)
 
     def sun_angle_rad(self, time_s: float) -> float:
-        """From the boresight to the Sun's centre."""
+        """Return the angle from the boresight to the Sun's centre."""
         return self._from_boresight_rad(self.bodies(time_s).sun.icrs, time_s)
 
     def earth_angle_rad(self, time_s: float) -> float:
-        """From the boresight to the Earth's limb; negative: the boresight meets the Earth."""
+        """Return the angle from the boresight to the Earth's limb; negative if the boresight meets the Earth."""
         nadir, earth_rad = self.earth_disc(time_s)
         return self._from_boresight_rad(nadir, time_s) - earth_rad
 
     def blinded(self, time_s: float) -> bool:
-        """Does the Sun, where it is simulated, shine on the lens?"""
+        """True if the Sun is simulated and shines on the lens."""
         shining = self.sun and not self.in_eclipse(time_s)
         return shining and self.sun_angle_rad(time_s) < self.profile.baffle.blind_rad
 
     def sensor_temperature_c(self, time_s: float) -> float:
-        """Follows the sunlit side of the orbit with a lag, plus what the exercise adds."""
+        """Return the temperature of the orbit's sunlit or dark side with a lag, plus the exercise's offset."""
         place_km = self.orbit.state(time_s - LAG_S)[0]
         side = float(place_km @ self.bodies(time_s).sun.icrs / np.linalg.norm(place_km))
         return MEAN_C + SWING_C * side + self.temperature_offset_c
@@ -179,7 +183,7 @@ class Environment:
 
 
 def on_the_ground(attitude: Array, epoch_jyear: float, time_s: float = 0.0) -> tuple[EarthFixed, GroundSite]:
-    """A camera bolted to the Earth where its (3, 3) attitude looks to the zenith at that time."""
+    """Return motion and site of a camera fixed to the Earth whose (3, 3) attitude points to the zenith at ``time_s``."""
     pole = earth_pole_icrs(epoch_jyear)
     motion = EarthFixed(attitude, pole, time_s)
     return motion, GroundSite(motion.at(0.0).cam_from_icrs[2], pole)

@@ -1,4 +1,4 @@
-"""What happens to a unit before it leaves the factory: golden catalogue, calibration, parameters and triplets are burnt."""
+"""Factory programming of a unit: golden catalogue, calibration, parameters and triplets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.profiles import CameraProfile
 
 
 def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
-    """Put the factory catalogue into the golden bank, and the tables that belong to it into theirs."""
+    """Program the factory catalogue into the golden bank and its tables into the factory banks."""
     header = read_header(golden.image)
     record = BankRecord(
         stars=header.stars,
@@ -26,8 +26,8 @@ def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:
     for kind, values in (("calibration", calibration_values(profile)), ("parameters", parameter_values(profile))):
         table = BankRecord(format_version=TABLE_FORMAT, profile=profile.name)
         memory.burn(area_name(kind, FACTORY), encode_table(kind, profile.name, values), table)
-    # Only Oersted's chain works with triplets; the others leave their factory bank empty. Its golden bank brings them too: the
-    # table of its own is for who wants to read it alone.
+    # Only Oersted's chain uses triplets; for other chains the factory bank stays empty. The golden bank contains them
+    # too; the separate table can be read alone.
     prepared = chain_of(profile).prepare(decode(golden.image), profile)
     if hasattr(prepared, "triplets"):
         image = encode_triplets(prepared.triplets, header.body_crc32)

@@ -1,6 +1,6 @@
-"""Faults of the line, by seed and counted: flipped bits, bursts, lost and doubled runs, delay, stalls, disconnection.
+"""Seeded and counted line faults: flipped bits, bursts, lost and duplicated pieces, delay, stalls, disconnection.
 
-One LineFaults per direction; one LineControl over both, for the exercise that changes them while the line is open.
+One LineFaults per direction; one LineControl for both, by which an exercise changes them while the line is open.
 """
 
 from __future__ import annotations
@@ -29,8 +29,11 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class FaultRates:
-    """``bit_error_rate`` per bit; ``drop_rate``, ``duplicate_rate`` and ``burst_rate`` per piece of up to 64 bytes (a
-    burst makes up to 16 bytes random); ``stall_rate`` per second, each of ``stall_s``; ``delay_s`` for every byte."""
+    """Rates of the faults of one direction.
+
+    ``bit_error_rate`` per bit; ``drop_rate``, ``duplicate_rate`` and ``burst_rate`` per piece of up to 64 bytes (a
+    burst makes up to 16 bytes random); ``stall_rate`` per second, each of ``stall_s``; ``delay_s`` for every byte.
+    """
 
     bit_error_rate: float = 0.0
     drop_rate: float = 0.0
@@ -48,13 +51,13 @@ class FaultRates:
 
     @property
     def spoil(self) -> bool:
-        """Can any byte be lost, doubled or changed?"""
+        """True if bytes can be lost, duplicated or changed."""
         return bool(self.bit_error_rate or self.drop_rate or self.duplicate_rate or self.burst_rate)
 
 
 @dataclass
 class FaultCounts:
-    """What was done to one direction so far."""
+    """Faults applied to one direction so far."""
 
     bits_flipped: int = 0
     bursts: int = 0
@@ -66,7 +69,7 @@ class FaultCounts:
 
 
 class LineFaults:
-    """Spoils bytes on their way in one direction."""
+    """Applies faults to the bytes of one direction."""
 
     def __init__(self, rates: FaultRates, seed: int) -> None:
         self.rates = rates
@@ -77,7 +80,7 @@ class LineFaults:
         self._late: deque[tuple[float, bytes]] = deque()
 
     def apply(self, data: bytes) -> bytes:
-        """The bytes as they arrive, delay apart."""
+        """Return the data with all faults except delay."""
         if not data or not self.rates.spoil:
             return data
         r, kept = self.rates, []
@@ -95,7 +98,7 @@ class LineFaults:
         return self._flip(b"".join(kept))
 
     def _burst(self, piece: bytes) -> bytes:
-        """Noise over a part of the piece."""
+        """Replace a part of the piece by noise."""
         self.counts.bursts += 1
         length = int(self._rng.integers(1, min(BURST_BYTES, len(piece)) + 1))
         start = int(self._rng.integers(0, len(piece) - length + 1))
@@ -112,11 +115,11 @@ class LineFaults:
         return bytes(spoiled)
 
     def carry(self, data: bytes, now_s: float) -> bytes:
-        """Put bytes in at this end, get those that are due at the other: ``apply`` and delay. Order is kept."""
+        """Apply all faults to ``data`` and return the bytes due at the other end. Order is kept."""
         return self.late(self.apply(data), now_s)
 
     def late(self, data: bytes, now_s: float) -> bytes:
-        """Delay alone: bytes go in, those that are due come out."""
+        """Delay ``data`` and return the bytes that are due."""
         if not self._late and not self.rates.delay_s:
             return data
         if data:
@@ -128,12 +131,12 @@ class LineFaults:
         return b"".join(due)
 
     def lose_all(self) -> None:
-        """The line was cut: what was on its way is gone."""
+        """Discard delayed bytes when the line is disconnected."""
         self.counts.bytes_lost_disconnected += sum(len(data) for _, data in self._late)
         self._late.clear()
 
     def stalled(self, now_s: float) -> bool:
-        """Does the line stand still now?"""
+        """True if the line is stalled now."""
         if now_s < self._stalled_until_s:
             return True
         elapsed_s, self._looked_s = max(0.0, now_s - self._looked_s), now_s
@@ -145,7 +148,7 @@ class LineFaults:
 
 
 class LineControl:
-    """The faults of both directions, changeable at any time. ``up``: to the device; ``down``: from it."""
+    """Faults of both directions, changeable at any time. ``up``: to the device; ``down``: from it."""
 
     def __init__(self, rates: FaultRates | None = None, seed: int = 0) -> None:
         self.up = LineFaults(rates or FaultRates(), 2 * seed)
@@ -155,7 +158,7 @@ class LineControl:
         self._cut: tuple[float, float] | None = None
 
     def set(self, direction: str = "both", **rates: float) -> None:
-        """Change named rates of "up", "down" or "both" and keep the others; a wrong name or value changes nothing."""
+        """Change the named rates of "up", "down" or "both". A wrong name or value raises BadInput and changes nothing."""
         known = {f.name for f in fields(FaultRates)}
         for name in rates.keys() - known:
             raise BadInput("unknown line fault", expected=" | ".join(sorted(known)), got=name)
@@ -165,11 +168,11 @@ class LineControl:
             line.rates = new
 
     def clear(self) -> None:
-        """A perfect line again; a disconnection under way runs to its end."""
+        """Set all rates to zero; a disconnection in progress continues to its end."""
         self.up.rates = self.down.rates = FaultRates()
 
     def disconnect(self, seconds: float) -> None:
-        """Cut the line for that long. It begins 0.2 s later, so that the report of the order still gets out."""
+        """Disconnect the line for ``seconds``, starting 0.2 s later so that the command's report is still sent."""
         if not 0 < seconds <= LONGEST_DISCONNECT_S:
             raise BadInput(
                 "disconnection is out of range", expected=f"above 0 – {LONGEST_DISCONNECT_S:g} s", got=f"{seconds:g} s"
@@ -177,7 +180,7 @@ class LineControl:
         self._wanted_s = seconds
 
     def connected(self, now_s: float) -> bool:
-        """Is the line whole? Asked at every turn by the terminal."""
+        """True if the line is connected. The terminal calls this on every turn, which starts and ends disconnections."""
         if self._wanted_s is not None:
             begin_s = now_s + LAST_WORDS_S
             self._cut, self._wanted_s = (begin_s, begin_s + self._wanted_s), None

@@ -1,7 +1,7 @@
-"""The star tracker's own work: detect, match, attitude, with the chain of its system and the bytes of the active banks.
+"""Star tracker processing: detection, matching and attitude, with its system's chain and the content of the active banks.
 
-No link here. What is in the active tables decides chain, camera and constants; durations are the chain's, from its
-document's figures and counted work.
+Independent of the link. The active tables determine chain, camera and constants. Durations come from the chain: its
+document's figures, scaled by the work done.
 """
 
 from __future__ import annotations
@@ -36,15 +36,17 @@ from gss.pipeline.chains.onboard import Commanded, Detection, OnboardChain, Solu
 
 STANDBY = "standby"
 NEED_STARS = ("oersted",)
-"""Chains whose search for stars asks the catalogue how faint they are."""
+"""Chains whose detection needs the magnitude limit of the prepared catalogue."""
 STALE = "the attitude is not renewed"
 
 __all__ = ["STANDBY", "Refusal", "StarTracker"]
 
 
 class StarTracker:
-    """Settings and results. Methods that cannot do their work raise Refusal. ``device_time``: the device's clock at a
-    simulated time; its owner sets it."""
+    """Settings and results. Methods raise Refusal if they cannot do their work.
+
+    ``device_time``: converts simulated time to the device's clock; set by the owner.
+    """
 
     def __init__(self, profile: CameraProfile, sky: Sky, memory: Memory) -> None:
         self.profile, self.sky, self._memory = profile, sky, memory
@@ -55,7 +57,7 @@ class StarTracker:
         self.restart()
 
     def restart(self) -> None:
-        """As after power-on: settings from profile and tables, nothing known. The catalogue comes from the active bank."""
+        """Reset to power-on: settings from profile and tables, no attitude knowledge, catalogue from the active bank."""
         self.imager.restart()
         self.mode, self.used_mode = "lost_in_space", "lost_in_space"
         self.exposure_ms = round(self.profile.sensor.exposure_s * 1000)
@@ -73,13 +75,13 @@ class StarTracker:
         self.load_tables()
         self.load_catalogue()
 
-    # --- what is in flash ---------------------------------------------------------------------------------------
+    # --- flash content ------------------------------------------------------------------------------------------
 
     def load_tables(self) -> list[str]:
-        """Read the active tables; what is wrong with them. Detection is set as the constants say."""
+        """Read the active tables and set the detection constants from them. Returns the problems."""
         problems = self.tables.load()
         parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
-        # FAR-MST's threshold follows from each frame's noise: 0 stands for that until one is commanded.
+        # FAR-MST derives its threshold from each frame's noise; 0 means that until one is commanded.
         self.threshold_dn = round(getattr(parameters, "threshold_dn", None) or 0)
         self.min_pixels, self.max_pixels = int(parameters.min_area_px), int(parameters.max_area_px)
         return problems
@@ -90,7 +92,7 @@ class StarTracker:
         return self.tables.chain
 
     def load_catalogue(self) -> str:
-        """Read the active bank; the reason if it cannot be used, "" otherwise."""
+        """Read the active bank. Returns the reason if it cannot be used, "" otherwise."""
         memory, bank = self._memory, self._memory.record.active
         self.catalogue: OnboardCatalogue | None = None
         self.catalogue_problem = ""
@@ -104,20 +106,21 @@ class StarTracker:
         return self.catalogue_problem
 
     def unsuitable(self, bank: str) -> str:
-        """Why the chain could not match from a readable bank, as without the magnitudes that it goes by; "" where it can."""
+        """Return why the chain cannot match from a readable bank, e.g. without magnitudes; "" if it can."""
         try:
             catalogue = decode(self._memory.content(bank))
         except (CorruptData, BadInput):
-            return ""  # a damaged bank is told where it is read
+            return ""  # a damaged bank is reported when it is read
         try:
-            # Not with the active triplet table, which belongs to the bank before; what it lacks is told at the first image.
+            # The active triplet table belongs to the previous bank, so it is not used here; a mismatch is reported at
+            # the first image.
             self.chain.prepare(catalogue, self.profile)
         except (BadInput, CorruptData) as error:
             return str(error)
         return ""
 
     def _catalogue_at_work(self) -> Any:
-        """What the chain made of bank and triplets when they were read; made anew when either changed."""
+        """Return the chain's prepared catalogue, prepared again if bank or tables have changed. Raises Refusal."""
         if self.catalogue is None:
             raise Refusal("bank_corrupt", self.catalogue_problem)
         record = self._memory.record
@@ -133,7 +136,7 @@ class StarTracker:
 
     @property
     def commanded(self) -> Commanded:
-        """What the operator has set."""
+        """Settings of the operator."""
         radius_rad = self.known.radius_rad(Mode(self.used_mode))
         threshold_dn = float(self.threshold_dn) if self.threshold_dn else None
         return Commanded(threshold_dn, self.min_pixels, max(self.max_pixels, self.min_pixels), radius_rad)
@@ -143,13 +146,13 @@ class StarTracker:
         return parameters_with(self.tables.parameters, self.tables.profile, exposure_s, commanded, mode)
 
     def set_hint(self, ra_rad: float, dec_rad: float, roll_rad: float, radius_rad: float) -> None:
-        """SET_ATTITUDE_HINT."""
+        """Set the commanded attitude and its radius (SET_ATTITUDE_HINT)."""
         quaternion = quaternion_from_matrix(cam_from_icrs(ra_rad, dec_rad, roll_rad))
         self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
 
     @property
     def quaternion(self) -> NDArray[np.float64] | None:
-        """Of the last attitude."""
+        """Quaternion of the last attitude, or None."""
         return self.known.quaternion
 
     # --- imaging ------------------------------------------------------------------------------------------------
@@ -169,15 +172,17 @@ class StarTracker:
     # --- the chain ----------------------------------------------------------------------------------------------
 
     def warm(self) -> None:
-        """Search an empty frame, and keep nothing of it: what the chain loads at its first use takes a second or more, and no
-        command may wait for that."""
+        """Process an empty frame and discard the result.
+
+        The chain's first use loads data for a second or more, which would delay a command.
+        """
         camera = self.profile.camera
         parameters = self._parameters(self.exposure_ms, Commanded(), Mode.LOST_IN_SPACE)
         work = Work(self.tables.profile.camera, self._catalogue_at_work(), parameters, Mode.LOST_IN_SPACE, None)
         self.chain.find_centroids(np.zeros((camera.rows, camera.columns), np.uint16), work)
 
     def _work(self, frame: StoredFrame, catalogue: Any) -> Work:
-        """The task of a frame by what is known now."""
+        """Return the task for a frame from the current knowledge."""
         wanted = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
         mode = self.known.usable(wanted)
         self.used_mode = mode.value
@@ -185,7 +190,7 @@ class StarTracker:
         return Work(self.tables.profile.camera, catalogue, parameters, mode, self.known.hint(mode, frame.time_s))
 
     def find_centroids(self, slot: int) -> Detection:
-        """FIND_CENTROIDS; forgets what was matched before."""
+        """Detect centroids (FIND_CENTROIDS); discards the last matches."""
         frame = self.imager.stored(slot)
         try:
             catalogue = self._catalogue_at_work()
@@ -193,7 +198,7 @@ class StarTracker:
             catalogue = None
         work = self._work(frame, catalogue)
         if catalogue is None and work.mode is Mode.TRACKING:
-            # Windows are predicted from the catalogue: without one the whole frame is searched.
+            # Windows are predicted from the catalogue; without one the whole frame is searched.
             work = replace(work, mode=Mode.LOST_IN_SPACE, hint=None)
         if catalogue is None and self.chain.name in NEED_STARS:
             raise Refusal("bank_corrupt", self.catalogue_problem)
@@ -204,7 +209,7 @@ class StarTracker:
         return self.detection
 
     def match_stars(self) -> Any:
-        """MATCH_STARS on the centroids found last. Reads the bank anew: the catalogue is what flash holds now."""
+        """Match the last centroids (MATCH_STARS). Reads the bank again, so that the current flash content is used."""
         if self.detection is None or self.frame is None:
             raise Refusal("no_image", "no centroids: FIND_CENTROIDS comes first")
         self.load_catalogue()
@@ -215,7 +220,7 @@ class StarTracker:
         return self.matching
 
     def calculate_attitude(self) -> Solution:
-        """CALCULATE_ATTITUDE on the matches made last; sets the mode of the next iteration."""
+        """Calculate the attitude from the last matches (CALCULATE_ATTITUDE) and set the mode of the next iteration."""
         if self.matching is None or self.detection is None or self.frame is None or self.work is None:
             raise Refusal("no_image", "no matches: MATCH_STARS comes first")
         solution = self.chain.calculate_attitude(self.matching, self.detection.centroids, self.work)
@@ -233,7 +238,7 @@ class StarTracker:
         return solution
 
     def process(self, slot: int) -> list[Report]:
-        """Everything after the image: one iteration's packets."""
+        """Process the image in a slot: one iteration. Returns its telemetry."""
         self.iteration += 1
         frame = self.imager.stored(slot)
         self.timing.match_ms = self.timing.attitude_ms = 0.0
@@ -248,7 +253,7 @@ class StarTracker:
             self.calculate_attitude()
             told += [self.match_report(), self.attitude_report()]
         except Refusal as refusal:
-            # No catalogue, no knowledge: what is not found breaks the row of attitudes all the same.
+            # Without a catalogue nothing is solved, which ends the series of attitudes like an unsolved frame.
             self.matching = self.solution = None
             self.known = self.known.after(None)
             told.append(self.attitude_report(refusal.detail))
@@ -261,26 +266,26 @@ class StarTracker:
 
     @property
     def solved(self) -> bool:
-        """Did the last calculation find an attitude?"""
+        """True if the last calculation found an attitude."""
         return self.solution is not None and self.solution.attitude is not None
 
     @property
     def frame_number(self) -> int:
-        """Of the frame the last results belong to."""
+        """Frame number of the last results."""
         return self.frame.number if self.frame else 0
 
     def centroid_report(self) -> Report:
-        """Packet "centroids"."""
+        """Return the packet "centroids"."""
         assert self.detection is not None  # noqa: S101 - callers have just detected
         return reports.centroid_report(self.frame_number, self.detection)
 
     def match_report(self) -> Report:
-        """Packet "matches"."""
+        """Return the packet "matches"."""
         assert self.matching is not None  # noqa: S101 - callers have just matched
         return reports.match_report(self.frame_number, self.matching)
 
     def vector_reports(self) -> list[Report]:
-        """Packet "matched_vectors" where an orbit is known, the clock is set and an attitude was found."""
+        """Return the packet "matched_vectors" if orbit, time and attitude are known, otherwise an empty list."""
         orbit, offset_s = self.known.orbit, self._memory.record.utc_offset_s
         if (
             orbit is None
@@ -296,7 +301,7 @@ class StarTracker:
         return [told] if told else []
 
     def attitude_report(self, problem: str = "") -> Report:
-        """Packet "attitude"; ``problem``: why there can be none."""
+        """Return the packet "attitude"; ``problem``: why there is no attitude."""
         solution = self.solution
         found: dict[str, Value] = {
             "frame_number": self.frame_number,
@@ -311,9 +316,9 @@ class StarTracker:
 
     @property
     def matched(self) -> int:
-        """Stars of the last identification."""
+        """Number of stars in the last identification."""
         return min(255, len(self.matching.selected)) if self.matching is not None else 0
 
     def timing_report(self) -> Report:
-        """Packet "timing"."""
+        """Return the packet "timing"."""
         return reports.timing_report(self.iteration, self.frame_number, self.timing)

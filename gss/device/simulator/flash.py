@@ -1,4 +1,4 @@
-"""A flash memory: bytes that programming can only clear, and sectors that erasing sets."""
+"""Flash memory: programming can only clear bits, erasing sets whole sectors."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ SECTOR_BYTES = 4096
 
 
 class FlashError(Exception):
-    """A cell was to be set from 0 to 1 without erasing its sector, or the chip failed."""
+    """A bit was programmed from 0 to 1 without erasing its sector, or programming failed."""
 
 
 class Flash:
-    """Bytes whose bits programming can only clear. ``cells`` is a bytearray, or a file mapped into memory. ``fail_next``: the
-    next programming leaves half of its bytes unwritten."""
+    """Bytes whose bits programming can only clear.
+
+    ``cells``: a bytearray, or a memory-mapped file. ``fail_next``: the next programming leaves half of its bytes
+    unwritten.
+    """
 
     def __init__(self, cells: bytearray | mmap.mmap) -> None:
         self._cells: Any = cells
@@ -26,17 +29,17 @@ class Flash:
         return len(self._cells)
 
     def read(self, offset: int, count: int) -> bytes:
-        """Bytes as they are."""
+        """Return the stored bytes."""
         return bytes(self._cells[offset : offset + count])
 
     def erase(self, offset: int, count: int) -> None:
-        """All sectors that the range touches become FF."""
+        """Set all sectors that the range touches to FF."""
         first = offset // SECTOR_BYTES * SECTOR_BYTES
         last = -(-(offset + count) // SECTOR_BYTES) * SECTOR_BYTES
         self._cells[first:last] = b"\xff" * (last - first)
 
     def program(self, offset: int, data: bytes) -> None:
-        """Clear bits; writing the same data twice is harmless, other data over old is a FlashError."""
+        """Clear bits. Writing the same data twice is harmless; data that would set a bit raises FlashError."""
         if self.fail_next:
             self.fail_next = False
             half = data[: len(data) // 2]
@@ -49,5 +52,5 @@ class Flash:
             raise FlashError(f"flash at {offset} was not erased")
 
     def flip(self, offset: int, bit: int = 0) -> None:
-        """Radiation: one bit changes."""
+        """Flip one bit (radiation)."""
         self._cells[offset] = self._cells[offset] ^ (1 << bit)

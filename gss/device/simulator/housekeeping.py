@@ -1,4 +1,4 @@
-"""The housekeeping packet: what every room of the unit has to tell, put together once a second."""
+"""Housekeeping packet: values of all parts of the unit, collected once a second."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNKNOWN = float("nan")
 
 
 class Housekeeper:
-    """Reads, changes nothing but what the thermometer says."""
+    """Collects the housekeeping values. The only side effect is Power's overheat check."""
 
     def __init__(
         self,
@@ -40,7 +40,10 @@ class Housekeeper:
         self._loader, self._cycle, self._banks, self._schedule = loader, cycle, banks, schedule
 
     def values(self, sky_s: float, time_s: float, uptime_s: float) -> Returns:
-        """Digital values, and raw ones where the dictionary has a conversion. ``sky_s``: simulated, ``time_s``: device."""
+        """Return engineering values, or raw values for fields with a conversion.
+
+        ``sky_s``: simulated time, ``time_s``: device time.
+        """
         busy = self._cycle.cycle_running or self._desk.busy
         sensor_c = self._tracker.sky.environment.sensor_temperature_c(sky_s)
         return (

@@ -1,4 +1,4 @@
-"""The camera of the unit: exposures into image memories, and what can be wrong with them."""
+"""Camera of the unit: exposures into image memories, and their faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DOT_SIGMA_PX = 1.2
 
 @dataclass
 class ImagerFaults:
-    """Flaws that an instructor switches on. ``dots``: false stars per image."""
+    """Faults that an instructor switches on. ``dots``: false stars per image."""
 
     stuck: bool = False
     blinded: bool = False
@@ -29,8 +29,10 @@ class ImagerFaults:
 
 
 class Imager:
-    """Image memories over a sky. Durations: 70 ms start, 10 MB/s out of the sensor, 1 MB/s to the processor (Erlank 2013
-    §5.3.3)."""
+    """Image memories filled from the simulated sky.
+
+    Durations: 70 ms start, 10 MB/s out of the sensor, 1 MB/s to the processor (Erlank 2013 §5.3.3).
+    """
 
     def __init__(self, profile: CameraProfile, sky: Sky, memory: Memory) -> None:
         self.profile, self._sky, self._memory = profile, sky, memory
@@ -39,7 +41,7 @@ class Imager:
         self.restart()
 
     def restart(self) -> None:
-        """Image memory is empty, the gain is the profile's own."""
+        """Empty the image memories and reset the gain to the profile's."""
         self.gain = 1
         self.repeated = False
         self.slots: dict[int, StoredFrame] = {}
@@ -51,16 +53,19 @@ class Imager:
         return camera.columns * camera.rows * (1 if self.profile.sensor.bits <= 8 else 2)
 
     def capture_ms(self, exposure_ms: int) -> float:
-        """From the start of the sensor to the image in the FPGA's memory."""
+        """Return the time from the start of the sensor until the image is in the FPGA's memory."""
         return SENSOR_START_MS + exposure_ms + self.frame_size / SENSOR_BYTES_PER_MS
 
     @property
     def transfer_ms(self) -> float:
-        """From the FPGA's memory to the processor's."""
+        """Time to copy an image from the FPGA's memory to the processor's."""
         return self.frame_size / COPY_BYTES_PER_MS
 
     def middle_s(self, start_s: float, exposure_ms: int) -> float:
-        """Mid-exposure of an image whose command came at ``start_s``: it begins 70 ms later, the first image is thrown away."""
+        """Return the time of mid-exposure of an image commanded at ``start_s``.
+
+        The exposure begins 70 ms later, because the first image is discarded.
+        """
         return start_s + SENSOR_START_MS / 1000 + exposure_ms / 2000
 
     def capture(self, slot: int, exposure_ms: int, mid_s: float, device_s: float, mode: str) -> StoredFrame:
@@ -79,7 +84,7 @@ class Imager:
         return frame
 
     def _amplified(self, pixels: Pixels) -> Pixels:
-        """The signal above bias times the commanded gain, cut off at the converter's end."""
+        """Return bias plus the signal above it times the commanded gain, clipped at the converter's maximum."""
         if self.gain == 1:
             return pixels
         sensor = self.profile.sensor
@@ -111,7 +116,7 @@ class Imager:
         return pixels
 
     def put_image(self, slot: int, data: bytes, exposure_ms: int, device_s: float, mode: str) -> StoredFrame:
-        """An uploaded image takes a memory."""
+        """Store an uploaded image in a slot."""
         camera, sensor = self.profile.camera, self.profile.sensor
         kind = np.uint8 if sensor.bits <= 8 else np.dtype(">u2")
         flat = np.frombuffer(data, kind).reshape(camera.rows, camera.columns)
@@ -123,13 +128,13 @@ class Imager:
         return frame
 
     def stored(self, slot: int) -> StoredFrame:
-        """The image in a memory."""
+        """Return the image in a slot. Raises Refusal if it is empty."""
         if slot not in self.slots:
             raise Refusal("no_image", f"slot {slot} holds no image")
         return self.slots[slot]
 
     def sram(self, address: int, length: int) -> bytes:
-        """Image memories one behind the other; zeros where none is."""
+        """Return bytes of the consecutive image memories; zeros for empty ones."""
         out, size = bytearray(), self.frame_size
         for at in range(address, address + length):
             frame = self.slots.get(at // size)

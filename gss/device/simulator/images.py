@@ -1,4 +1,4 @@
-"""The image memories: a stored frame, its bytes on the link, its thumbnail."""
+"""Image memories: a stored frame, its bytes on the link, its thumbnail."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """One image memory. ``time_s``: device time of mid-exposure. ``truth`` only for what the simulated sky drew."""
+    """One image memory. ``time_s``: device time of mid-exposure. ``truth``: only for images of the simulated sky."""
 
     number: int
     slot: int
@@ -35,12 +35,12 @@ class StoredFrame:
 
 
 def frame_bytes(pixels: Pixels) -> bytes:
-    """Pixels as the link carries them."""
+    """Return the pixels as the link transmits them."""
     return pixels.tobytes() if pixels.dtype == np.uint8 else pixels.astype(">u2").tobytes()
 
 
 def thumbnail(pixels: Pixels) -> Pixels:
-    """Blocks of 4x4 pixels averaged; a rest at the right and bottom edge is left out."""
+    """Return averages of 4x4 pixel blocks; incomplete blocks at the right and bottom edges are left out."""
     n = THUMBNAIL_BINNING
     rows, columns = pixels.shape[0] // n * n, pixels.shape[1] // n * n
     blocks = pixels[:rows, :columns].reshape(rows // n, n, columns // n, n)

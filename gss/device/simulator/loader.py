@@ -1,4 +1,4 @@
-"""The device's half of the transfer service: sessions, flash writing, read-back, commit; and sending images down."""
+"""Device side of the transfer protocol: sessions, flash writing, read-back, commit; and sending downloads."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ MOST_SESSIONS = 8
 
 
 class Loader:
-    """All transfers of the device. ``news``: (event name, text) for the device to report. ``device_time``: the device's clock
-    at a time of the line."""
+    """All transfers of the device.
+
+    ``news``: (event name, text) for the device to send. ``device_time``: converts line time to the device's clock.
+    """
 
     def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
         self._memory, self._tracker = memory, tracker
@@ -39,23 +41,23 @@ class Loader:
 
     @property
     def open_sessions(self) -> int:
-        """Sessions that are not finished."""
+        """Number of sessions that are not finished."""
         return sum(not s.committed for s in self._sessions.values())
 
     def restart(self) -> None:
-        """A reset: sessions and image parts are gone, what is in flash stays as suspended upload."""
+        """Restart after a reset: sessions and partial images are lost, partial uploads in flash stay suspended."""
         self._sessions.clear()
         self.openings.parts.clear()
         self._out.clear()
 
     def take_messages(self) -> list[Outgoing]:
-        """Messages to send now."""
+        """Return and remove the messages to send now."""
         messages = list(self._out)
         self._out.clear()
         return messages
 
     def abort_all(self) -> int:
-        """ABORT: tell the ground of each open session; how many there were."""
+        """Abort every open session and notify the ground (ABORT). Returns their number."""
         open_now = [s for s in self._sessions.values() if not s.committed]
         for session in open_now:
             self._abort(session.id, session.request_id, "aborted", "stopped by ABORT")
@@ -63,11 +65,11 @@ class Loader:
         return len(open_now)
 
     def busy_with(self, area: str) -> bool:
-        """Does an open upload hold this bank, or bank of a table?"""
+        """True if an open upload writes this area."""
         return any(s.receiver and s.area == area and not s.committed for s in self._sessions.values())
 
     def drop_images(self) -> None:
-        """Image memory lost its power: transfers of images, up and down, are over."""
+        """Abort image transfers in both directions after image memory lost power."""
         self.openings.parts.clear()
         for session in list(self._sessions.values()):
             if not session.committed and not session.area and (session.receiver or session.frame_number):
@@ -77,7 +79,7 @@ class Loader:
     # --- messages -----------------------------------------------------------------------------------------------
 
     def receive(self, service: str, request_id: int, message: Decoded, now_s: float) -> None:
-        """Act on a message from the ground."""
+        """Process a transfer message from the ground."""
         if service in ("OPEN_UPLOAD", "OPEN_DOWNLOAD"):
             self._open(service, request_id, message.values, now_s)
             return
@@ -101,7 +103,7 @@ class Loader:
             self._end(session, service)
 
     def _no_session(self, session_id: int, request_id: int, now_s: float) -> None:
-        """Say so, but not for every chunk of a window."""
+        """Report an unknown session, but not for every chunk of a window."""
         if now_s - self._refused_s.get(session_id, -1e9) >= NO_SESSION_EVERY_S:
             self._refused_s = {session_id: now_s}
             self._abort(session_id, request_id, "no_session", "this session is not open")
@@ -140,7 +142,7 @@ class Loader:
         )
 
     def _supersede(self, new: Session) -> None:
-        """One writer for one place: the newest."""
+        """Close an older upload to the same target, so that only the newest one writes there."""
         for old in list(self._sessions.values()):
             same = old.area == new.area if new.area else (old.kind, old.target) == (new.kind, new.target)
             if new.receiver and old.receiver and same and (new.area or not old.committed):
@@ -181,7 +183,7 @@ class Loader:
         self._out.append(Outgoing("STATUS", session.request_id, page.values(session.id), page.lists()))
 
     def _content(self, session: Session) -> bytes:
-        """What is stored, read back."""
+        """Return the stored content, read back from flash where it is written there."""
         if not session.area:
             return bytes(session.data)
         return self._writer.read(session)
@@ -197,7 +199,7 @@ class Loader:
             Outgoing("VERIFIED", session.request_id, {"session": session.id, "equal": equal, "sha256": digest})
         )
         if not equal:
-            # Nothing tells which chunk is wrong: the next attempt starts from an empty bank.
+            # The wrong chunk is unknown, so the next attempt starts from an empty bank.
             del self._sessions[session.id]
             self.openings.parts.pop((session.kind, session.target), None)
             if session.area:
@@ -233,7 +235,7 @@ class Loader:
     # --- down ---------------------------------------------------------------------------------------------------
 
     def next_chunk(self, now_s: float) -> Outgoing | None:
-        """The next chunk down, sessions in turn."""
+        """Return the next chunk to send, taking sessions in turn."""
         senders = [s for s in self._sessions.values() if s.sender is not None]
         for step in range(len(senders)):
             session = senders[(self._turn + step) % len(senders)]
@@ -247,7 +249,7 @@ class Loader:
         return None
 
     def step(self, now_s: float) -> None:
-        """Ask where nothing is heard; suspend what stays silent."""
+        """Send due STATUS_REQUESTs; suspend or remove sessions silent for ``SILENT_S``."""
         for session in list(self._sessions.values()):
             if session.sender is not None:
                 due = session.sender.request_due(now_s)

@@ -1,6 +1,7 @@
-"""The device as the line sees it: bytes in, frames out, boots, housekeeping. No input or output of its own.
+"""The device as seen on the line: bytes in, frames out, boots, housekeeping. No I/O.
 
-Everything takes ``now_s`` of the simulated clock; the device's own clock counts from its first start and never goes back.
+All methods take ``now_s`` of the simulated clock. The device's own clock counts from its first start and continues
+across resets.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ LAST_WORDS_S = 0.2
 
 @dataclass(frozen=True)
 class Identity:
-    """What HELLO says besides what the profile and the dictionary know. ``line_baud`` 0: not paced."""
+    """Values that HELLO returns besides those of profile and dictionary. ``line_baud`` 0: not paced."""
 
     serial: str = "SIM-0001"
     simulated: bool = True
@@ -50,7 +51,7 @@ class Identity:
 
 
 class Device:
-    """A star tracker on a line. ``training``: the instructor's desk of a simulated one, also for tests."""
+    """A star tracker on a line. ``training``: fault injection of a simulated one, also for tests."""
 
     def __init__(
         self,
@@ -80,7 +81,7 @@ class Device:
         self._boot("power_on", now_s)
 
     def _make_rooms(self) -> None:
-        """Handlers by subject, all over the same tracker, memory and outbox."""
+        """Create the handlers by subject, all with the same tracker, memory and outbox."""
         tracker, memory, outbox, loader, desk = self._tracker, self._memory, self._outbox, self._loader, self._desk
         self._orders = TrackerOrders(tracker, outbox, desk, self.power, lambda: (self._now_s, self.sky_s))
         self._banks = BankOrders(memory, tracker, loader, outbox)
@@ -115,7 +116,7 @@ class Device:
         self._reset: tuple[str, float] | None = None
         self._outbox.time_s = self.time_s
         if cause == "power_on":
-            # Nobody knows how long the clock stood still.
+            # The time without power is unknown.
             record.utc_offset_s = None
         self._loader.restart()
         self._receiver.restart()
@@ -131,26 +132,26 @@ class Device:
         self._memory.save()
 
     def reset(self, cause: str, now_s: float) -> None:
-        """Restart; what is not in flash is gone."""
+        """Restart; everything not in flash is lost."""
         self._now_s = max(now_s, self._now_s)
         self._memory.record.time_base_s = self.time_s
         self._outbox.clear()
         self._boot(cause, now_s)
 
     def shut_down(self, now_s: float) -> None:
-        """Power off in good order: the device's clock goes on from here."""
+        """Power off cleanly; the device's clock continues from here at the next start."""
         self._now_s = max(now_s, self._now_s)
         self._memory.record.time_base_s = self.time_s
         self._memory.save()
 
     @property
     def sky_s(self) -> float:
-        """Simulated seconds, by which the sky moves; the device's clock as long as it is right."""
+        """Simulated seconds of the sky; equal to the device's clock as long as that has no fault."""
         return self._now_s - self._origin_s
 
     @property
     def time_s(self) -> float:
-        """The device's clock."""
+        """Time of the device's clock."""
         return self.clock.at(self.sky_s)
 
     def _command_completed(self, name: str) -> None:
@@ -163,7 +164,7 @@ class Device:
     # --- line ---------------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Bytes from the ground. While booting the line is deaf."""
+        """Process bytes from the ground; ignored while booting."""
         self.advance(now_s)
         if now_s < self._asleep_until_s:
             return
@@ -174,7 +175,7 @@ class Device:
                 self._transfer(packet)
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """The next frame for the line: reports and telemetry first, then chunks."""
+        """Return the next frame to send: reports and telemetry first, then chunks."""
         if now_s < self._asleep_until_s:
             return None
         waiting = self._outbox.take()
@@ -184,7 +185,7 @@ class Device:
         return self._outbox.transfer_frame(message) if message else None
 
     def advance(self, now_s: float) -> None:
-        """Let time pass: running command, cycle, trial of a bank, transfers, housekeeping."""
+        """Advance the time: running command, cycle, bank trials, transfers, housekeeping."""
         self._now_s = max(now_s, self._now_s)
         self._outbox.time_s = self.time_s
         if now_s < self._asleep_until_s:
@@ -279,7 +280,7 @@ class Device:
     # --- housekeeping -------------------------------------------------------------------------------------------
 
     def housekeeping(self) -> Returns:
-        """All values of the packet, the converters' as raw."""
+        """Return all values of the packet, raw for fields with a conversion."""
         faults = self.training.at_work if self._identity.simulated else 0
         return self._housekeeper.values(self.sky_s, self.time_s, self._now_s - self._booted_s) | {
             "utc_s": self.clock.utc_s(self.sky_s),
@@ -290,5 +291,5 @@ class Device:
         self._outbox.telemetry(("housekeeping", self.housekeeping(), {}), request_id)
 
     def _registers(self) -> bytes:
-        """Settings and counters as bytes: those of a housekeeping packet."""
+        """Return settings and counters as bytes: those of a housekeeping packet."""
         return encode(self._dictionary.packet("housekeeping").fields, self.housekeeping())

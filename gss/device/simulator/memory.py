@@ -1,4 +1,4 @@
-"""What the device remembers: banks of catalogues and tables in flash, and a small non-volatile record."""
+"""Persistent memory of the device: catalogue and table banks in flash, and a small non-volatile record."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ KEPT_REQUESTS = 64
 
 @lru_cache(maxsize=8)
 def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
-    """Offset and room of every bank: catalogues, then triplets, calibrations, parameters."""
+    """Return offset and capacity of every bank: catalogues, then triplets, calibrations, parameters."""
     room = {**dict.fromkeys(BANKS, bank_bytes)}
     room |= {area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS}
     found, at = {}, 0
@@ -62,24 +62,24 @@ def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
 
 
 def flash_bytes(bank_bytes: int) -> int:
-    """Size of the whole flash."""
+    """Return the size of the whole flash."""
     return max(offset + -(-size // SECTOR_BYTES) * SECTOR_BYTES for offset, size in _layout(bank_bytes).values())
 
 
 class Memory:
-    """Banks and record over flash. ``save``: called with the record as JSON text whenever it must last."""
+    """Banks and record in flash. ``save``: stores the record's JSON text persistently."""
 
     def __init__(self, flash: Flash, record: Record, save: Callable[[str], None], bank_bytes: int = BANK_BYTES) -> None:
         self.flash, self.record, self._save, self.bank_bytes = flash, record, save, bank_bytes
 
     @classmethod
     def in_ram(cls, bank_bytes: int = BANK_BYTES) -> Memory:
-        """Fresh memory for tests."""
+        """Return a new memory in RAM."""
         return cls(Flash(bytearray(b"\xff" * (flash_bytes(bank_bytes)))), Record(), lambda _: None, bank_bytes)
 
     @classmethod
     def in_directory(cls, directory: Path, bank_bytes: int = BANK_BYTES) -> Memory:
-        """Memory in two files, made where they are missing."""
+        """Return a memory in two files, created if missing."""
         directory.mkdir(parents=True, exist_ok=True)
         image, notes = directory / "flash.bin", directory / "record.json"
         size = flash_bytes(bank_bytes)
@@ -98,44 +98,44 @@ class Memory:
         return cls(Flash(cells), record, save, bank_bytes)
 
     def save(self) -> None:
-        """Make the record last."""
+        """Save the record persistently."""
         self._save(json.dumps(asdict(self.record)))
 
     def offset(self, bank: str) -> int:
-        """Where a bank, or a bank of a table, begins."""
+        """Return the offset of a bank, or of a bank of a table."""
         return _layout(self.bank_bytes)[bank][0]
 
     def capacity(self, bank: str) -> int:
-        """How much it holds."""
+        """Return the capacity of a bank in bytes."""
         return _layout(self.bank_bytes)[bank][1]
 
     def content(self, bank: str) -> bytes:
-        """What a bank holds now, at the length its record says."""
+        """Return the content of a bank, with the length in its record."""
         return self.flash.read(self.offset(bank), self.record.banks[bank].size)
 
     def hash_of(self, bank: str) -> str:
-        """SHA-256 of a bank's content as it reads now."""
+        """Return the SHA-256 of a bank's current content, hexadecimal."""
         return hashlib.sha256(self.content(bank)).hexdigest()
 
     def intact(self, bank: str) -> bool:
-        """Does the content match its record?"""
+        """True if a bank is committed and its content matches its record."""
         held = self.record.banks[bank]
         return held.state == "committed" and self.hash_of(bank) == held.sha256
 
     def set_state(self, bank: str, state: str) -> None:
-        """Note what a read-back found."""
+        """Store the state found by a read-back."""
         self.record.banks[bank] = replace(self.record.banks[bank], state=state)
         self.save()
 
     def erase_bank(self, bank: str) -> None:
-        """Empty a bank, its record and its unfinished upload."""
+        """Erase a bank, its record and its unfinished upload."""
         self.flash.erase(self.offset(bank), self.capacity(bank))
         self.record.banks[bank] = BankRecord()
         self.record.uploads.pop(bank, None)
         self.save()
 
     def burn(self, bank: str, image: bytes, record: BankRecord) -> None:
-        """Factory programming."""
+        """Program a bank at the factory."""
         self.erase_bank(bank)
         self.flash.program(self.offset(bank), image)
         digest = hashlib.sha256(image).hexdigest()
@@ -143,7 +143,7 @@ class Memory:
         self.save()
 
     def activate(self, bank: str) -> None:
-        """Use another bank from now on, on trial."""
+        """Activate another bank on trial."""
         self.record.previous = self.record.active
         self.record.active, self.record.unconfirmed = bank, True
         self.save()
@@ -154,14 +154,14 @@ class Memory:
         self.save()
 
     def fall_back(self) -> str:
-        """Return to the bank before and say which; the factory bank where that one is damaged."""
+        """Return to the previous bank, or the golden one if that is damaged. Returns its name."""
         bank = self.record.previous if self.intact(self.record.previous) else GOLDEN
         self.record.active, self.record.previous, self.record.unconfirmed = bank, self.record.active, False
         self.save()
         return bank
 
     def activate_table(self, table: str, bank: str) -> None:
-        """Use another table from now on, on trial."""
+        """Activate another bank of a table on trial."""
         self.record.tables[table] = InUse(bank, self.record.tables[table].active, True)
         self.save()
 
@@ -171,7 +171,7 @@ class Memory:
         self.save()
 
     def fall_back_table(self, table: str) -> str:
-        """Return to the table before and say which bank; the factory's where that one is damaged."""
+        """Return to the table's previous bank, or the factory's if that is damaged. Returns its name."""
         used = self.record.tables[table]
         bank = used.previous if self.intact(area_name(table, used.previous)) else FACTORY
         self.record.tables[table] = InUse(bank, used.active, False)
@@ -179,15 +179,15 @@ class Memory:
         return bank
 
     def remember(self, request: StoredRequest) -> None:
-        """Keep the last requests with their reports."""
+        """Store a request with its report; only the last ``KEPT_REQUESTS`` are kept."""
         kept = [r for r in self.record.requests if r.request_id != request.request_id]
         self.record.requests = [*kept, request][-KEPT_REQUESTS:]
 
     def request(self, request_id: int) -> StoredRequest | None:
-        """A request that was seen before."""
+        """Return a stored request, or None."""
         return next((r for r in self.record.requests if r.request_id == request_id), None)
 
     @property
     def used_bytes(self) -> int:
-        """Flash in use by catalogues and tables."""
+        """Bytes of flash in use by catalogues and tables."""
         return sum(b.size for b in self.record.banks.values())

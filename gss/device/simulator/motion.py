@@ -1,4 +1,4 @@
-"""Attitude modes of the camera besides those in ``orbit``: on an orbit, turning to a target, tumbling, on the ground."""
+"""Attitude motions besides those in ``orbit``: on an orbit, slewing to a target, tumbling, on the ground."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
 
-# Symmetry axis of the tumbling body and its angular momentum at the start, in camera axes: askew to the boresight.
+# Symmetry axis and initial angular momentum of the tumbling body, in camera axes: oblique to the boresight.
 TUMBLE_SPIN_AXIS = np.array([0.48, 0.6, 0.64])
 TUMBLE_MOMENTUM = np.array([0.64, 0.48, 0.6])
 TUMBLE_SPIN_SHARE = 0.4
@@ -20,7 +20,10 @@ TUMBLE_SPIN_SHARE = 0.4
 
 @dataclass(frozen=True)
 class EarthPointing:
-    """Body axes along the orbit's (Jacobs 1995 §1.4) but for fixed roll, pitch and yaw (eq. 1.13); (3, 3) mounting."""
+    """Body axes along the orbit's (Jacobs 1995 §1.4), offset by constant roll, pitch and yaw (eq. 1.13).
+
+    ``cam_from_body``: (3, 3) mounting.
+    """
 
     orbit: Orbit
     cam_from_body: Array | None = None
@@ -39,8 +42,11 @@ class EarthPointing:
 
 @dataclass(frozen=True)
 class Tumble:
-    """Torque-free motion of a body of revolution: it spins about its own (3,) axis, in camera axes, while that axis
-    goes round the (3,) angular momentum, in ICRS. Angular speed is constant, its direction is not."""
+    """Torque-free motion of a body of revolution.
+
+    It spins about its own (3,) axis, in camera axes, while that axis precesses around the (3,) angular momentum, in
+    ICRS. Angular speed is constant, its direction is not.
+    """
 
     start: Array
     spin_axis_cam: Array
@@ -51,7 +57,7 @@ class Tumble:
 
     @classmethod
     def of_rate(cls, start: Array, rate_rad_s: float, since_s: float = 0.0) -> Tumble:
-        """A skew tumble with that angular speed, from a (3, 3) attitude."""
+        """Return a tumble with that angular speed, starting from a (3, 3) attitude."""
         spin = TUMBLE_SPIN_SHARE * TUMBLE_SPIN_AXIS
         scale = rate_rad_s / float(np.linalg.norm(spin + TUMBLE_MOMENTUM))
         return cls(start, TUMBLE_SPIN_AXIS, TUMBLE_SPIN_SHARE * scale, start.T @ TUMBLE_MOMENTUM, scale, since_s)
@@ -68,7 +74,7 @@ class Tumble:
 
 @dataclass(frozen=True)
 class SlewTo:
-    """The shortest turn from one (3, 3) attitude to another, at rest at both ends, with a smooth rate between."""
+    """Shortest turn from one (3, 3) attitude to another, at rest at both ends, with a smooth rate between."""
 
     start: Array
     target: Array
@@ -91,7 +97,7 @@ class SlewTo:
 
 @dataclass(frozen=True)
 class EarthFixed:
-    """A camera on the ground: (3, 3) attitude at ``since_s``, carried round the Earth's (3,) pole at sidereal rate."""
+    """A camera on the ground: (3, 3) attitude at ``since_s``, rotating about the Earth's (3,) pole at sidereal rate."""
 
     start: Array
     pole_icrs: Array

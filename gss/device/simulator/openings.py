@@ -1,4 +1,4 @@
-"""How transfers of the device begin: what may be opened, and what of it is held already."""
+"""Opening of transfers on the device: what may be opened, and how much of it is already held."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ CHUNK_RANGE = (16, 1536)
 
 
 class Openings:
-    """Makes sessions; Refusal where nothing can be opened. ``parts``: unfinished images by kind and slot.
-    ``image_memory``: has it power?"""
+    """Creates sessions. Raises Refusal if nothing can be opened.
+
+    ``parts``: unfinished images by kind and slot. ``image_memory``: returns True if image memory has power.
+    """
 
     def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter, bytes_per_s: float) -> None:
         self._memory, self._tracker, self._writer = memory, tracker, writer
@@ -45,7 +47,7 @@ class Openings:
         return size
 
     def upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
-        """The session of an OPEN_UPLOAD, with what is held of an earlier attempt."""
+        """Return the session for an OPEN_UPLOAD, with the data held from an earlier attempt."""
         kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
         chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
@@ -90,7 +92,7 @@ class Openings:
             data, resumed = part.data, True
             held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
         elif there is not None and there.source == "uploaded" and hashlib.sha256(there.data).digest() == digest:
-            # It was committed, and only the ground does not know it yet.
+            # The image was committed before, but the ground has not received COMMITTED.
             data, resumed, number = bytearray(there.data), True, there.number
             held = list(range(chunk_count(size, chunk_bytes)))
         session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
@@ -102,7 +104,7 @@ class Openings:
         return session
 
     def download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
-        """The session of an OPEN_DOWNLOAD."""
+        """Return the session for an OPEN_DOWNLOAD."""
         kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
         data, number = self._downloads.content(v)
         digest = hashlib.sha256(data).digest()
@@ -120,6 +122,6 @@ class Openings:
             number,
         )
         patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)
-        # The ground may hold a part: the sender learns that first, from the ground's STATUS pages.
+        # The ground may hold a part; its STATUS pages report that before the first chunk is sent.
         session.sender = ChunkSender(chunk_count(len(data), chunk_bytes), WINDOW_CHUNKS, patience_s, resumed=True)
         return session

@@ -1,4 +1,4 @@
-"""The simulator's options: what they are called, and the world they describe."""
+"""Command-line options of the simulator, and the environment they define."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FAULT_WORDS = "share of 64-byte pieces"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """All options."""
+    """Add all options to the parser."""
     add = parser.add_argument
     add("--profile", default="cubestar", choices=sorted(PROFILES), help="camera (default cubestar)")
     add("--state-dir", type=Path, metavar="DIR", help="flash and record live here; without it they last for one run")
@@ -113,7 +113,7 @@ def _add_time(group: argparse._ArgumentGroup) -> None:
 
 
 def make_environment(arguments: argparse.Namespace, camera: CameraProfile) -> Environment:
-    """The world that the options ask for."""
+    """Return the environment that the options define."""
     orbit, epoch_jyear = _orbit(arguments)
     motion, orbit = make_motion(arguments, orbit, epoch_jyear)
     line = LineControl(make_rates(arguments), arguments.seed)
@@ -125,7 +125,7 @@ def make_environment(arguments: argparse.Namespace, camera: CameraProfile) -> En
 
 
 def make_rates(arguments: argparse.Namespace) -> FaultRates:
-    """The line's faults at the start."""
+    """Return the line's initial faults."""
     a = arguments
     return FaultRates(
         bit_error_rate=a.bit_error_rate,
@@ -138,7 +138,7 @@ def make_rates(arguments: argparse.Namespace) -> FaultRates:
 
 
 def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
-    """The orbit and the Julian year of time zero."""
+    """Return the orbit and the Julian year of time zero."""
     if arguments.tle is not None:
         try:
             text = arguments.tle.read_text("utf-8")
@@ -157,7 +157,7 @@ def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
 
 
 def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float) -> tuple[Motion, Orbit]:
-    """Attitude and place. A camera on the ground has a place of its own."""
+    """Return attitude motion and position; a camera on the ground replaces the orbit by its site."""
     kind = arguments.motion
     if kind in ("zenith", "nadir") and arguments.attitude is None:
         return _earth_pointing(arguments, orbit), orbit
@@ -174,7 +174,7 @@ def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float)
 
 
 OWN_MOUNTING = {"sunsat": ("sunsat", "0,0,135")}
-"""How a system's camera sits in its satellite, and roll, pitch and yaw in service (Jacobs 1995 §1.3, Table 5-2)."""
+"""Mounting of a system's camera in its satellite, and its nominal roll, pitch and yaw (Jacobs 1995 §1.3, Table 5-2)."""
 
 
 def _earth_pointing(arguments: argparse.Namespace, orbit: Orbit) -> Motion:

@@ -1,6 +1,6 @@
-"""Where the camera is and where it points: both at any time, closed form, so that a time names a picture.
+"""Position and attitude of the camera as closed-form functions of time, so that a time determines the image.
 
-Times are simulated seconds. Further attitude modes are in ``motion``.
+Times are simulated seconds. More attitude motions are in ``motion``.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ EARTH_RADIUS_KM = 6378.137
 EARTH_TURN_RAD_S = 7.292115e-5
 DAYS_PER_YEAR = 365.25
 
-# Camera looks to the zenith of an Earth-pointing satellite; its columns run along the velocity.
+# The camera of an Earth-pointing satellite points to the zenith; its columns run along the velocity.
 CAM_FROM_ORBIT = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 @dataclass(frozen=True)
 class Pose:
-    """(3, 3) cam_from_icrs and (3,) angular velocity against ICRS in camera axes."""
+    """(3, 3) cam_from_icrs and (3,) angular velocity relative to ICRS in camera axes."""
 
     cam_from_icrs: Array
     rate_rad_s: Array
@@ -42,7 +42,7 @@ class Motion(Protocol):
 
 
 class Orbit(Protocol):
-    """The camera's place: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth itself."""
+    """The camera's position: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth's surface."""
 
     @property
     def grounded(self) -> bool: ...
@@ -52,7 +52,7 @@ class Orbit(Protocol):
 
 @dataclass(frozen=True)
 class CircularOrbit:
-    """A circular orbit from its elements in ICRS axes; the node stands still."""
+    """A circular orbit from its elements in ICRS axes, without nodal precession."""
 
     altitude_km: float = 600.0
     inclination_rad: float = float(np.radians(97.8))
@@ -62,7 +62,7 @@ class CircularOrbit:
 
     @property
     def mean_motion_rad_s(self) -> float:
-        """Kepler's third law."""
+        """Mean motion by Kepler's third law."""
         return float(np.sqrt(EARTH_MU_KM3_S2 / (EARTH_RADIUS_KM + self.altitude_km) ** 3))
 
     def state(self, time_s: float) -> tuple[Array, Array]:
@@ -72,7 +72,7 @@ class CircularOrbit:
 
 
 class TleOrbit:
-    """A satellite by SGP4; ``epoch_jyear`` (Terrestrial Time) is time zero."""
+    """A satellite propagated by SGP4; ``epoch_jyear`` (Terrestrial Time) is time zero."""
 
     grounded = False
 
@@ -88,7 +88,7 @@ class TleOrbit:
                 got=f"{away_days:.0f} days",
                 hint="leave the epoch out: it becomes the TLE's",
             )
-        # SGP4's axes turn by 0.1″ a day: one rotation serves a whole exercise.
+        # SGP4's axes turn by 0.1″ a day, so one rotation is enough for a whole exercise.
         self._icrs_from_teme = teme_from_icrs(self.epoch_jyear).T
         self.state(0.0)
 
@@ -106,14 +106,14 @@ class TleOrbit:
 
 
 def tle_epoch_jyear(satellite: Satrec) -> float:
-    """Julian year (Terrestrial Time) of an element set."""
+    """Return the Julian year (Terrestrial Time) of an element set."""
     days = float(satellite.jdsatepoch) - J2000_JD + float(satellite.jdsatepochF) + TT_MINUS_UTC_S / DAY_S
     return 2000.0 + days / DAYS_PER_YEAR
 
 
 @dataclass(frozen=True)
 class GroundSite:
-    """A place on a spherical Earth whose zenith is (3,) at time zero, carried round the Earth's (3,) pole."""
+    """A site on a spherical Earth: (3,) zenith at time zero, rotating about the Earth's (3,) pole."""
 
     zenith_icrs: Array
     pole_icrs: Array
@@ -126,7 +126,7 @@ class GroundSite:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Points at one place, or turns about a fixed camera axis from there: ``rate_rad_s`` (3,) in camera axes."""
+    """Fixed pointing, or rotation about a fixed camera axis; ``rate_rad_s``: (3,) in camera axes."""
 
     start: Array
     rate_rad_s: Array
@@ -136,7 +136,7 @@ class Inertial:
     def pointing(
         cls, ra_rad: float, dec_rad: float, roll_rad: float, rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Inertial:
-        """From a boresight and roll."""
+        """Return the motion starting from a boresight and roll."""
         return cls(cam_from_icrs(ra_rad, dec_rad, roll_rad), np.array(rate_rad_s, float))
 
     def at(self, time_s: float) -> Pose:
@@ -146,9 +146,10 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Zenith:
-    """Earth-pointing satellite on a circular orbit, camera to the zenith. The node stands still.
+    """Earth-pointing satellite on a circular orbit without nodal precession, camera to the zenith.
 
-    The default node puts the camera on Orion at the start, where the sky is easy."""
+    The default node puts the camera on Orion at the start, where bright stars make matching easy.
+    """
 
     altitude_km: float = 600.0
     inclination_rad: float = float(np.radians(97.8))
@@ -157,12 +158,12 @@ class Zenith:
 
     @property
     def orbit(self) -> CircularOrbit:
-        """Where it flies."""
+        """The satellite's orbit."""
         return CircularOrbit(self.altitude_km, self.inclination_rad, self.raan_rad, self.start_rad)
 
     @property
     def mean_motion_rad_s(self) -> float:
-        """Kepler's third law."""
+        """Mean motion by Kepler's third law."""
         return self.orbit.mean_motion_rad_s
 
     def at(self, time_s: float) -> Pose:

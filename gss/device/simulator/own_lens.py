@@ -1,4 +1,4 @@
-"""A unit whose lens is not quite that of its document, as every real one is: what a calibration is there to find."""
+"""Simulate a unit whose lens differs from its document, as in every real unit, so that calibration has a deviation to find."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ from gss.domain.profiles import CameraProfile
 
 LARGEST_PERCENT = 10.0
 CENTRE_PX = 4.0
-"""Per percent, in a direction that the seed decides."""
+"""Shift per percent, in a direction determined by the seed."""
 DISTORTION_SHARE = 0.03
-"""Per percent, each coefficient up or down as the seed decides."""
+"""Change per percent, up or down for each coefficient as determined by the seed."""
 
 
 def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile:
-    """The profile with the focal length off by so many percent, the optical centre by 4 px and the distortion by 3 % for each of
-    them. The same unit (seed) has the same lens always; 0 gives the document's."""
+    """Return the profile with a lens that deviates from its document; 0 percent returns the profile itself.
+
+    The focal length is off by ``percent``; for each percent the optical centre moves by 4 px and the distortion changes
+    by 3 %. The same seed (unit) always gives the same lens. Raises BadInput beyond ±10 percent.
+    """
     if not abs(percent) <= LARGEST_PERCENT:
         expected = f"at most {LARGEST_PERCENT:g} %"
         raise BadInput("the lens cannot be that far off its document", expected=expected, got=f"{percent:g} %")

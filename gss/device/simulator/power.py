@@ -1,7 +1,7 @@
 """Power of the unit: three rails that can be switched and can latch up, their currents, temperatures.
 
-A latch-up raises a rail's current at once; after ``TRIP_S`` the protection switches the rail off, and it stays off until
-CLEAR_LATCHUP. The numbers are those of a healthy unit with a slow swing for the orbit's day and night.
+A latch-up raises a rail's current at once; after ``TRIP_S`` the protection switches the rail off, and it stays off
+until CLEAR_LATCHUP. Values are those of a healthy unit with a slow variation over the orbit's day and night.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ PROCESSOR_C_PER_LSB, PROCESSOR_MEAN, PROCESSOR_SWING, PROCESSOR_BUSY = 0.05, 165
 
 @dataclass
 class Rail:
-    """One switched supply. ``latched``: the protection switched it off. ``short_since_s``: a latch-up draws current."""
+    """One switched supply.
+
+    ``latched``: switched off by the protection. ``short_since_s``: start of a latch-up that draws current.
+    """
 
     on: bool = True
     latched: bool = False
@@ -34,7 +37,7 @@ class Rail:
 
 
 class Power:
-    """State of the rails at simulated times. ``news``: (event, text) for the device to tell."""
+    """State of the rails at simulated times. ``news``: (event, text) for the device to send."""
 
     def __init__(self) -> None:
         self.rails = {name: Rail() for name in RAILS}
@@ -45,12 +48,12 @@ class Power:
         self.news: list[tuple[str, str]] = []
 
     def restart(self) -> None:
-        """A reset switches everything on that is not latched up."""
+        """Switch on every rail that is not latched up (reset)."""
         for rail in self.rails.values():
             rail.on = not rail.latched
 
     def switch(self, name: str, on: bool) -> bool:
-        """POWER; True if it changed anything. A rail that latched up stays off."""
+        """Switch a rail (POWER); True if anything changed. The caller rejects switching on a rail that latched up."""
         rail = self.rails[name]
         changed = rail.on != on
         rail.on = on
@@ -59,20 +62,20 @@ class Power:
         return changed
 
     def latch_up(self, name: str, now_s: float) -> None:
-        """Radiation strikes: a rail that is off has nothing to latch."""
+        """Start a latch-up; no effect on a rail that is off."""
         rail = self.rails[name]
         if rail.on and rail.short_since_s is None:
             rail.short_since_s = now_s
 
     def clear(self, name: str) -> bool:
-        """CLEAR_LATCHUP: on again; True if it was latched."""
+        """Switch a rail on again (CLEAR_LATCHUP); True if it was latched up."""
         rail = self.rails[name]
         was = rail.latched or rail.short_since_s is not None
         rail.on, rail.latched, rail.short_since_s = True, False, None
         return was
 
     def advance(self, now_s: float) -> list[str]:
-        """Let time pass; the rails that the protection has just switched off."""
+        """Advance the time. Returns the rails that the protection has just switched off."""
         tripped = []
         for name, rail in self.rails.items():
             if rail.short_since_s is not None and now_s - rail.short_since_s >= TRIP_S:
@@ -84,16 +87,16 @@ class Power:
         return tripped
 
     def on(self, name: str) -> bool:
-        """Has this unit power?"""
+        """True if the rail has power."""
         return self.rails[name].on
 
     @property
     def latched(self) -> int:
-        """Rails that wait for CLEAR_LATCHUP."""
+        """Number of rails waiting for CLEAR_LATCHUP."""
         return sum(rail.latched for rail in self.rails.values())
 
     def values(self, now_s: float, busy: bool, sensor_c: float) -> dict[str, Value]:
-        """Raw converter values of housekeeping. ``sensor_c``: the chip's temperature."""
+        """Return raw converter values for housekeeping. ``sensor_c``: the detector's temperature."""
         swing = float(np.sin(2 * np.pi * now_s / DAY_AND_NIGHT_S))
         processor = (
             PROCESSOR_MEAN + PROCESSOR_SWING * swing + PROCESSOR_BUSY * busy + self.offset_c / PROCESSOR_C_PER_LSB
@@ -112,7 +115,7 @@ class Power:
         return values | {"latchups": self.latchups & 0xFFFF, "latched_rails": self.latched}
 
     def _watch_heat(self, sensor_c: float, processor_raw: float) -> None:
-        """Say once that it is too hot, and again only after it has cooled down."""
+        """Report overheating once, and again only after cooling down."""
         processor_c = -60.0 + 0.05 * processor_raw + 1e-6 * processor_raw**2
         over_c = max(sensor_c - SENSOR_HOT_C, processor_c - PROCESSOR_HOT_C)
         if over_c > 0 and not self._hot:

@@ -1,4 +1,4 @@
-"""The small non-volatile record of the device: what each bank holds, what is in use, what was asked, what is for later."""
+"""Small non-volatile record of the device: content of the banks, banks in use, processed requests, schedule."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TRIPLET_BYTES = 768 * 1024
 
 @dataclass(frozen=True)
 class BankRecord:
-    """What is known about a bank's content; ``sha256`` of the first ``size`` bytes, hexadecimal."""
+    """Properties of a bank's content; ``sha256`` of the first ``size`` bytes, hexadecimal."""
 
     state: str = "empty"
     size: int = 0
@@ -30,7 +30,7 @@ class BankRecord:
 
 @dataclass(frozen=True)
 class SuspendedUpload:
-    """A write into a bank that is not finished; ``held``: chunk ranges that are surely in flash."""
+    """An unfinished upload into a bank; ``held``: chunk ranges known to be in flash."""
 
     size: int
     chunk_bytes: int
@@ -40,7 +40,7 @@ class SuspendedUpload:
 
 @dataclass(frozen=True)
 class StoredRequest:
-    """A command that was seen: digest of code and arguments, and its last report, hexadecimal payload."""
+    """A processed command: digest of code and arguments, and the payload of its last report, hexadecimal."""
 
     request_id: int
     code: int
@@ -50,7 +50,10 @@ class StoredRequest:
 
 @dataclass(frozen=True)
 class ScheduleEntry:
-    """A command for later. ``payload``: its arguments, hexadecimal. ``at_s``: device time. ``request_id``: of its SCHEDULE."""
+    """A scheduled command.
+
+    ``payload``: its arguments, hexadecimal. ``at_s``: device time. ``request_id``: of its SCHEDULE.
+    """
 
     schedule_id: int
     at_s: float
@@ -63,7 +66,7 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class InUse:
-    """Which bank of a table is active, which was before, and whether the active one waits to be confirmed."""
+    """Active and previous bank of a table, and whether the active one still needs confirmation."""
 
     active: str = FACTORY
     previous: str = FACTORY
@@ -71,7 +74,7 @@ class InUse:
 
 
 def area_name(table: str, bank: str) -> str:
-    """Name of a table's bank among all areas of flash."""
+    """Return the name of a table's bank as a flash area."""
     return f"{table}.{bank}"
 
 
@@ -80,7 +83,7 @@ TABLE_AREAS = tuple(area_name(t, b) for t in TABLES for b in TABLE_BANKS)
 
 @dataclass
 class Record:
-    """The non-volatile record; survives resets and restarts."""
+    """Non-volatile record; survives resets and restarts."""
 
     boots: int = 0
     resets: int = 0
@@ -102,7 +105,7 @@ class Record:
 
 
 def record_from_json(text: str) -> Record:
-    """The record as :meth:`Memory.save` wrote it."""
+    """Return the record that :meth:`Memory.save` wrote."""
     raw = json.loads(text)
     raw["banks"] = {name: BankRecord(**value) for name, value in raw["banks"].items()}
     raw["uploads"] = {

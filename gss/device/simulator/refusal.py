@@ -1,10 +1,10 @@
-"""How the unit says no."""
+"""Exception for rejected commands and transfers."""
 
 from __future__ import annotations
 
 
 class Refusal(Exception):
-    """A command or transfer cannot be carried out: the dictionary's reason and a sentence."""
+    """A command or transfer cannot be executed: the dictionary's reason and a sentence."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(detail)

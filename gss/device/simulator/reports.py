@@ -1,4 +1,4 @@
-"""What the sensor tells about its work: results as telemetry packets, in the dictionary's units."""
+"""Results of the sensor as telemetry packets, in the dictionary's units."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Report = tuple[str, dict[str, Value], dict[str, list[Row]]]
 
 @dataclass
 class Timing:
-    """Milliseconds of the last iteration."""
+    """Durations of the last iteration in milliseconds."""
 
     capture_ms: float = 0.0
     transfer_ms: float = 0.0
@@ -34,7 +34,7 @@ class Timing:
 
 
 def centroid_report(frame_number: int, detection: Detection) -> Report:
-    """Packet "centroids"."""
+    """Return the packet "centroids"."""
     values: dict[str, Value] = {
         "frame_number": frame_number,
         "regions_invalid": min(255, detection.invalid),
@@ -57,7 +57,7 @@ def _centroid_rows(c: Centroids) -> list[Row]:
 
 
 def match_report(frame_number: int, matching: Matched) -> Report:
-    """Packet "matches": the stars of the attitude, or the verified ones before it is known."""
+    """Return the packet "matches": the stars used for the attitude, or the verified ones before it is known."""
     rows: list[Row] = [
         {"centroid": int(i), "star": int(matching.row[i]), "weight": float(matching.weight[i])}
         for i in matching.selected
@@ -66,7 +66,7 @@ def match_report(frame_number: int, matching: Matched) -> Report:
 
 
 def attitude_report(found: Mapping[str, Value], attitude: Attitude | None, reason: str) -> Report:
-    """Packet "attitude". ``found``: frame, mode and counts."""
+    """Return the packet "attitude". ``found``: frame, mode and counts."""
     values = dict(found)
     values["outcome"] = "solved" if attitude else "none"
     values["reason"] = reason.encode()[:200].decode(errors="ignore")
@@ -76,13 +76,13 @@ def attitude_report(found: Mapping[str, Value], attitude: Attitude | None, reaso
 
 
 def timing_report(iteration: int, frame_number: int, timing: Timing) -> Report:
-    """Packet "timing"."""
+    """Return the packet "timing"."""
     values: dict[str, Value] = {"iteration": iteration, "frame_number": frame_number}
     return "timing", values | timing_values(timing), {}
 
 
 def frame_report(frame: StoredFrame) -> Report:
-    """Packet "frame_info"."""
+    """Return the packet "frame_info"."""
     rows, columns = frame.pixels.shape
     values: dict[str, Value] = {
         "frame_number": frame.number,
@@ -100,12 +100,12 @@ def frame_report(frame: StoredFrame) -> Report:
 
 
 def timing_values(timing: Timing) -> dict[str, Value]:
-    """Whole milliseconds, as the wire has them."""
+    """Return the durations in whole milliseconds, as on the wire."""
     return {name: min(0xFFFF, round(value)) for name, value in vars(timing).items()}
 
 
 def pose_values(quaternion: NDArray[np.float64] | None) -> dict[str, Value]:
-    """Quaternion, boresight and roll in degrees; NaN without an attitude."""
+    """Return quaternion, boresight and roll in degrees; NaN without an attitude."""
     names = ("quaternion_x", "quaternion_y", "quaternion_z", "quaternion_w", "ra_deg", "dec_deg", "roll_deg")
     if quaternion is None:
         return dict.fromkeys(names, float("nan"))
@@ -114,5 +114,5 @@ def pose_values(quaternion: NDArray[np.float64] | None) -> dict[str, Value]:
 
 
 def truth_report(frame_number: int, truth: Truth) -> Report:
-    """Packet "frame_truth", which no real device has."""
+    """Return the packet "frame_truth", which real devices do not have."""
     return "frame_truth", {"frame_number": frame_number} | pose_values(truth.quaternion), {}

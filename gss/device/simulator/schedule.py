@@ -1,4 +1,4 @@
-"""Commands for later: kept in the flash record, run by the command desk with all its checks when the device's clock says so."""
+"""Scheduled commands: stored in the flash record, checked and run by the command desk at their device time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from gss.domain.errors import BadInput, CorruptData
 MOST_WAITING = 16
 MOST_ENDED = 16
 NEVER = ("HELLO", "SCHEDULE", "ABORT")
-"""What makes no sense later, or would schedule itself."""
+"""Commands that cannot be scheduled."""
 
 
 class Schedule:
-    """Handlers and the clockwork. ``time_s``: the device's clock."""
+    """Handlers and execution of the schedule. ``time_s``: returns the device's clock."""
 
     def __init__(
         self, dictionary: Dictionary, memory: Memory, outbox: Outbox, desk: CommandDesk, time_s: Callable[[], float]
@@ -37,12 +37,12 @@ class Schedule:
         )
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {"SCHEDULE": self.schedule, "LIST_SCHEDULE": self.list_schedule, "CANCEL": self.cancel}
 
     @property
     def waiting(self) -> list[ScheduleEntry]:
-        """What is still to come, the next one first."""
+        """Waiting entries, the next one first."""
         entries = [e for e in self._memory.record.schedule if e.state == "waiting"]
         return sorted(entries, key=lambda e: (e.at_s, e.schedule_id))
 
@@ -64,7 +64,7 @@ class Schedule:
         return {"schedule_id": entry.schedule_id}
 
     def _check(self, code: int, payload: bytes) -> None:
-        """Its bytes must be a command; its conditions are looked at when its time comes."""
+        """Check that the bytes are a valid command; its preconditions are checked when it runs. Raises Refusal."""
         command = self._dictionary.command_of_code(code)
         if command is None or command.name not in self._desk.handlers:
             raise Refusal("unknown_command", f"code {code}")
@@ -92,21 +92,21 @@ class Schedule:
             self._put(replace(entry, state="cancelled"), request_id)
         return {"count": len(chosen)}
 
-    # --- clockwork ----------------------------------------------------------------------------------------------
+    # --- execution ----------------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """After a reset: what should have run while the processor was down was missed, and says so."""
+        """Restart after a reset: mark and report commands whose time passed while the processor was down."""
         for entry in self.waiting:
             if entry.at_s <= self._time_s():
                 self._put(replace(entry, state="missed"), 0)
                 self._outbox.event("SCHEDULE_FAILED", f"{self._name(entry)} was missed")
 
     def advance(self) -> None:
-        """Run what is due, each once."""
+        """Run each due command once."""
         for entry in self.waiting:
             if entry.at_s > self._time_s():
                 return
-            # Marked before it runs: what a reset interrupts has failed, and nothing runs twice.
+            # Marked as failed before it runs, so that a reset leaves it failed and nothing runs twice.
             self._put(replace(entry, state="failed", reason="reset"), 0, tell=False)
             self._desk.run_scheduled(
                 entry.request_id,
@@ -129,7 +129,7 @@ class Schedule:
         return f"{command.name if command else entry.command_code} (schedule {entry.schedule_id})"
 
     def _put(self, entry: ScheduleEntry, request_id: int, *, tell: bool = True) -> None:
-        """Replace an entry; of those that ended only the last ones are kept."""
+        """Replace an entry; only the last ``MOST_ENDED`` ended entries are kept."""
         record = self._memory.record
         entries = [entry if e.schedule_id == entry.schedule_id else e for e in record.schedule]
         ended = [e.schedule_id for e in entries if e.state != "waiting"]

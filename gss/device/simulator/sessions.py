@@ -1,4 +1,4 @@
-"""One open transfer of the device, and a message it sends."""
+"""An open transfer on the device, and a message it sends."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ class Outgoing:
 
 @dataclass
 class Session:
-    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set. ``area``: of flash that an
-    upload writes, "" for images."""
+    """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set.
+
+    ``area``: the flash area that an upload writes, "" for images.
+    """
 
     id: int
     request_id: int
@@ -44,5 +46,5 @@ class Session:
 
     @property
     def name(self) -> str:
-        """For a line of text."""
+        """Name for display."""
         return self.area or f"{self.kind} {self.target}"

@@ -1,4 +1,4 @@
-"""What the commands that set something do: exposure, gain, detection, what is known of attitude and orbit, time, period."""
+"""Handlers of the settings commands: exposure, gain, detection, attitude and orbit knowledge, time, period."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TAKES_BACK_DEG = 180.0
 
 
 class SettingOrders:
-    """Handlers over tracker, cycle and clock. ``sky_s``: simulated seconds of the sky."""
+    """Handlers for tracker, cycle and clock settings. ``sky_s``: returns simulated seconds of the sky."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class SettingOrders:
         self._tracker, self._cycle, self._clock, self._outbox, self._sky_s = tracker, cycle, clock, outbox, sky_s
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {
             "SET_EXPOSURE": self.set_exposure,
             "SET_GAIN": self.set_gain,

@@ -1,4 +1,4 @@
-"""Simulated time: as fast as the world, faster, or only on command."""
+"""Simulated time: at real speed, faster, or stepped by command."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ LONGEST_ORDER_BYTES = 200
 
 
 class SimulatedClock:
-    """Seconds since the start. ``real`` is the world's clock; a held clock stands still until it is stepped or run."""
+    """Seconds since the start. ``real``: the real clock. While held, time changes only by ``advance``."""
 
     def __init__(self, speed: float = 1.0, *, held: bool = False, real: Callable[[], float] = time.monotonic) -> None:
         self._speed, self._real, self.held = _checked_speed(speed), real, held
         self._base_s, self._since_s = 0.0, real()
 
     def __call__(self) -> float:
-        """Simulated seconds now."""
+        """Return the simulated seconds now."""
         return self._base_s if self.held else self._base_s + (self._real() - self._since_s) * self._speed
 
     def hold(self) -> None:
-        """Stand still."""
+        """Stop the clock."""
         self._base_s, self.held = self(), True
 
     def run(self, speed: float | None = None) -> None:
-        """Go on with the world, perhaps at another speed."""
+        """Run with the real clock, at another speed if given."""
         new_speed = self._speed if speed is None else _checked_speed(speed)
         self._base_s, self._since_s, self._speed, self.held = self(), self._real(), new_speed, False
 
     def advance(self, seconds: float) -> None:
-        """A step of a held clock."""
+        """Step a held clock. Raises BadInput while it runs."""
         if not self.held:
             raise BadInput("the clock is running", expected="pause before step")
         self._base_s += seconds
 
 
 class Paced(Protocol):
-    """What moves when time passes: the terminal."""
+    """Interface of what is driven by time: the terminal."""
 
     paced: bool
 
@@ -51,11 +51,11 @@ class Paced(Protocol):
 
 
 class TimeDesk:
-    """Orders of time, one a line: ``step SECONDS``, ``run [SPEED]``, ``pause``, ``time``. Each has one line of answer:
-    ``time T``, ``running``, ``paused T`` or ``error …``.
+    """Time commands, one per line: ``step SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
 
-    A step passes in ticks of 10 ms, and what has come over the line is read before the first: the same orders at the same
-    times give the same bytes.
+    Each is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks of 10
+    ms, and bytes received on the line are read before the first tick, so that the same commands at the same times
+    produce the same bytes.
     """
 
     def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = lambda: False) -> None:
@@ -63,7 +63,7 @@ class TimeDesk:
         self._rest = b""
 
     def feed(self, data: bytes) -> Iterator[str]:
-        """Answers to the orders that are complete."""
+        """Execute complete commands and yield their answers."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-LONGEST_ORDER_BYTES:]
         for line in lines:

@@ -1,7 +1,7 @@
-"""What the camera sees: real stars at the simulated date, drawn through the profile's camera and sensor.
+"""Images of the simulated camera: real stars at the simulated date, rendered with the profile's camera and sensor.
 
-With everything switched off in the environment: stars with proper motion and nothing else. Aberration moves the stars'
-directions, not the truth's attitude: truth stays that of ICRS axes, its star positions are the apparent ones.
+With everything in the environment switched off: stars with proper motion only. Aberration changes the stars' directions
+but not the true attitude: that refers to ICRS axes, its star positions are the apparent ones.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ NEAR_FIELD_RAD = float(np.radians(1.0))
 
 @dataclass(frozen=True)
 class Exposure:
-    """One image and the truth of mid-exposure."""
+    """One image and the ground truth at mid-exposure."""
 
     pixels: NDArray[np.uint8] | NDArray[np.uint16]
     truth: Truth
 
 
 class Sky:
-    """Draws exposures. The seed and the frame number decide the noise; time and the environment decide the scene."""
+    """Renders exposures. Seed and frame number determine the noise; time and environment determine the scene."""
 
     def __init__(
         self,
@@ -57,11 +57,11 @@ class Sky:
         self._stars = propagate(load_stars(faintest), epoch_jyear)
 
     def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> Exposure:
-        """The image whose middle is at that device time."""
+        """Return the image whose mid-exposure is at ``mid_time_s`` (simulated time)."""
         world, profile = self.environment, self._profile
         pose = world.motion.at(mid_time_s)
         rng = np.random.default_rng(np.random.SeedSequence([self._seed, frame_number]))
-        # Of a trail too long to draw the middle part is drawn, with the light that falls on it.
+        # If star trails are too long to render, only their middle part is rendered, with its share of the light.
         trail_s = 0.999 * longest_trail_s(profile.camera, profile.sensor, pose.rate_rad_s)
         share = min(1.0, trail_s / exposure_s)
         drawn = render(
@@ -80,7 +80,7 @@ class Sky:
         return Exposure(drawn.pixels, drawn.truth)
 
     def rate_rad_s(self, time_s: float) -> float:
-        """How fast the camera turns."""
+        """Return the camera's angular speed."""
         return self.environment.rate_rad_s(time_s)
 
     def _apparent(self, pose: Pose, time_s: float, exposure_s: float) -> StarTable:
@@ -94,7 +94,7 @@ class Sky:
         return replace(near, icrs=aberrate(near.icrs, self.environment.velocity_c(time_s)))
 
     def _lights(self, pose: Pose, time_s: float, trail_s: float) -> Lights | None:
-        """Planets and the Moon's disc, as far as they are near the field. A disc that is smeared needs fewer points."""
+        """Return planets and the Moon's disc if near the field of view. A smeared disc needs fewer points."""
         world = self.environment
         if not (world.planets or world.moon):
             return None
@@ -116,7 +116,7 @@ class Sky:
         return Lights(places[seen], brightness[seen])
 
     def _veil(self, pose: Pose, time_s: float) -> Veil | None:
-        """Stray light of Sun, Earth and Moon, and the Earth itself."""
+        """Return stray light of Sun, Earth and Moon, and the Earth's disc."""
         world, camera, sensor = self.environment, self._profile.camera, self._profile.sensor
         if not (world.sun or world.moon or world.earth):
             return None
@@ -147,7 +147,10 @@ class Sky:
 
 
 def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[Array, float]:
-    """(n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each; fewer by ``smear``."""
+    """Return (n, 3) directions spread evenly over the Moon's lit side, and the magnitude of each.
+
+    ``smear``: divides the number of points.
+    """
     moon = bodies.moon
     count = int(np.clip(6 * (moon.radius_rad / pixel_rad) ** 2 / smear, *MOON_POINTS))
     order = np.arange(count)
@@ -166,7 +169,7 @@ def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[A
 
 
 def _across(disc: Disc) -> tuple[Array, Array]:
-    """Two directions at right angles to that of a body and to each other."""
+    """Return two directions perpendicular to that of a body and to each other."""
     helper = np.eye(3)[int(np.argmin(np.abs(disc.icrs)))]
     east = np.cross(helper, disc.icrs)
     east /= np.linalg.norm(east)

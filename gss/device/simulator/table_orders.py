@@ -1,4 +1,4 @@
-"""What the commands for tables do: the same life as a catalogue bank's, for triplets, calibration and parameters."""
+"""Handlers of the table commands: the same life cycle as a catalogue bank, for triplets, calibration and parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ERASE_S = 0.1
 
 
 class TableOrders:
-    """Handlers over the tables. An activated table is on trial until CONFIRM_TABLE; the trial ends by time or reset."""
+    """Handlers for the tables. An activated table is on trial until CONFIRM_TABLE; a timeout or a reset ends the trial."""
 
     def __init__(self, memory: Memory, tracker: StarTracker, loader: Loader, outbox: Outbox) -> None:
         self._memory, self._tracker, self._loader, self._outbox = memory, tracker, loader, outbox
@@ -26,7 +26,7 @@ class TableOrders:
         self._now_s = 0.0
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {
             "LIST_TABLES": self.list_tables,
             "VERIFY_TABLE": self.verify_table,
@@ -37,7 +37,7 @@ class TableOrders:
         }
 
     def restart(self) -> None:
-        """After a reset trials are over. The tracker reads the tables afterwards."""
+        """End all trials after a reset. The caller reads the tables afterwards."""
         self._confirm_by_s.clear()
         for table, used in list(self._memory.record.tables.items()):
             if used.unconfirmed:
@@ -46,7 +46,7 @@ class TableOrders:
                 self._outbox.event("TABLE_FELL_BACK", text)
 
     def advance(self, now_s: float) -> None:
-        """Let time pass: trials may end."""
+        """Advance the time; trials may end."""
         self._now_s = now_s
         for table in [t for t, by_s in self._confirm_by_s.items() if now_s >= by_s]:
             self._fall_back(table, "was not confirmed in time", 0)
@@ -56,7 +56,7 @@ class TableOrders:
         return max(0, int(np.ceil(by_s - self._now_s))) if by_s is not None else 0
 
     def _read(self, request_id: int) -> None:
-        """The tracker works with what is active now."""
+        """Load the active tables into the tracker."""
         for problem in self._tracker.load_tables():
             self._outbox.event("TABLE_CORRUPT", problem, request_id)
 
@@ -87,7 +87,7 @@ class TableOrders:
         return {"count": len(TABLES) * len(TABLE_BANKS)}
 
     def _read_back(self, table: str, bank: str, request_id: int) -> Task:
-        """SHA-256 of what is in flash now; a table that is not what its record says becomes corrupt."""
+        """Return the SHA-256 of the flash content. A table that does not match its record becomes corrupt."""
         area = area_name(table, bank)
         held = self._memory.record.banks[area]
         if held.state not in ("committed", "corrupt"):

@@ -1,4 +1,4 @@
-"""The tables in use: read from flash, turned into chain, camera, constants and triplets."""
+"""Active tables: read from flash and converted to chain, camera, constants and triplets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.pipeline.chains.onboard import OnboardChain
 
 
 class Tables:
-    """What the active tables say. A table that cannot be read is left out and its problem told: the unit's own values hold."""
+    """Content of the active tables. For a table that cannot be read, the unit's defaults apply and the problem is reported."""
 
     def __init__(self, profile: CameraProfile, memory: Memory) -> None:
         self._own, self._memory = profile, memory
@@ -29,13 +29,13 @@ class Tables:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Changes when another table becomes active."""
+        """Identifies the active tables; changes when another one becomes active."""
         record = self._memory.record
         areas = [area_name(t, record.tables[t].active) for t in TABLES]
         return tuple(f"{area} {record.banks[area].sha256}" for area in areas)
 
     def load(self) -> list[str]:
-        """Read all three anew; what is wrong with them."""
+        """Read all tables again. Returns the problems."""
         self.profile, self.parameters, self.triplets = self._own, {}, None
         problems = []
         for table in TABLES:
@@ -61,8 +61,11 @@ class Tables:
             self.triplets = decode_triplets(content)
 
     def prepare(self, catalogue: OnboardCatalogue) -> Any:
-        """What the chain makes of a bank; with the triplet table where the chain uses one. The factory's belongs to the golden
-        catalogue and gives way to the bank's own triplets: without either the chain makes its own."""
+        """Return the chain's prepared catalogue, with the active triplet table if the chain uses triplets.
+
+        The factory's triplet table belongs to the golden catalogue. It is not used for a bank that contains triplets or
+        that it was not made for; the chain then uses the bank's triplets or computes its own.
+        """
         prepared = self.chain.prepare(catalogue, self.profile)
         used = self._memory.record.tables["triplets"].active
         if self.triplets is None or not hasattr(prepared, "triplets"):
@@ -72,7 +75,7 @@ class Tables:
         return prepare_with_triplets(catalogue, self.profile, self.triplets)
 
     def _belongs(self) -> bool:
-        """Was the active triplet table made for the active bank?"""
+        """True if the active triplet table was made for the active bank."""
         record = self._memory.record
         table = self._memory.content(area_name("triplets", record.tables["triplets"].active))
         body_crc = int.from_bytes(self._memory.content(record.active)[56:60], "little")

@@ -1,6 +1,6 @@
 """The device's end of a real line: a pseudo-terminal or one TCP connection, paced to the baud rate, with faults.
 
-One thread, one loop. Nobody listening is normal: a UART sends into the void, so what cannot be written is lost.
+One thread, one loop. A missing listener is normal: as with a UART, bytes that cannot be written are lost.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BURST_S = 0.02
 
 
 class Line(Protocol):
-    """The near end of a line; never blocks."""
+    """The device's end of a line; never blocks."""
 
     url: str
 
@@ -43,7 +43,7 @@ class Line(Protocol):
 
 
 class PtyLine:
-    """A pseudo-terminal in raw mode. The far side is kept open here too: a master without it reads EIO for ever."""
+    """A pseudo-terminal in raw mode. Also keeps the slave end open, without which reads from the master fail with EIO."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._link = link
@@ -77,7 +77,7 @@ class PtyLine:
         return b"" if self._cut else data
 
     def write(self, data: bytes) -> int | None:
-        """Bytes taken; 0 when the buffer is full, None when the line is cut."""
+        """Write without blocking. Returns the number of bytes taken, 0 if the buffer is full, None if the line is disconnected."""
         if self._cut or self._handles is None:
             return None
         try:
@@ -86,14 +86,17 @@ class PtyLine:
             return 0
 
     def hang_up(self) -> None:
-        """Cut. With a symlink the port itself vanishes; a nameless one could not come back under its name, so it only
-        falls silent."""
+        """Disconnect the line.
+
+        With a symlink the port itself disappears. Without one it could not return under the same name, so it only stops
+        responding.
+        """
         self._cut = True
         if self._link is not None:
             self._release()
 
     def restore(self) -> None:
-        """Whole again: a new port behind the same symlink."""
+        """Reconnect the line: a new port behind the same symlink."""
         self._cut = False
         if self._handles is None:
             self.url = self._open()
@@ -111,7 +114,7 @@ class PtyLine:
 
 
 class TcpLine:
-    """One connection at a time on the loopback; a second one is closed at once."""
+    """One TCP connection at a time on the loopback interface; a second one is closed at once."""
 
     def __init__(self, port: int) -> None:
         if not 0 <= port <= 65535:
@@ -164,7 +167,7 @@ class TcpLine:
         return data
 
     def write(self, data: bytes) -> int | None:
-        """Bytes taken, 0 when the buffer is full, None when nobody is there."""
+        """Write without blocking. Returns the number of bytes taken, 0 if the buffer is full, None without a client."""
         if self._peer is None:
             return None
         try:
@@ -178,12 +181,12 @@ class TcpLine:
             return None
 
     def hang_up(self) -> None:
-        """Drop the connection and every new one."""
+        """Close the connection and every new one."""
         self._cut = True
         self._drop()
 
     def restore(self) -> None:
-        """Take connections again."""
+        """Accept connections again."""
         self._cut = False
 
     def close(self) -> None:
@@ -192,8 +195,11 @@ class TcpLine:
 
 
 class Terminal:
-    """Moves bytes between a line and a device. ``bytes_per_s`` 0: as fast as it goes. ``clock``: the simulated one.
-    ``paced`` False lets bytes pass at once, as they must while the clock stands still."""
+    """Moves bytes between a line and a device.
+
+    ``bytes_per_s`` 0: no rate limit. ``clock``: the simulated one. ``paced`` False: no rate limit either, as required
+    while the clock is held.
+    """
 
     def __init__(
         self, line: Line, device: Device, clock: Callable[[], float], bytes_per_s: float, control: LineControl
@@ -201,14 +207,14 @@ class Terminal:
         self._line, self._device, self._clock, self._rate = line, device, clock, bytes_per_s
         self._control, self._connected = control, True
         self.paced = True
-        self._pending = b""  # spoiled, waiting for the line's pace
-        self._out = b""  # due at the far end, waiting for room
+        self._pending = b""  # after faults, waiting for the line rate
+        self._out = b""  # after the delay, waiting for buffer space
         self._blocked_s: float | None = None
         self._read_credit = self._write_credit = 0.0
         self._at_s = clock()
 
     def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]:
-        """Wait a little, then let time pass once. Returns which of the handles in ``also`` are ready."""
+        """Wait up to ``wait_s``, then advance the device once. Returns which handles in ``also`` are ready."""
         handles = self._line.wait_handles() if self._may_read() else []
         ready, _, _ = select.select([*handles, *(also or [])], [], [], wait_s)
         now_s = self._clock()
@@ -241,7 +247,7 @@ class Terminal:
     def _refill(self, now_s: float) -> None:
         elapsed_s, self._at_s = max(0.0, now_s - self._at_s), now_s
         if self._limited:
-            # After a slow turn the line catches up with what it could have carried, up to a quarter second.
+            # After a slow turn the line catches up on what it could have carried, up to a quarter second.
             most = self._rate * max(BURST_S, min(elapsed_s, 0.25))
             self._read_credit = min(self._read_credit + self._rate * elapsed_s, most)
             self._write_credit = min(self._write_credit + self._rate * elapsed_s, most)
@@ -276,15 +282,17 @@ class Terminal:
             self._pending = self._pending[share:]
 
     def _fetch(self, now_s: float) -> bool:
-        """One more frame from the device, as the faults leave it."""
+        """Append the next frame of the device, with faults applied. Returns False if there is none."""
         frame = self._device.next_frame(now_s)
         if frame is not None:
             self._pending += self._control.down.apply(frame)
         return frame is not None
 
     def _written(self, now_s: float) -> bool:
-        """Hand over what is due. False: the buffer is full; after a while those bytes are gone, as on a wire that
-        nobody reads."""
+        """Write the bytes that are due. Returns False if the buffer is full.
+
+        After ``GIVE_UP_S`` without progress the bytes are lost, as on a wire without a reader.
+        """
         if not self._out:
             return True
         taken = self._line.write(self._out)
@@ -303,9 +311,9 @@ class Terminal:
 
     @property
     def busy(self) -> bool:
-        """Is there something to write at once?"""
+        """True if bytes are waiting to be written."""
         return bool(self._pending or self._out)
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
         self._line.close()

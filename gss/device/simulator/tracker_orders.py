@@ -1,4 +1,4 @@
-"""What the commands for images, stars and attitude do, and the 1 Hz cycle."""
+"""Handlers of the commands for images, stars and attitude, and the 1 Hz cycle."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gss.pipeline.chains.modes import Mode
 
 CYCLE_SLOTS = (2, 3)
 LONGEST_CYCLE_EXPOSURE = 0.5
-"""Share of the period: what is left is for reading out and working (Erlank 2013 §5.3.6)."""
+"""Maximum fraction of the period; the rest is for readout and processing (Erlank 2013 §5.3.6)."""
 DEFAULT_PERIOD_MS = 1000
 IMAGE_RAILS, PROCESS_RAILS = ("imager", "fpga", "sram"), ("sram",)
 
 
 class TrackerOrders:
-    """Handlers over a StarTracker. ``clock``: (now, simulated seconds of the sky)."""
+    """Handlers for a StarTracker. ``clock``: returns (now, simulated seconds of the sky)."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class TrackerOrders:
         self._last_slot: int | None = None
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {
             "SET_MODE": self.set_mode,
             "START_CYCLE": self.start_cycle,
@@ -56,7 +56,7 @@ class TrackerOrders:
         }
 
     def guards(self) -> dict[str, Guard]:
-        """Commands that need power: without it they are rejected."""
+        """Return the power checks by command name; a command without power is rejected."""
         image = ("TAKE_IMAGE", "RUN_ITERATION", "START_CYCLE")
         return {name: lambda _: self._need(IMAGE_RAILS) for name in image} | {
             "FIND_CENTROIDS": lambda _: self._need(PROCESS_RAILS)
@@ -71,39 +71,39 @@ class TrackerOrders:
 
     @property
     def cycle_running(self) -> bool:
-        """Does the cycle run?"""
+        """True if the cycle is running."""
         return self._due_s is not None
 
     def restart(self) -> bool:
-        """Forget the cycle without a word; True if it ran."""
+        """Stop the cycle without an event; True if it was running."""
         ran = self.cycle_running
         self._due_s = self._last_slot = None
         return ran
 
     def reset(self) -> None:
-        """As after power-on."""
+        """Reset to power-on."""
         self.restart()
         self.period_ms = DEFAULT_PERIOD_MS
 
     def stop_without_power(self) -> None:
-        """A cycle whose unit has lost its power ends."""
+        """Stop the cycle if a rail it needs has no power."""
         off = [rail for rail in IMAGE_RAILS if not self._power.on(rail)]
         if off and self.restart():
             self._outbox.event("CYCLE_STOPPED", f"{off[0]} has no power")
 
     def run_cycle(self) -> None:
-        """Each period: work on the image before while the next one is taken (Erlank 2013 §5.3.6)."""
+        """In each period, process the previous image while the next one is exposed (Erlank 2013 §5.3.6)."""
         now_s, sky_s = self._clock()
         if self._due_s is None or now_s < self._due_s:
             return
         start_s, period_s = sky_s - (now_s - self._due_s), self.period_ms / 1000
-        # After a pause of the simulation the cycle goes on with the next whole period; lost ones stay lost.
+        # After a pause of the simulation the cycle continues with the next whole period; missed ones are skipped.
         self._due_s += period_s * max(1.0, np.ceil((now_s - self._due_s) / period_s))
         previous = self._last_slot
         if previous is not None:
             self._iterate(previous, 0)
             t = self._tracker.timing
-            # What takes longer than the period delays the next iteration by whole periods (Sunsat's lost in space: 14 s).
+            # Processing longer than the period delays the next iteration by whole periods (Sunsat lost in space: 14 s).
             late_s = (t.detect_ms + t.match_ms + t.attitude_ms) / 1000 - period_s
             self._due_s += period_s * max(0.0, np.ceil(late_s / period_s))
         slot = CYCLE_SLOTS[0] if previous != CYCLE_SLOTS[0] else CYCLE_SLOTS[1]
@@ -224,7 +224,7 @@ class TrackerOrders:
         self._tell_mode(mode, request_id)
         return {"frame_number": tracker.frame_number, "outcome": "solved" if self._tracker.solved else "none"}
 
-    # --- results of before --------------------------------------------------------------------------------------
+    # --- stored results -----------------------------------------------------------------------------------------
 
     def get_centroids(self, _: Arguments, request_id: int) -> Returns:
         tracker = self._tracker

@@ -1,4 +1,4 @@
-"""The instructor's desk: makes things go wrong, at once, for a time, or by a seeded plan; spoils the line; turns the sky."""
+"""Fault injection for training: at once, for a time or by a seeded plan; line faults; motion of the sky."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.device.simulator.refusal import Refusal
 from gss.domain.errors import BadInput
 
 LASTING = ("stuck_sensor", "overheat", "stale_attitude", "clock_drift", "blinded", "false_stars")
-"""Faults that are at work until their time is over or they are taken back; the others strike once."""
+"""Faults that last for their duration or until they are removed; the others occur once."""
 LIMITS: Mapping[str, tuple[float, float]] = {
     "bank_corruption": (0, len(BANKS) - 1),
     "overheat": (-100.0, 150.0),
@@ -27,7 +27,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "false_stars": (1, 500),
 }
 USUAL: Mapping[str, float] = {"overheat": 30.0, "clock_drift": 100.0, "clock_jump": 10.0, "false_stars": 20.0}
-"""What 0 stands for where a fault of no size would be none: °C, parts per million, seconds, stars."""
+"""Sizes used for value 0, with which the fault would have no effect: °C, parts per million, seconds, stars."""
 FLIPPED_BITS = 3
 CONTROL = {"orbit": "zenith", "inertial": "inertial", "slew": "slew", "tumble": "tumble", "earth_fixed": "ground"}
 STALL_S = 0.5
@@ -35,7 +35,7 @@ STALL_S = 0.5
 
 @dataclass(frozen=True)
 class PlannedFault:
-    """A fault of a plan. ``at_s``: simulated seconds of the sky. ``duration_s`` 0: until taken back."""
+    """A fault of a plan. ``at_s``: simulated seconds of the sky. ``duration_s`` 0: until removed."""
 
     at_s: float
     fault: str
@@ -44,7 +44,10 @@ class PlannedFault:
 
 
 def seeded_plan(seed: int, seconds: float, faults: tuple[str, ...], every_s: float) -> tuple[PlannedFault, ...]:
-    """Faults at random times, on average one in ``every_s``; the same for a seed on any machine. Values lie inside limits."""
+    """Return faults at random times, on average one in ``every_s``, with values inside the limits.
+
+    A seed gives the same plan on any machine.
+    """
     rng = np.random.default_rng(seed)
     plan, at_s = [], float(rng.exponential(every_s))
     while at_s < seconds:
@@ -59,7 +62,7 @@ def seeded_plan(seed: int, seconds: float, faults: tuple[str, ...], every_s: flo
 
 
 class Training:
-    """Handlers and clockwork. ``sky_s``: simulated seconds of the sky. ``reset``: asks for a watchdog reset."""
+    """Handlers and timing of faults. ``sky_s``: returns simulated seconds of the sky. ``reset``: requests a watchdog reset."""
 
     def __init__(
         self,
@@ -77,7 +80,7 @@ class Training:
         self._plan: list[PlannedFault] = []
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name; none of them on a real unit."""
+        """Return the handlers by command name; a real unit has none of them."""
         return {
             "SIM_INJECT": self.sim_inject,
             "SIM_SET_LINE": self.sim_set_line,
@@ -87,17 +90,17 @@ class Training:
 
     @property
     def at_work(self) -> int:
-        """Faults that last and are not over."""
+        """Number of lasting faults in effect."""
         return len(self._until_s)
 
     # --- faults -------------------------------------------------------------------------------------------------
 
     def plan(self, faults: tuple[PlannedFault, ...]) -> None:
-        """Faults that will come by themselves."""
+        """Add faults that start automatically at their planned times."""
         self._plan = sorted([*self._plan, *faults], key=lambda f: f.at_s)
 
     def advance(self) -> None:
-        """Let time pass: planned faults strike, lasting ones end."""
+        """Advance the time: planned faults start, lasting ones end."""
         now_s = self._sky_s()
         while self._plan and self._plan[0].at_s <= now_s:
             planned = self._plan.pop(0)
@@ -110,7 +113,10 @@ class Training:
             self._outbox.event("TRAINING", f"{fault} is over")
 
     def inject(self, fault: str, value: float = 0.0, duration_s: float = 0.0, request_id: int = 0) -> None:
-        """Make one thing go wrong now; Refusal where the value makes no sense. 0 is the usual size."""
+        """Inject a fault now; value 0 uses its default size. "none" removes all faults.
+
+        Raises Refusal if the value is out of range.
+        """
         value = value or USUAL.get(fault, 0.0)
         if fault in LIMITS:
             low, high = LIMITS[fault]
@@ -212,7 +218,7 @@ class Training:
         return {}
 
     def sim_set_sky(self, a: Arguments, request_id: int) -> Returns:
-        """Inertial, slew, tumble and Earth-fixed start from the given attitude; the orbit goes its own way."""
+        """Set the motion. It starts from the given attitude, except "orbit", which returns to the orbit."""
         world, now_s, kind = self._tracker.sky.environment, self._sky_s(), str(a["motion"])
         if kind != "orbit":
             ra_rad, dec_rad, roll_rad = (float(np.radians(float(a[n]))) for n in ("ra_deg", "dec_deg", "roll_deg"))

@@ -1,4 +1,4 @@
-"""What the commands for the unit's supplies and memories do: POWER, CLEAR_LATCHUP, READ_MEMORY."""
+"""Handlers of the commands for power and memory: POWER, CLEAR_LATCHUP, READ_MEMORY."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SWITCH_S = 0.1
 
 
 class UnitOrders:
-    """Handlers over power and memories. ``registers``: settings and counters as bytes."""
+    """Handlers for power and memories. ``registers``: returns settings and counters as bytes."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class UnitOrders:
         self._memory, self._outbox, self._registers = memory, outbox, registers
 
     def handlers(self) -> dict[str, Handler]:
-        """By command name."""
+        """Return the handlers by command name."""
         return {"POWER": self.power, "CLEAR_LATCHUP": self.clear_latchup, "READ_MEMORY": self.read_memory}
 
     def power(self, a: Arguments, request_id: int) -> Task:
@@ -55,7 +55,7 @@ class UnitOrders:
         return {}
 
     def apply(self) -> None:
-        """What follows from a unit without power: image memories are empty, a cycle ends."""
+        """Apply the effects of missing power: image memories are emptied, the cycle stops."""
         if not self._power.on("sram") and self._tracker.slots:
             self._tracker.slots.clear()
             self._loader.drop_images()

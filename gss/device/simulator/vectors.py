@@ -1,4 +1,4 @@
-"""Matched vectors as Sunsat's star sensor hands them to the attitude control (Jacobs 1995 §3.4, §7.5)."""
+"""Matched vectors as Sunsat's star sensor passes them to the attitude control (Jacobs 1995 §3.4, §7.5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.pipeline.chains.sunsat_frames import attitude_angles_rad
 from gss.pipeline.chains.sunsat_vectors import matched_vectors
 
 J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
-"""2000-01-01 12:00 since 1970; the minute between UTC and TT does not show in a velocity."""
+"""2000-01-01 12:00 in seconds since 1970; the difference of about a minute from UTC to TT does not affect a velocity."""
 MOST_VECTORS = 255
 
 
@@ -28,8 +28,10 @@ def vector_report(
     orbit: KnownOrbit,
     utc_s: float,
 ) -> Report | None:
-    """Packet "matched_vectors" of a solution, None where there is none. ``row``: (n,) catalogue row per centroid. Roll, pitch
-    and yaw are those of the attitude found."""
+    """Return the packet "matched_vectors" of a solution, None without an attitude.
+
+    ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw are those of the attitude found.
+    """
     if solution.attitude is None or solution.matches is None:
         return None
     result = SolveResult(
