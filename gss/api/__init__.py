@@ -1,1 +1,1 @@
-"""HTTP in, HTTP out; no arithmetic, no SQL."""
+"""HTTP requests and responses; no arithmetic, no SQL."""

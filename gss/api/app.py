@@ -1,4 +1,4 @@
-"""The HTTP application: routers, errors, guards, and the pages."""
+"""The HTTP application: routers, error handlers, guards and the web pages."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ WITHOUT_PAGES = (
 
 
 def create_app(services: Services, pages: Path = PAGES, behind: Path | None = None) -> FastAPI:
-    """The application over connected services; it starts and stops them with itself. ``behind``: this is an API worker,
-    whose services only read; the link process is behind this Unix socket."""
+    """Return the application for connected services; its lifespan starts and stops them. ``behind``: build the
+    application of an API worker, whose services only read; the path is the Unix socket of the link process."""
     state = None if behind else lambda: first_state(services.status)
     fanout = Fanout(services.streams, state, services.settings.streams_each, services.settings.streams_most)
 
@@ -95,7 +95,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
-        redirect_slashes=False,  # what it redirects to names the address that a proxy hides
+        redirect_slashes=False,  # a redirect would contain the internal address behind a proxy
         responses=errors.PROBLEMS,
     )
     app.state.services, app.state.fanout = services, fanout
@@ -150,7 +150,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
 
 def _serve_pages(app: FastAPI, pages: Path) -> None:
     if (pages / "index.html").exists():
-        app.router.default = Pages(pages)  # after every route; also for the addresses that the pages' own script knows
+        app.router.default = Pages(pages)  # after every route; also serves paths that the pages' script routes itself
         return
 
     @app.get("/", include_in_schema=False)

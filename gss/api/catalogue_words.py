@@ -1,4 +1,5 @@
-"""The builder's form as a build request: degrees to radians, words to records. The command line says the same words."""
+"""Convert the catalogue form to a build request: degrees to radians, text to records. The command line uses the same
+field names."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ FIRST_YEAR, LAST_YEAR = 1950, 2150
 
 
 def request_of(body: CatalogueIn, user: str, now: datetime) -> BuildRequest:
-    """The request of the form. Without a start the days of use begin now, where they count."""
+    """Return the build request for the form. If an attitude is set and no start is given, the days of use begin at
+    ``now``."""
     orbit, attitude = _orbit(body), _attitude(body)
     start = moment(body.start) or (None if attitude is None else now)
     height_m = altitude_m(orbit, None if body.altitude_km is None else 1000 * body.altitude_km)
@@ -69,7 +71,7 @@ def request_of(body: CatalogueIn, user: str, now: datetime) -> BuildRequest:
 
 
 def moment(text: str) -> datetime | None:
-    """A date of a form; None for nothing."""
+    """Parse a date from a form; None if empty. BadInput if it is not ISO 8601 or its year is out of range."""
     if not text:
         return None
     try:

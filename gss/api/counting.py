@@ -1,4 +1,5 @@
-"""Counts requests by kind of route and answer, and how long they took. Plain ASGI: a stream costs nothing more."""
+"""Count requests by route kind and status class, and measure time to first byte. Plain ASGI, so streams have no extra
+cost."""
 
 from __future__ import annotations
 
@@ -12,13 +13,14 @@ from gss.operations.upkeep.metrics import Metrics
 
 
 def kinds_of(app: FastAPI) -> frozenset[str]:
-    """The first words of the addresses below /api: few values, for what anybody may ask for must not grow the figures."""
+    """Return the first path segments below /api. Unknown paths must not add values to the metrics' labels, so this set
+    is fixed."""
     paths = ((context.path or "").split("/") for context in iter_route_contexts(app.routes))
     return frozenset(parts[2] for parts in paths if parts[1:2] == ["api"])
 
 
 class Counting:
-    """Middleware. ``kinds``: of routes; what is of none counts as other."""
+    """Middleware that counts requests. ``kinds``: known route kinds; all others are counted as "other"."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, kinds: frozenset[str]) -> None:
         self._app, self._metrics, self._kinds = app, metrics, kinds
@@ -33,7 +35,7 @@ class Counting:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                if kind != "stream":  # until the answer begins: a stream never ends, and a slow reader is not our time
+                if kind != "stream":  # to the first byte: a stream does not end
                     taken_s = time.perf_counter() - begun_s
                     self._metrics.observe("gss_http_seconds", "Time to the answer's first byte.", taken_s, route=kind)
             await send(message)

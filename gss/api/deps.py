@@ -1,4 +1,4 @@
-"""What routers ask for."""
+"""FastAPI dependencies shared by the routers."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from gss.operations.accounts import identity
 from gss.operations.accounts.permissions import VIEW, require
 from gss.wiring import Services
 
-# --- who asks -----------------------------------------------------------------------------------------------------
+# --- caller -------------------------------------------------------------------------------------------------------
 
 
 def who_of(scope: Scope) -> identity.Who | None:
-    """The identity that the guard proved for this request."""
+    """Return the identity that the guard verified for this request; None if there is none."""
     found: identity.Who | None = scope.get("state", {}).get("who")
     return found
 
 
 def identity_still_valid(services: Services, who: identity.Who) -> str:
-    """Why whoever asked may no longer be answered; "" while they may. Reads the database: for streams, every few seconds."""
+    """Return the reason why the caller's identity is no longer valid, or "" if it still is. Reads the database; streams
+    call it every few seconds."""
     return services.accounts.why_over(who)
 
 
@@ -38,13 +39,13 @@ def _signed_in(request: Request) -> identity.Who:
     return who
 
 
-# What takes no time is asked on the event loop: the threads may all be busy, and ABORT must not wait for one.
+# These dependencies run on the event loop: the thread pool may be full, and ABORT must not wait for a thread.
 async def _who(request: Request) -> identity.Who:
     return _signed_in(request)
 
 
 Who = Annotated[identity.Who, Depends(_who)]
-"""Who asks, with role and permissions."""
+"""The caller, with role and permissions."""
 
 
 async def _user(who: Who) -> str:
@@ -52,7 +53,7 @@ async def _user(who: Who) -> str:
 
 
 User = Annotated[str, Depends(_user)]
-"""Name of who asks."""
+"""Name of the caller."""
 
 
 async def _deed(request: Request) -> Callable[..., None]:
@@ -63,15 +64,15 @@ async def _deed(request: Request) -> Callable[..., None]:
 
 
 Deed = Annotated[Callable[..., None], Depends(_deed)]
-"""Tells the audit record what exactly is asked for, before it is tried. Chosen words only: never a password, key or link."""
+"""Function that sets the audit detail of this request before it is carried out. Never pass it a password, key or link."""
 
 
-# --- what it needs ------------------------------------------------------------------------------------------------
+# --- permissions --------------------------------------------------------------------------------------------------
 
 
 class Need:
-    """What a route declares: a permission, some with | between, ``command`` for any command's, or ``nobody`` for what is open
-    before signing in. ``changes``: is it on the record when it was done?"""
+    """Permission that a route declares: one permission, alternatives joined by |, ``command`` for any command
+    permission, or ``nobody`` for routes open without sign-in. ``changes``: requests are written to the audit log."""
 
     def __init__(self, permission: str, changes: bool) -> None:
         self.permission, self.changes = permission, changes
@@ -83,10 +84,10 @@ class Need:
 
 
 class Export:
-    """Marks a GET that gives a file away: it is on the record."""
+    """Marks a GET that exports a file; every such request is written to the audit log."""
 
     async def __call__(self) -> None:
-        """Nothing to check: the permission to see is the permission to keep."""
+        """Check nothing: the view permission also covers exports."""
 
 
 NOBODY = "nobody"
@@ -94,17 +95,18 @@ EXPORT = Depends(Export())
 
 
 def need(permission: str, *, changes: bool = True) -> Any:
-    """For ``dependencies=[need("frames.import")]``. Every route that is no GET declares exactly one."""
+    """Return the dependency for ``dependencies=[need("frames.import")]``. Every route with a method other than GET
+    declares exactly one."""
     return Depends(Need(permission, changes))
 
 
 def needs_of(route: object) -> list[Need]:
-    """What a route declares."""
+    """Return the permissions that a route declares."""
     return [mark for mark in _marks(route) if isinstance(mark, Need)]
 
 
 def is_export(route: object) -> bool:
-    """Does it give a file away?"""
+    """True if the route exports a file."""
     return any(isinstance(mark, Export) for mark in _marks(route))
 
 
@@ -113,13 +115,13 @@ def _marks(route: object) -> list[object]:
 
 
 async def view_by_default(request: Request) -> None:
-    """A route that declares nothing needs the permission to look."""
+    """Require the view permission on a route that declares no permission."""
     if not needs_of(request.scope.get("route")):
         who = _signed_in(request)
         require(who.permissions, VIEW, who.role)
 
 
-# --- what is asked for --------------------------------------------------------------------------------------------
+# --- parameters ---------------------------------------------------------------------------------------------------
 
 
 async def _services(request: Request) -> Services:
@@ -128,7 +130,7 @@ async def _services(request: Request) -> Services:
 
 
 RowId = Annotated[int, Path(ge=1, le=LARGEST_ID)]
-"""Id in an address."""
+"""Row id in a path."""
 ContactId = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
 """Optional filter by contact."""
 
@@ -136,7 +138,7 @@ App = Annotated[Services, Depends(_services)]
 
 
 def _with_zone(value: datetime) -> datetime:
-    """The moment in UTC; one without a zone is meant so."""
+    """Return the time in UTC; a time without a zone is taken as UTC."""
     try:
         return (value if value.tzinfo else value.replace(tzinfo=UTC)).astimezone(UTC)
     except OverflowError:
@@ -144,4 +146,4 @@ def _with_zone(value: datetime) -> datetime:
 
 
 Moment = Annotated[datetime, AfterValidator(_with_zone)]
-"""A moment in a query."""
+"""A time in a query."""

@@ -1,4 +1,5 @@
-"""Errors as people can use them: what was expected, what came, what to try, and an id that is in the server's log."""
+"""Convert exceptions to error responses: what was expected, what was received, what to do next, and an id that is also
+in the server's log."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 
 
 def describe(app: FastAPI) -> None:
-    """Errors are JSON, whatever a route answers otherwise: the framework would describe those of a page as HTML."""
+    """Describe every error response as JSON in the OpenAPI document. The framework would describe errors of HTML routes
+    as HTML."""
     made = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -67,7 +69,7 @@ def describe(app: FastAPI) -> None:
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error with a ProblemOut."""
+    """Install handlers that answer every error with a ProblemOut."""
 
     @app.exception_handler(GssError)
     async def known(request: Request, error: GssError) -> JSONResponse:
@@ -99,7 +101,7 @@ def problem(
     cause: Exception | None = None,
     retry_after_s: float = 0.0,
 ) -> JSONResponse:
-    """The answer, and its line in the log."""
+    """Return the error response and write it to the log."""
     texts = {"message": message, "expected": expected, "got": got, "hint": hint}
     body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
@@ -108,7 +110,7 @@ def problem(
 
 
 def _printable(text: str) -> str:
-    """What came may hold half characters that no answer can carry."""
+    """Replace lone surrogates from the input, which UTF-8 cannot encode."""
     return text.encode("utf-8", "replace").decode()
 
 

@@ -1,4 +1,4 @@
-"""A thread apart from those of other requests, for work that may take seconds and makes no sense twice at a time."""
+"""Run slow, exclusive work on its own thread, outside the request thread pool."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ class OneAtATime:
         self._lock = threading.Lock()
 
     async def run(self, call: Callable[[], T]) -> T:
-        """The call's result. Conflict while another one runs, even one whose client has gone."""
+        """Run the call and return its result. Conflict while another call runs, even if that call's client has
+        disconnected."""
         if not self._lock.acquire(blocking=False):
             raise Conflict(self._busy, hint=self._hint)
         result: Future[T] = Future()
-        result.set_running_or_notify_cancel()  # the thread ends its work whether or not a client still waits
+        result.set_running_or_notify_cancel()  # the thread finishes even if the client disconnects
         try:
             threading.Thread(target=self._work, args=(call, result), name=self._name, daemon=True).start()
         except RuntimeError:

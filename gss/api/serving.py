@@ -1,4 +1,4 @@
-"""How the server is reached: uvicorn's options, the limits on connections, and the address that is printed at the start."""
+"""How the server is reached: uvicorn's options, the connection limits, and the address printed at startup."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from gss.settings import Settings
 
 TIMEOUTS = HttpTimeouts()
 BACKLOG = 1024
-"""Connections that wait to be accepted. A client that finds no place tries again a second later: too late for ABORT in a burst."""
+"""Length of the accept queue. A client that finds it full retries a second later, which is too late for ABORT in a
+burst."""
 
 
 def open_connections(settings: Settings) -> Connections:
-    """Raise the limit of open files and count this process's connections; its logs are throttled from now on."""
+    """Raise the open-file limit, throttle the logs of this process, and return its connection counter."""
     throttle_logs()
     descriptors = raise_descriptor_limit()
     limits = ConnectionLimits.within(settings.connections_most, descriptors, behind_proxy=settings.behind_proxy)
@@ -27,11 +28,11 @@ def open_connections(settings: Settings) -> Connections:
 
 
 def uvicorn_options(settings: Settings, connections: Connections, timeouts: HttpTimeouts = TIMEOUTS) -> dict[str, Any]:
-    """Limited connections, TLS, no WebSocket, and no X-Forwarded-*: uvicorn would believe any program of this machine, the
-    perimeter knows which proxy to believe."""
+    """Return uvicorn's options: limited connections, TLS, no WebSocket. X-Forwarded-* is disabled because uvicorn would
+    trust any local program; the perimeter checks which proxy to trust."""
     options: dict[str, Any] = {
         "http": functools.partial(TimedHttp, connections=connections, timeouts=timeouts),
-        "loop": "asyncio",  # it accepts through our listener
+        "loop": "asyncio",  # the loop accepts through our listener
         "ws": "none",
         "backlog": BACKLOG,
         "proxy_headers": False,
@@ -43,7 +44,7 @@ def uvicorn_options(settings: Settings, connections: Connections, timeouts: Http
 
 
 def address_of(settings: Settings, port: int) -> str:
-    """What a browser is given."""
+    """Return the URL to open in a browser."""
     names = public_names(settings)
     if settings.behind_proxy:
         return f"https://{names[0]}"
@@ -53,7 +54,7 @@ def address_of(settings: Settings, port: int) -> str:
 
 
 def greeting(settings: Settings, port: int, link: Link | None) -> str:
-    """The one line of the start: where to go; while there is no user yet, with the link that makes the first one."""
+    """Return the startup line: the server's URL, or the setup link while there is no user."""
     address = address_of(settings, port)
     if link is None:
         return f"GSS is at {address}"

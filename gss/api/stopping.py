@@ -1,4 +1,4 @@
-"""The end of the server: in order if the work under way allows it, in time in any case."""
+"""Server shutdown: orderly if the work in progress allows it, forced after a time limit."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from types import FrameType
 from typing import Protocol
 
 STOP_WITHIN_S = 4.5
-"""From the signal. Stored data survives kill -9, so an end in the middle of a computation loses nothing acknowledged."""
+"""Seconds from the signal. Stored data survives kill -9, so ending during a computation loses nothing acknowledged."""
 
 
 def say_stopping() -> None:
-    """Print at once that the signal was received, past Python's own streams, which the signal may have interrupted."""
+    """Print at once that the signal was received. Writes to the descriptor, because the signal may have interrupted
+    Python's own streams."""
     _print("\nstopping …\n")
 
 
 def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
-    """End the process after that time even if threads are still computing. Their names are printed; child processes end too."""
+    """End the process after ``seconds`` even if threads are still computing; print their names and kill child
+    processes."""
     timer = threading.Timer(seconds, _end)
     timer.daemon = True
     timer.start()

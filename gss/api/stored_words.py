@@ -1,4 +1,4 @@
-"""Requests as the pages gave them, read again from the store: jobs that a crash ended are made from them."""
+"""Parse stored request bodies again, to restart jobs that a crash interrupted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OLDER = "it was asked for in words of another version"
 
 
 def install(services: Services) -> None:
-    """Teach the services the pages' words."""
+    """Register the parsers of stored requests with the services."""
     services.catalogues.words = _build
     services.design.words = _question
 

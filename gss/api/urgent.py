@@ -1,4 +1,4 @@
-"""Threads for ABORT alone: those of all other requests may be busy, or be asked for by hundreds."""
+"""Threads reserved for ABORT: hundreds of other requests may fill the shared thread pool."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ _THREADS = ThreadPoolExecutor(max_workers=4, thread_name_prefix="abort")
 
 
 async def at_once(call: Callable[[], T]) -> T:
-    """Run it on one of them."""
+    """Run the call on one of the reserved threads."""
     return await asyncio.get_running_loop().run_in_executor(_THREADS, call)

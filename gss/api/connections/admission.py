@@ -1,6 +1,7 @@
-"""Which connections stay open when there are too many: those that carried an authenticated request before all others.
+"""Which connections stay open when there are too many: those that carried an authenticated request take precedence.
 
-A new connection shows who uses it only with its first request, so that it is always accepted; an older one is dropped for it.
+A new connection shows who uses it only with its first request, so it is always accepted and an older one is dropped for
+it.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Connections use at most one in so many of the process's file descriptors; the rest are for files, the database and the line."""
+"""Divisor of the process's file descriptors that gives those for connections; files, the database and the line use the
+others."""
 UNAUTHENTICATED_SHARE = 2
-"""One in so many connections may be unauthenticated; the others are kept for signed-in users."""
+"""Divisor of all connections that gives those allowed without authentication; the others are reserved for signed-in users."""
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """Numbers of open connections: ``unauthenticated`` have not carried an authenticated request, at most ``per_address`` of them
-    come from one address (IPv6: one /64 network)."""
+    """Maximum numbers of open connections. ``unauthenticated``: those that have not carried an authenticated request;
+    at most ``per_address`` of them come from one address (IPv6: one /64 network)."""
 
     authenticated: int
     unauthenticated: int
@@ -31,7 +33,8 @@ class ConnectionLimits:
 
     @classmethod
     def within(cls, most: int, descriptors: int, *, behind_proxy: bool) -> ConnectionLimits:
-        """Limits for ``most`` connections in a process with that many file descriptors. Behind a proxy all have its address."""
+        """Return the limits for ``most`` connections in a process with that many file descriptors. Behind a proxy all
+        clients share its address."""
         total = max(4, min(most, descriptors // DESCRIPTORS_SHARE))
         unauthenticated = total // UNAUTHENTICATED_SHARE
         per_address = unauthenticated if behind_proxy else max(1, unauthenticated // 2)
@@ -39,7 +42,7 @@ class ConnectionLimits:
 
 
 class Connection:
-    """An accepted connection. Before its TLS handshake has ended there is no transport, only the socket."""
+    """An accepted connection. Until its TLS handshake ends there is no transport, only the socket."""
 
     def __init__(
         self, accepted: socket.socket | None, origin: str, authenticated: Callable[[Connection], None]
@@ -50,11 +53,12 @@ class Connection:
         self._waits: Callable[[], bool] | None = None
 
     def attach(self, transport: asyncio.Transport, waits: Callable[[], bool]) -> None:
-        """The protocol has begun. ``waits``: True while it waits for the client."""
+        """Attach the transport when the protocol starts. ``waits``: returns True while it waits for the client."""
         self._transport, self._waits = transport, waits
 
     def mark_authenticated(self) -> None:
-        """A request on this connection proved a session or token; it is no longer dropped in favour of others that did not."""
+        """Mark that a request on this connection proved a session or token; it is then no longer dropped in favour of
+        unauthenticated ones."""
         if not self.authenticated:
             self.authenticated = True
             self._proved(self)
@@ -65,7 +69,7 @@ class Connection:
         return self._waits is None or self._waits()
 
     def drop(self) -> None:
-        """Close it now, without a response."""
+        """Close the connection at once, without a response."""
         if self._transport is not None:
             self._transport.abort()
         elif self._socket is not None:
@@ -93,14 +97,14 @@ class Connections:
         return sum(map(len, self._strangers.values()))
 
     def accepted(self, accepted: socket.socket, address: str) -> Connection:
-        """Count a new connection and drop others that are over the limits."""
+        """Register a new connection and drop others that exceed the limits."""
         return self._add(accepted.fileno(), accepted, address)
 
     def begun(self, transport: asyncio.Transport, waits: Callable[[], bool]) -> Connection:
-        """The connection of a transport whose protocol begins."""
+        """Return the connection of a transport whose protocol starts."""
         descriptor, peer = transport.get_extra_info("socket").fileno(), transport.get_extra_info("peername")
         connection = self._by_descriptor.get(descriptor)
-        if connection is None:  # it came past another listener
+        if connection is None:  # it was accepted by another listener
             connection = self._add(descriptor, None, str(peer[0]) if peer else "")
         connection.attach(transport, waits)
         del self._by_descriptor[descriptor]
@@ -148,12 +152,13 @@ class Connections:
 
 
 def _victim(pool: Pool) -> Connection:
-    """The oldest that waits for its client; the oldest of all where every one is being answered."""
+    """Return the oldest connection that waits for its client; the oldest of all if every one has a response in
+    progress."""
     return next((one for one in pool if one.waits_for_client), next(iter(pool)))
 
 
 def origin_of(address: str) -> str:
-    """What counts as one client: an IPv4 address, or the /64 network of an IPv6 address."""
+    """Return the key that identifies one client: an IPv4 address, or the /64 network of an IPv6 address."""
     try:
         parsed = ip_address(address.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""The listening socket: counts every connection from its first moment on, before any TLS handshake."""
+"""Listening socket that counts every connection from accept on, before any TLS handshake."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ OUT_OF_RESOURCES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 ACCEPTED_IN_A_ROW = 4
-"""asyncio reads from a new connection some turns of its loop later. Few are accepted in each, so that a connection whose request
-has arrived is not dropped for those after it before the request is read."""
+"""Connections accepted per turn of the event loop. asyncio reads from a new connection a few turns later; the limit
+prevents a connection whose request has arrived from being dropped for newer ones before that request is read."""
 SILENT_S = 5
-"""The system hands out a connection when its first bytes have arrived, or after so long."""
+"""The kernel reports a connection when its first bytes have arrived, or after this many seconds."""
 
 
 class LimitedListener(socket.socket):
-    """A listening socket that takes over the descriptor of another one and reports to ``connections`` what it accepts."""
+    """Listening socket that takes over another socket's descriptor and reports accepted connections to ``connections``."""
 
     def __init__(self, connections: Connections, descriptor: int) -> None:
         super().__init__(fileno=descriptor)
         self._connections, self._left = connections, ACCEPTED_IN_A_ROW
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """Accept a connection. Out of descriptors an unauthenticated one is dropped, and the event loop tries again."""
+        """Accept a connection. If descriptors run out, an unauthenticated one is dropped and the event loop retries."""
         try:
             if self._left == 0:
                 raise BlockingIOError(errno.EAGAIN, "the event loop's turn")
@@ -47,10 +47,11 @@ class LimitedListener(socket.socket):
         return accepted, address
 
     def _make_room(self, error: OSError) -> None:
-        """BlockingIOError where that helps. Else the event loop waits a second; it would log once for each place of the backlog."""
+        """Drop a connection and raise BlockingIOError if that helps. Otherwise the event loop pauses for a second; it
+        would log once per place in the backlog."""
         waiting = select.poll()
         waiting.register(self, select.POLLIN)
-        if not waiting.poll(0):  # the system looks for a descriptor before it looks for a connection
+        if not waiting.poll(0):  # the kernel checks for a free descriptor before it checks for a connection
             raise BlockingIOError(errno.EAGAIN, "no connection waits") from error
         log.warning("Cannot accept a connection: %s", error.strerror)
         if self._connections.drop_one():
@@ -59,7 +60,7 @@ class LimitedListener(socket.socket):
 
 
 def prefer_requests(listener: socket.socket) -> None:
-    """Accept connections that have sent something first, where the system can do that (Linux)."""
+    """Deliver connections that have sent data first, on systems that support it (Linux)."""
     if hasattr(socket, "TCP_DEFER_ACCEPT"):
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, SILENT_S)
 

@@ -1,4 +1,4 @@
-"""A log that clients cannot fill: of similar messages only some in a minute."""
+"""Limit repeated log messages, so that clients cannot fill the log."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections import OrderedDict
 from gss.operations.clock import Monotonic, monotonic_s
 
 LOGGERS = ("asyncio", "uvicorn.error", "gss.connections")
-"""Those whose messages a client without an account can cause."""
+"""Loggers whose messages a client without an account can cause."""
 PER_MINUTE = 5
 WINDOW_S = 60.0
 MOST_KINDS = 500
 
 
 class LogThrottle(logging.Filter):
-    """Passes ``PER_MINUTE`` messages of a kind in a minute; the first one after that says how many were left out. A kind is the
-    logger with the first line of the message before its arguments."""
+    """Passes ``PER_MINUTE`` messages of a kind per minute; the first one after that reports how many were left out. A
+    kind is the logger plus the first line of the message before its arguments."""
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         super().__init__()

@@ -46,7 +46,8 @@ class TimedHttp(H11Protocol):
         self._connections, self._timeouts = connections, timeouts
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as in uvicorn
-        """Begin to watch. Requests carry the connection in their state: who they prove to come from keeps it open."""
+        """Start the time limits. Requests carry the connection in their state, so that the guard can mark it as
+        authenticated."""
         super().connection_made(transport)
         self._connection: Connection = self._connections.begun(transport, self._waits_for_client)
         self.app_state = {**self.app_state, "connection": self._connection}
@@ -69,7 +70,7 @@ class TimedHttp(H11Protocol):
             self._since_s = self.loop.time()
 
     def on_response_complete(self) -> None:
-        """The next request may begin."""
+        """Reset the time limits for the next request."""
         self._since_s = self._head_s = self.loop.time()
         super().on_response_complete()
 

@@ -1,1 +1,1 @@
-"""The pages' own files, and what goes out compressed."""
+"""Page files and response compression."""

@@ -1,4 +1,4 @@
-"""Long JSON and text go out compressed to whoever can read it; everything else passes as it is."""
+"""Compress long JSON and text responses for clients that accept gzip; all others pass unchanged."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ WORTH_BYTES = 2048
 LEVEL = 4
 KINDS = ("application/json", "text/html", "text/csv", "text/plain")
 NEVER = ("/api/session",)
-"""Answers that hold a secret are not compressed: their length must not tell anything of it."""
+"""Responses that contain a secret are not compressed: their length could reveal it."""
 
 
 class Compress:
-    """Only answers that come in one piece: streams and files that are sent as they are read stay what they are."""
+    """Compresses only responses sent in one piece; streams and files sent in chunks pass unchanged."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Handle one request."""
         wanted = scope["type"] == "http" and "gzip" in Headers(scope=scope).get("accept-encoding", "")
         await self._app(scope, receive, _Packer(send) if wanted and not scope["path"].startswith(NEVER) else send)
 
@@ -33,7 +33,7 @@ class _Packer:
 
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start" and _worth(Headers(raw=message["headers"])):
-            self._start = message  # held back until the body shows whether it is whole
+            self._start = message  # held back until the body shows whether it is complete
             return
         if self._start is not None:
             start, self._start = self._start, None

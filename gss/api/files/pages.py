@@ -1,4 +1,4 @@
-"""The pages' own files: read once, compressed once, kept by the browser for as long as their name says."""
+"""Page files: read once, compressed once, and cached by the browser as long as their name allows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NOT_PAGES = ("api/", HASHED, "fonts/")
 
 @dataclass(frozen=True)
 class File:
-    """A file as it goes out. ``gzipped`` None: not worth it."""
+    """A file as it is sent. ``gzipped``: None if compression is not worthwhile."""
 
     content: bytes
     gzipped: bytes | None
@@ -34,8 +34,8 @@ class File:
 
 
 class Pages:
-    """Serves what is in a folder at the time of its last build; every other address that a browser opens is the one page, whose
-    script knows what to show there. Names of files are looked up in a list, never on the disk."""
+    """Serves the files of the last web build. Every other path that a browser opens returns the index page, whose
+    script does the routing. File names are looked up in a list, never on disk."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -56,7 +56,7 @@ class Pages:
         await _answer(self._file(name), Headers(scope=scope), head=scope["method"] == "HEAD")(scope, receive, send)
 
     def _look_again(self) -> None:
-        """The pages may be built anew while the server runs."""
+        """Reload the file list if the pages were rebuilt while the server runs."""
         built_ns = (self._folder / INDEX).stat().st_mtime_ns
         if built_ns != self._built_ns:
             found = {str(p.relative_to(self._folder)): p for p in self._folder.rglob("*") if p.is_file()}
@@ -71,7 +71,7 @@ class Pages:
 
 
 def read(path: Path, name: str) -> File:
-    """Read and compress a file; one whose name holds its hash never changes."""
+    """Read and compress a file; a file with a hash in its name is cached permanently."""
     content = path.read_bytes()
     media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
     small = None

@@ -1,1 +1,1 @@
-"""Who may come in: where a request is from, who it is, what it may do; and the headers of every answer."""
+"""Access control: origin, identity and permission of each request, and the headers of every response."""

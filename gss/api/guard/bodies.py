@@ -1,4 +1,4 @@
-"""How large a request may be: told by its length, before it is read."""
+"""Limits on the request body, checked from Content-Length before the body is read."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from starlette.types import Scope
 from gss.api.errors import problem
 
 MAX_BODY_BYTES = 80 << 20
-"""Of a file that is handed in, for the routes that take one. It goes to the disk in pieces."""
+"""Limit for routes that accept a file upload; uploads are written to disk in chunks."""
 WORDS_BYTES, MORE_WORDS_BYTES = 1 << 20, 2 << 20
-"""Of everything else: it is parsed in one piece, and nothing else is answered meanwhile."""
+"""Limits for all other bodies: they are parsed in one step, which blocks the event loop."""
 MORE_WORDS = ("/api/campaigns/reprocess",)
-"""A campaign names up to 100 000 frames."""
+"""Routes with the larger limit: a campaign lists up to 100 000 frames."""
 SMALL_BODY_BYTES = 64 << 10
-"""Of what nobody in particular may send."""
+"""Limit for routes open without sign-in."""
 
 
 def bad_body(headers: Headers, most_bytes: int) -> Response | None:
-    """The refusal of a body of more bytes, or of nobody knows how many; None where it may be read."""
+    """Return a 411 response if the length is not declared, a 413 response if it exceeds ``most_bytes``, else None."""
     if "transfer-encoding" in headers:
         return problem(411, "the request does not say how long it is", "a Content-Length")
     length = headers.get("content-length", "0")
@@ -31,7 +31,7 @@ def bad_body(headers: Headers, most_bytes: int) -> Response | None:
 
 
 def most_bytes(route: APIRoute | None, scope: Scope, headers: Headers) -> int:
-    """How many a route can have a use for; None is a route that is not there."""
+    """Return the body limit of a route in bytes. ``route``: None if no route matches."""
     form = headers.get("content-type", "").lower().startswith("multipart/form-data")
     if route is not None and form and _takes_file(route):
         return MAX_BODY_BYTES

@@ -1,4 +1,4 @@
-"""Which route a request is for, and who may ask for it: nobody in particular, or those whom the route's own permission lets in."""
+"""Match a request to its route, and tell open routes from those that need a permission."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ OPEN = {
     ("POST", "/api/password-links/check"),
     ("GET", HEALTH),
 }
-"""What is answered to nobody in particular, besides the pages' own files and the documents."""
+"""API routes that need no authentication. The pages' files and the documents are also open."""
 
 
 class Door:
-    """Which route a request is for, before the framework asks."""
+    """Finds the route of a request before the framework routes it."""
 
     def __init__(self, app: FastAPI) -> None:
         self._app = app
         self._routes: list[tuple[set[str], re.Pattern[str], APIRoute]] = []
 
     def route(self, scope: Scope) -> APIRoute | None:
-        """The route that will answer; None where there is none."""
-        if not self._routes:  # the routes come after the guard
+        """Return the route that will handle the request; None if none matches."""
+        if not self._routes:  # routes are added after the guard
             found = [(c.original_route, c.path or "") for c in iter_route_contexts(self._app.routes)]
             self._routes = [
                 (route.methods or set(), compile_path(path)[0], route)
@@ -48,7 +48,8 @@ class Door:
 
 
 def check_routes(router: APIRouter) -> None:
-    """Every route that is no GET declares exactly one permission: what was forgotten must not be open."""
+    """Check that every route with a method other than GET declares exactly one permission, so that none is open by
+    omission. RuntimeError otherwise."""
     for context in iter_route_contexts(router.routes):
         route = context.original_route
         if isinstance(route, APIRoute) and (route.methods or set()) - set(SAFE_METHODS) and len(needs_of(route)) != 1:
@@ -56,21 +57,21 @@ def check_routes(router: APIRouter) -> None:
 
 
 def is_change(scope: Scope) -> bool:
-    """Does it ask for more than an answer?"""
+    """True if the request's method may change state."""
     return scope["method"] not in SAFE_METHODS
 
 
 def is_guarded(scope: Scope) -> bool:
-    """Is it data, not a page's own file?"""
+    """True if the path is data or metrics, not a page file."""
     path: str = scope["path"]
     return any(path == root or path.startswith(f"{root}/") for root in GUARDED)
 
 
 def is_open(scope: Scope) -> bool:
-    """Is it answered to nobody in particular?"""
+    """True if the route needs no authentication."""
     return (scope["method"], scope["path"]) in OPEN
 
 
 def is_health(scope: Scope) -> bool:
-    """Is it the look of a health check, which may come past the proxy?"""
+    """True if this is the health check, which may bypass the proxy."""
     return (scope["method"], scope["path"]) == ("GET", HEALTH)

@@ -1,4 +1,4 @@
-"""Headers of every answer: nothing from elsewhere is loaded, framed or guessed."""
+"""Security headers of every response: no foreign content, framing or MIME sniffing."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
 }
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
-"""Only with TLS: from then on this browser comes over HTTPS only."""
+"""Sent only with TLS: the browser then uses only HTTPS for this host."""
 
 
 class Answer:
-    """Passes an answer on with our headers, and remembers its status."""
+    """Adds the security headers to a response and records its status."""
 
     def __init__(self, send: Send, secure: bool, *, private: bool) -> None:
         self._send, self._secure, self._private = send, secure, private
         self.status = 0
 
     async def __call__(self, message: Message) -> None:
-        """Send on."""
+        """Forward one ASGI message."""
         if message["type"] == "http.response.start":
             self.status = message["status"]
             headers = MutableHeaders(scope=message)

@@ -1,4 +1,4 @@
-"""Who asks, by the key that the request carries: a program's token, or a browser's cookie with the mark of its session."""
+"""Identify the caller from the request's credential: an API token, or a session cookie with its CSRF value."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ COOKIE = "gss_session"
 
 
 class Keys:
-    """Knows people and programs by their keys."""
+    """Identifies users and programs by their credentials."""
 
     def __init__(self, accounts: AccountService) -> None:
         self._accounts = accounts
 
     async def identify(self, scope: Scope, headers: Headers) -> Response | None:
-        """Note in the request's state who asks; the refusal where it is nobody and should be somebody, or who did not mean it."""
+        """Attach the caller's identity to the request. Return a 401 or 403 response if authentication is required and
+        missing, or if the CSRF check fails; 429 or 503 if the lookup fails."""
         token, cookie = bearer(headers), session_key(headers)
         try:
             who = await self._known(token, cookie, scope) if token or cookie else None
@@ -54,13 +55,13 @@ class Keys:
         return None
 
     async def _known(self, token: str, cookie: str, scope: Scope) -> Who | None:
-        """A token stands before a cookie: nobody but a program sends one."""
+        """Return the identity of the token or cookie. A token takes precedence: browsers do not send one."""
         if token:
             known = self._accounts.remembered("token", token)
             ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"])
         else:
             known = self._accounts.remembered("session", cookie)
-            # Asking how long the session lasts does not make it last longer, and ABORT waits for no write.
+            # Reading the session state must not extend the session, and ABORT must not wait for a database write.
             touch = not is_open(scope) and scope["path"] != ABORT
             ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
         if known is not None:
@@ -69,13 +70,13 @@ class Keys:
 
 
 def session_key(headers: Headers) -> str:
-    """The key in the session's cookie; "" where there is none."""
+    """Return the session key from the cookie; "" if there is none."""
     key = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
     return key if len(key) <= LONGEST else ""
 
 
 def bearer(headers: Headers) -> str:
-    """The token of a program; "" where there is none."""
+    """Return the bearer token; "" if there is none."""
     kind, _, key = headers.get("authorization", "").partition(" ")
     return key.strip()[: LONGEST + 1] if kind.lower() == "bearer" else ""
 

@@ -1,4 +1,4 @@
-"""Where a request comes from: which names this server goes by, who stands in front of it, and which pages may use it."""
+"""Origin of a request: the server's host names, the trusted proxies, and the page origins allowed to use it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gss.domain.errors import BadInput
 
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 PLAIN = "-"
-"""Address where none is known."""
+"""Placeholder for an unknown address."""
 
 
 class Exposure(Protocol):
-    """The settings that matter here."""
+    """Settings that determine how the server is exposed."""
 
     host: str
     tls_certificate: str
@@ -30,7 +30,7 @@ class Exposure(Protocol):
 
 @dataclass(frozen=True)
 class Caller:
-    """Where a request comes from, with a proxy taken off. ``authority``: host and port as the browser's address bar has them."""
+    """Client of a request, with the proxy removed. ``authority``: host and port as in the browser's address bar."""
 
     address: str
     authority: str
@@ -39,7 +39,7 @@ class Caller:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a request is not heard."""
+    """Reason for rejecting a request."""
 
     message: str
     expected: str = ""
@@ -47,7 +47,7 @@ class Refusal:
 
 
 class Perimeter:
-    """Made of the settings once; asked by the guard for every request."""
+    """Checks where requests come from. Built once from the settings and called by the guard for every request."""
 
     def __init__(self, settings: Exposure) -> None:
         self.tls = bool(settings.tls_certificate)
@@ -57,7 +57,8 @@ class Perimeter:
         self.names = frozenset((*LOCAL_NAMES, *public_names(settings)))
 
     def caller(self, scope: Scope, headers: Headers) -> Caller | Refusal:
-        """Who calls; a refusal where a proxy should stand between and does not. X-Forwarded-* of anybody else are nothing."""
+        """Return the client, or a refusal if the request must come through a proxy and did not. X-Forwarded-* from
+        other peers is ignored."""
         client = scope.get("client")
         peer = str(client[0]) if client else PLAIN
         if not self.behind_proxy:
@@ -70,7 +71,8 @@ class Perimeter:
         return Caller(self._behind(",".join(headers.getlist("x-forwarded-for")), peer), host, True)
 
     def refusal(self, caller: Caller, headers: Headers, *, data: bool) -> Refusal | None:
-        """A foreign host name (DNS rebinding), or a page of another origin. ``data``: it is no page of ours but what they ask."""
+        """Return a refusal for a foreign host name (DNS rebinding) or a foreign origin, else None. ``data``: the path
+        is API data, not a page file."""
         if host_name(f"//{caller.authority}") not in self.names:
             names = "localhost, 127.0.0.1, ::1 or one of GSS_PUBLIC_NAMES"
             return Refusal("unknown host name", names, host_name(f"//{caller.authority}"))
@@ -90,7 +92,7 @@ class Perimeter:
             return False
 
     def _behind(self, forwarded: str, peer: str) -> str:
-        """The last address of the list that is no proxy of ours: what stands before it anybody may have written."""
+        """Return the last address of the list that is not a trusted proxy: clients can forge the entries before it."""
         for address in reversed([part.strip() for part in forwarded.split(",") if part.strip()]):
             if not self._is_proxy(address):
                 try:
@@ -101,12 +103,12 @@ class Perimeter:
 
 
 def _last(headers: Headers, name: str) -> str:
-    """The last word of a header, of its last line: the one that the proxy nearest to us wrote."""
+    """Return the last value of a header's last line, which the nearest proxy wrote."""
     return ",".join(headers.getlist(name)).split(",")[-1].strip()
 
 
 def host_name(address: str) -> str:
-    """Host of an address; empty where it is none."""
+    """Return the host of a URL; "" if it is not valid."""
     try:
         return (urlsplit(address).hostname or "").lower()
     except ValueError:
@@ -114,13 +116,13 @@ def host_name(address: str) -> str:
 
 
 def public_names(settings: Exposure) -> list[str]:
-    """Names by which browsers may know this server, besides the local ones."""
+    """Return the non-local host names by which browsers may reach this server."""
     names = [name.strip().lower() for name in settings.public_names.split(",") if name.strip()]
     return [*names, settings.host.lower()] if settings.tls_certificate and not is_loopback(settings.host) else names
 
 
 def networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
-    """Addresses and networks with commas between."""
+    """Parse a comma-separated list of addresses and networks. BadInput if one is not valid."""
     try:
         return tuple(ip_network(part.strip(), strict=False) for part in text.split(",") if part.strip())
     except ValueError as error:
@@ -130,7 +132,7 @@ def networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
 
 
 def is_loopback(host: str) -> bool:
-    """Does only this machine reach it?"""
+    """True if the host is reachable from this machine only."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -138,7 +140,7 @@ def is_loopback(host: str) -> bool:
 
 
 def check_exposure(settings: Exposure) -> None:
-    """Another address than loopback needs TLS or a proxy with it, and a proxy needs the name that browsers use; BadInput."""
+    """Check that a non-loopback address has TLS or a proxy, and that a proxy has a public name; BadInput otherwise."""
     if bool(settings.tls_certificate) != bool(settings.tls_key):
         raise BadInput("TLS needs two files", expected="GSS_TLS_CERTIFICATE and GSS_TLS_KEY", got="one of them")
     if settings.behind_proxy and not (settings.public_names.strip() and networks(settings.trusted_proxies)):

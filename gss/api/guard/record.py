@@ -22,13 +22,13 @@ log = logging.getLogger("gss.api")
 
 
 class Record:
-    """One row for each change, export, and denial."""
+    """Writes one audit row for each change, export and denied request."""
 
     def __init__(self, audit: AuditService, monotonic_s: Monotonic) -> None:
         self._audit, self._strangers = audit, Strangers(monotonic_s)
 
     async def put(self, scope: Scope, status: int) -> None:
-        """Write the row of an answered request. What was handed on, the link process writes."""
+        """Write the row of an answered request. For forwarded requests the link process writes it."""
         route, state = scope.get("route"), scope["state"]
         denied = status in DENIED
         if scope.get("gss.forwarded") or not (denied or _is_changed(scope, route) or is_export(route)):
@@ -48,13 +48,14 @@ class Record:
         write = functools.partial(self._audit.record, name, action, target, result, detail, **place)
         try:
             await anyio.to_thread.run_sync(write)
-        except Exception:  # a row that cannot be written must not undo what was done: it is in the log
+        except Exception:  # a failed audit write must not undo the change; it is logged instead
             log.exception("the audit record could not be written: %s %s %s by %s", action, target, result, name)
 
 
 class Strangers:
-    """Denied and failed requests without sign-in: one row a minute for each address and action, with a count of the others; none
-    for those stopped by a rate limit. For signed-in users over a rate limit one by name. Otherwise they could fill the disk."""
+    """Rate-limits audit rows, which could otherwise fill the disk. Denied and failed requests without sign-in: one row
+    per minute for each address and action, with the number skipped; none for those stopped by a rate limit.
+    Signed-in users over a rate limit: one row per minute by name."""
 
     MOST = 2000
 
@@ -63,7 +64,7 @@ class Strangers:
         self._seen: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def seen(self, key: str) -> int | None:
-        """How many went unwritten since the last row; None where this one need not be written."""
+        """Return the number of requests skipped since the last row; None if this one needs no row."""
         at_s, skipped = self._seen.pop(key, (-QUIET_S, 0))
         fresh = self._now_s() - at_s >= QUIET_S
         self._seen[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)
@@ -77,5 +78,5 @@ def _is_changed(scope: Scope, route: object) -> bool:
 
 
 def _action(route: object) -> str:
-    """Router and function, as alarms.acknowledge; "door" where the guard itself answered."""
+    """Return router and function, as alarms.acknowledge; "door" if the guard itself answered."""
     return f"{route.endpoint.__module__.rsplit('.', 1)[-1]}.{route.name}" if isinstance(route, APIRoute) else "door"

@@ -1,5 +1,5 @@
-"""The guard in front of everything: deny by default. It knows where a request comes from and who asks, before any route does; what
-a role may do is declared by the routes (deps.need) and by the commands."""
+"""Guard in front of all routes: denies by default. It checks origin and identity before any route runs; the routes
+(deps.need) and the commands declare which permission they need."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from gss.wiring import Services
 
 
 def install(app: FastAPI) -> None:
-    """Put the guard in front."""
+    """Add the guard to the application."""
     services: Services = app.state.services
     app.add_middleware(Guard, services=services, door=Door(app))
 
 
 class Guard:
-    """Middleware: host, origin, size, identity, CSRF, permission; then the route; then the record."""
+    """Middleware: host, origin, size, identity, CSRF and permission, then the route, then the audit row."""
 
     def __init__(self, app: ASGIApp, services: Services, door: Door) -> None:
         self._app, self._door = app, door
@@ -42,12 +42,12 @@ class Guard:
         self._record = Record(services.audit, monotonic_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or say why not."""
+        """Handle a request, or answer with the reason for rejecting it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
             await self._http(scope, receive, send)
-        else:  # there is no WebSocket here; whoever adds one must come past this line
+        else:  # there are no WebSockets; one that is added must pass this guard
             await send({"type": "websocket.close", "code": 1008})
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -59,7 +59,7 @@ class Guard:
             if refusal is not None and not state["detail"]:
                 state["detail"] = json.loads(bytes(refusal.body))["message"]
             await (self._app if refusal is None else refusal)(scope, receive, answer)
-        except BaseException:  # also of a request that was given up: it is put on record, and goes on
+        except BaseException:  # cancelled requests are recorded too, then the exception propagates
             answer.status = answer.status or 500
             raise
         finally:
@@ -67,7 +67,7 @@ class Guard:
                 await self._record.put(scope, answer.status or 499)
 
     async def _admit(self, scope: Scope, headers: Headers) -> Response | None:
-        """The refusal, or None when the route may answer."""
+        """Return the refusal, or None if the route may answer."""
         foreign = self._foreign(scope, headers)
         if foreign is not None:
             scope["state"]["detail"] = f"{foreign.message}: {foreign.got}"
@@ -84,7 +84,7 @@ class Guard:
         return refusal if refusal is not None or is_open(scope) else self._unread(scope, headers)
 
     def _foreign(self, scope: Scope, headers: Headers) -> Refusal | None:
-        """Where it comes from, if from there nothing is heard."""
+        """Return the refusal if host or origin is not allowed, else None."""
         caller = self._perimeter.caller(scope, headers)
         if isinstance(caller, Refusal) and is_health(scope):
             caller = Caller(str((scope.get("client") or ("-",))[0]), headers.get("host", ""), self._perimeter.secure)
@@ -94,12 +94,13 @@ class Guard:
         return self._perimeter.refusal(caller, headers, data=is_guarded(scope))
 
     def _unread(self, scope: Scope, headers: Headers) -> Response | None:
-        """Check what is known before the body is read: permission and length. What declares no permission needs the one to view."""
+        """Check permission and length before the body is read. A route that declares no permission needs the view
+        permission."""
         route = self._door.route(scope)
         try:
             for permission in [need.permission for need in needs_of(route)] or [VIEW]:
                 scope["state"]["who"].require(permission)
         except NotPermitted as error:
-            scope["route"] = route  # for the record
+            scope["route"] = route  # for the audit row
             return problem(403, error.message, error.expected, error.got, error.hint)
         return bad_body(headers, most_bytes(route, scope, headers)) if is_change(scope) else None

@@ -1,4 +1,4 @@
-"""Rows and records into what travels: the one place where radians become degrees and arcseconds."""
+"""Convert rows and records to response models: the only place where radians become degrees and arcseconds."""
 
 from gss.api.present import (
     alarms,

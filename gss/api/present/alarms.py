@@ -1,4 +1,4 @@
-"""Alarms."""
+"""Alarms as responses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = (
 
 
 def alarm(view: AlarmView) -> AlarmRow:
-    """One alarm."""
+    """Return an alarm as a response."""
     return AlarmRow(
         **{name: getattr(view.row, name) for name in NAMES.split()},
         title=view.title,

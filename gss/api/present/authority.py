@@ -1,4 +1,4 @@
-"""Command authority."""
+"""Command authority as a response."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from gss.operations.commanding.authority import AuthorityState
 
 
 def authority(state: AuthorityState, user: str | None = None) -> AuthorityOut:
-    """The holder and those before."""
+    """Return the current holder and the history. ``user``: the caller, who may be the holder."""
     held = state.holder
     return AuthorityOut(
         holder=held.holder if held else None,

@@ -1,4 +1,4 @@
-"""Calibrations."""
+"""Calibrations as responses."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NAMES = "id profile kind name created author tool note table_id"
 
 
 def calibration(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationOut:
-    """One version in a list."""
+    """Return a calibration as a list entry."""
     return CalibrationOut(**_facts(row, in_use, reports))
 
 
 def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationDetailOut:
-    """One version with everything that was found."""
+    """Return a calibration with all its results and its report."""
     return CalibrationDetailOut(
         **_facts(row, in_use, reports),
         request=row.request,
@@ -33,7 +33,7 @@ def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> Ca
 
 
 def difference(found: Comparison) -> CalibrationDiffOut:
-    """Two versions side by side."""
+    """Return the comparison of two calibrations."""
     return CalibrationDiffOut(
         older=found.older.id,
         newer=found.newer.id,

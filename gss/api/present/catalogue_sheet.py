@@ -1,4 +1,4 @@
-"""The quality report of a catalogue as a sheet to read and to print."""
+"""Quality report of a catalogue for reading and printing."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ UNKNOWN = "Not known: the catalogue was not built here."
 
 
 def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> Report:
-    """The whole sheet. ``report``: plain values as ``operations.catalogues.catalogue_report`` makes them; what is missing is
-    said."""
+    """Return the report. ``report``: plain values from ``operations.catalogues.catalogue_report``; missing parts are
+    named as unknown."""
     return Report(
         f"Catalogue {manifest.get('name') or manifest.get('image_sha256', '')[:8] or 'without a name'}",
         _byline(manifest),
@@ -120,7 +120,7 @@ def _ambiguity(report: Mapping[str, Any]) -> Section | None:
 
 
 def _decades(value: Number) -> Number:
-    """Tone on a scale of five decades from a thousandth."""
+    """Return the tone of a value on a logarithmic scale: 0.001 to 100 maps to 0 to 1."""
     return None if not value else min(1.0, max(0.0, (math.log10(value) + 3) / 5))
 
 
@@ -206,7 +206,7 @@ def _listed(title: str, columns: Sequence[str], rows: list[list[str]]) -> Sectio
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> list[Fact]:
-    """Nested plain values as lines; angles in radians say so in their names and get their degrees."""
+    """Flatten nested values to facts. Values whose names end in ``_rad`` are shown in degrees."""
     found: list[Fact] = []
     for name, value in values.items():
         label = f"{before}{name}"

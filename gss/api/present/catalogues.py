@@ -1,4 +1,4 @@
-"""Built catalogues, their differences, and the banks by date."""
+"""Built catalogues, their differences and the bank timeline as responses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NEED = 3
 
 
 def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
-    """A built catalogue."""
+    """Return a catalogue as a list entry."""
     return CatalogueOut(**_catalogue_values(row, banks))
 
 
@@ -45,7 +45,8 @@ def _catalogue_values(row: Catalogue, banks: Sequence[BankView]) -> dict[str, An
 
 
 def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
-    """A built catalogue with maps and quality; one that was read back has neither, an old one only some."""
+    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only
+    some."""
     report = row.report
     return CatalogueDetailOut(
         **_catalogue_values(row, banks),
@@ -66,7 +67,7 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
 
 
 def diff(found: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
-    """What would change, with names and places; ``stars`` knows the names and, for formats without, the magnitudes."""
+    """Return what would change on board. ``stars``: source of names, and of magnitudes for formats that store none."""
     d, c = found.diff, found.coverage
     moved = dict(zip(d.moved.tolist(), (d.moved_rad / ARCSEC_RAD).tolist(), strict=True))
     changed = dict(zip(d.magnitude_changed.tolist(), d.magnitude_change_mag.tolist(), strict=True))
@@ -119,7 +120,7 @@ def _stars(hips: Ids, where: OnboardCatalogue, known: StarTable, **more: dict[in
 
 
 def timeline(found: Timeline, now: datetime, watch_days: float) -> TimelineOut:
-    """The banks of a device by date."""
+    """Return the bank timeline of a device."""
     word = cover(found.stays, found.planned, now, watch_days)
     devices = [DeviceRefOut.model_validate(d) for d in found.devices]
     return TimelineOut(

@@ -1,4 +1,4 @@
-"""Dictionary, dry runs and the history of commands."""
+"""Dictionary, dry runs and command history as responses."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TEXT_LENGTH = 120
 def dictionary(
     d: Dictionary, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
 ) -> DictionaryOut:
-    """The dictionary with the commands that the device can take and the present state of their preconditions."""
+    """Return the dictionary with the commands that the device supports and the current state of their preconditions."""
     fields = [
         FieldDefinitionOut(
             name=f.name,
@@ -54,7 +54,7 @@ def dictionary(
 
 
 def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDefinitionOut:
-    """One command of the dictionary."""
+    """Return a command definition."""
     arguments = [
         ArgumentOut(
             name=a.name,
@@ -88,12 +88,12 @@ def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDef
 
 
 def precondition(state: PreconditionState) -> PreconditionOut:
-    """One condition."""
+    """Return a precondition with its state."""
     return PreconditionOut(text=state.text, met=state.met, value=state.value)
 
 
 def check(result: Check, argument_names: Sequence[str]) -> CheckOut:
-    """A dry run."""
+    """Return the result of a dry run."""
     return CheckOut(
         problems=list(result.problems),
         preconditions=[precondition(s) for s in result.preconditions],
@@ -110,12 +110,12 @@ def check(result: Check, argument_names: Sequence[str]) -> CheckOut:
 
 
 def byte_groups(groups: Sequence[tuple[str, bytes]], argument_names: Sequence[str]) -> list[ByteGroupOut]:
-    """A packet's bytes by what they mean."""
+    """Return a packet's bytes in labelled groups."""
     return [ByteGroupOut(label=label, hex=data.hex(" "), argument=label in argument_names) for label, data in groups]
 
 
 def command(view: CommandView) -> CommandOut:
-    """A command with its stage lights."""
+    """Return a command with its stages."""
     row = view.row
     duration_s = (row.finished - row.created).total_seconds() if row.finished else None
     return CommandOut(
@@ -145,13 +145,13 @@ def command(view: CommandView) -> CommandOut:
 
 
 def arguments_text(arguments: Mapping[str, Any]) -> str:
-    """Arguments as an operator reads them, in one short line."""
+    """Return the arguments as one short line for operators."""
     text = ", ".join(f"{name.rsplit('_', 1)[0] if '_' in name else name} {value}" for name, value in arguments.items())
     return text if len(text) <= TEXT_LENGTH else text[: TEXT_LENGTH - 1] + "…"
 
 
 def _stages(row: Command) -> list[StageOut]:
-    """Seven lights: what was passed, where it stands or ended, and what is still to come."""
+    """Return the seven stages: passed, current or failed, and still to come."""
     at = {stage.stage: stage.at for stage in row.stages}
     reached = max((STAGES.index(name) for name in at if name in STAGES), default=0)
     lights = []

@@ -1,4 +1,4 @@
-"""The pass report as a sheet to read and to print."""
+"""Pass report for reading and printing."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from gss.api.schemas.contacts import ReportOut
 from gss.operations.report.parts import Fact, Note, Number, Plot, Report, Section, Series, Table
 
 GAP_SHARE, GAP_S = 0.02, 12.0
-"""A line is not drawn across more than this share of the span, and this time, without a sample."""
+"""A plot line is interrupted where samples are further apart than this share of the span and this time."""
 
 
 def contact_sheet(report: ReportOut) -> Report:
-    """The whole sheet."""
+    """Return the report."""
     c = report.contact
     firmware, profile = report.firmware or "not told", report.profile or "not told"
     until = _when(c.ended) if c.ended else "still open"
@@ -128,7 +128,7 @@ def _plot(title: str, unit: str, t: Sequence[float], y: Sequence[Number]) -> Plo
 
 
 def _broken(label: str, t: Sequence[float], y: Sequence[Number]) -> Series:
-    """With nothing between samples that are too far apart to be joined."""
+    """Return a series with a gap (None) between samples that are too far apart to be connected."""
     longest_s = max(GAP_S, GAP_SHARE * (t[-1] - t[0]))
     at, value = [t[0]], [y[0]]
     for (before, _), (now, sample) in itertools.pairwise(zip(t, y, strict=True)):

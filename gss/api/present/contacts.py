@@ -1,4 +1,4 @@
-"""Contacts, their record, their replay, their report."""
+"""Contacts, record checks, replays and pass reports as responses."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ NOBODY = "nobody answered"
 
 
 def moment(unix_s: float) -> datetime:
-    """Unix seconds as a moment."""
+    """Return Unix seconds as a UTC datetime."""
     return datetime.fromtimestamp(unix_s, UTC)
 
 
 def contact(row: Contact, device: Device | None, frames: int, commands: int) -> ContactOut:
-    """A contact."""
+    """Return a contact as a list entry."""
     return ContactOut(
         id=row.id,
         device=device.name if device else NOBODY,
@@ -57,7 +57,7 @@ def contact(row: Contact, device: Device | None, frames: int, commands: int) -> 
 
 
 def detail(d: ContactDetail) -> ContactDetailOut:
-    """All of a contact."""
+    """Return all details of a contact."""
     head = contact(d.row, d.device, len(d.frames), len(d.commands))
     return ContactDetailOut(
         **head.model_dump(),
@@ -93,7 +93,7 @@ def _gap(gap: Gap) -> GapOut:
 
 
 def record(contact_id: int, check: RecordCheck) -> RecordOut:
-    """The check of a record."""
+    """Return the check of a contact's record."""
     return RecordOut(
         contact_id=contact_id,
         expected=check.expected,
@@ -106,7 +106,7 @@ def record(contact_id: int, check: RecordCheck) -> RecordOut:
 
 
 def report(r: ContactReport) -> ReportOut:
-    """The pass report."""
+    """Return the pass report."""
     a, device = r.attitude, r.detail.device
     row = r.detail.row
     return ReportOut(
@@ -134,7 +134,7 @@ def report(r: ContactReport) -> ReportOut:
 
 
 def replay(state: ReplayState) -> ReplayOut:
-    """Where the replay is."""
+    """Return the state of the replay."""
     start_s, end_s, at_s = state.start_s, state.end_s, state.at_s
     share = 0.0
     if start_s is not None and end_s is not None and at_s is not None:
@@ -157,7 +157,7 @@ def replay(state: ReplayState) -> ReplayOut:
 
 
 def replay_command(replayed: Replayed) -> ReplayCommandOut:
-    """A command of a replayed contact."""
+    """Return a command of a replayed contact."""
     said = replayed.item
     assert isinstance(said, CommandSaid)  # noqa: S101 - the topic carries nothing else
     return ReplayCommandOut(
@@ -171,7 +171,7 @@ def replay_command(replayed: Replayed) -> ReplayCommandOut:
 
 
 def replay_event(replayed: Replayed) -> ReplayEventOut:
-    """An event of a replayed contact."""
+    """Return an event of a replayed contact."""
     event = replayed.item
     assert isinstance(event, DeviceEvent)  # noqa: S101 - the topic carries nothing else
     return ReplayEventOut(at=moment(replayed.at_s), name=event.name, severity=event.severity, text=event.text)

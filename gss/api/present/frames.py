@@ -1,4 +1,4 @@
-"""Frames, solutions and their comparison."""
+"""Frames, solutions and their comparison as responses."""
 
 from __future__ import annotations
 
@@ -34,12 +34,13 @@ AGREE_ROLL_ARCSEC = 360.0
 
 
 def arcsec(angle_rad: float) -> float:
-    """Radians to arcseconds."""
+    """Convert radians to arcseconds."""
     return math.degrees(angle_rad) * 3600
 
 
 def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | None] | None) -> AttitudeOut | None:
-    """Degrees, quaternion, arcseconds."""
+    """Return an attitude in degrees, as a quaternion, with sigmas in arcseconds. ``quaternion``: cam_from_icrs,
+    scalar-last; ``sigma_rad``: across the boresight, about it."""
     if quaternion is None:
         return None
     ra, dec, roll = ra_dec_roll_rad(matrix_from_quaternion(np.array(quaternion, float)))
@@ -56,7 +57,7 @@ def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | Non
 
 
 def frame(row: Frame, best: Solution | None) -> FrameOut:
-    """A frame with the essence of its operational ground solution."""
+    """Return a frame with a summary of its operational ground solution."""
     return FrameOut(**_frame_values(row, best))
 
 
@@ -80,7 +81,7 @@ def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
 
 
 def frame_detail(detail: FrameDetail) -> FrameDetailOut:
-    """A frame with everything that was made of it."""
+    """Return a frame with all its solutions and their comparison."""
     return FrameDetailOut(
         **_frame_values(detail.frame, detail.ground),
         solutions=[solution(s) for s in detail.solutions],
@@ -92,7 +93,7 @@ def frame_detail(detail: FrameDetail) -> FrameDetailOut:
 
 
 def solution(row: Solution) -> SolutionOut:
-    """A result without its overlays."""
+    """Return a solution without its overlays."""
     return SolutionOut(**_solution_values(row))
 
 
@@ -117,7 +118,7 @@ def _solution_values(row: Solution) -> dict[str, Any]:
 
 
 def solution_detail(row: Solution) -> SolutionDetailOut:
-    """A result with its overlays."""
+    """Return a solution with its overlays."""
     detail = row.detail
     optional = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
     return SolutionDetailOut(
@@ -151,13 +152,13 @@ def _turning(record: dict[str, Any] | None) -> TurningOut | None:
 
 
 def frame_replay(frame_id: int, found: list[Stage]) -> FrameReplayOut:
-    """A replay's stages."""
+    """Return the stages of a frame replay."""
     rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in found]
     return FrameReplayOut(frame_id=frame_id, text=first_difference(found), stages=rows)
 
 
 def comparison(on_board: Solution | None, ground: Solution | None) -> ComparisonOut | None:
-    """On board minus ground."""
+    """Return on-board minus ground attitude; None if either is missing."""
     if on_board is None or ground is None or on_board.quaternion is None or ground.quaternion is None:
         return None
     a, b = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (on_board, ground))

@@ -1,4 +1,4 @@
-"""The documents as pages to read: Markdown in, a page of our own look out; no script of a document ever runs."""
+"""Render the documents as pages: Markdown to HTML in the console's style, without scripts from documents."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RENDERER = MarkdownIt("default", {"html": False, "linkify": False})
 
 @dataclass(frozen=True)
 class Document:
-    """A file that can be read under ``name``."""
+    """A document that is served under ``name``."""
 
     name: str
     title: str
@@ -30,7 +30,7 @@ class Document:
 
 
 def documents(folder: Path) -> Mapping[str, Document]:
-    """Every document of the folder by name, in the order of the contents."""
+    """Return every document of the folder by name, in the order of the contents."""
     found: dict[str, Document] = {}
     for group, _ in GROUPS:
         paths = sorted((folder / group).glob("*.md"), key=lambda p: (_rank(p.stem), p.stem))
@@ -39,7 +39,7 @@ def documents(folder: Path) -> Mapping[str, Document]:
 
 
 def help_page(text: str, shown: Document | None, known: Mapping[str, Document]) -> str:
-    """The whole page of a document's text, with the contents beside it."""
+    """Return the complete page of a document's text, with the contents beside it."""
     tokens = _RENDERER.parse(text)
     heads = _anchor(tokens)
     _relink(tokens, known)
@@ -48,13 +48,13 @@ def help_page(text: str, shown: Document | None, known: Mapping[str, Document]) 
 
 
 def not_there(name: str, known: Mapping[str, Document]) -> str:
-    """The page for a name that is no document."""
+    """Return the page for an unknown document name."""
     body = f"<h1>Not here</h1><p>There is no chapter “{escape(name)}”. Those there are stand on the left.</p>"
     return _page("Not here", body, _contents(known, None, ()))
 
 
 def slug(text: str) -> str:
-    """Anchor of a heading, as code hosts make it."""
+    """Return the anchor of a heading, in the format of code hosts."""
     return re.sub(r"[^\w\- ]", "", text.strip().lower()).replace(" ", "-")
 
 
@@ -69,7 +69,7 @@ def _title(path: Path) -> str:
 
 
 def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
-    """Give every heading an id; the second-level ones come back as (id, words)."""
+    """Give every heading an id. Return (id, text) of the second-level headings."""
     heads, used = [], set[str]()
     for opening, inline in pairwise(tokens):
         if opening.type != "heading_open":
@@ -87,7 +87,7 @@ def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
 
 
 def _relink(tokens: Iterable[Token], known: Mapping[str, Document]) -> None:
-    """Links between documents and pictures lead to their pages here; those to other files of the repository lead nowhere."""
+    """Rewrite links between documents and to pictures; links to other repository files lead to the help contents."""
     for token in tokens:
         for part in token.children or ():
             if part.type == "link_open":

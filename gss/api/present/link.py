@@ -1,4 +1,4 @@
-"""The header bar: link, banks, alarms."""
+"""Header bar, counters and banks as responses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.operations.transfers.banks import BankView, days_left
 
 
 def link(header: Header) -> LinkOut:
-    """The header bar."""
+    """Return the header bar."""
     banks = [bank(view, header.utc) for view in header.banks]
     active = next((b for b in banks if b.active), None)
     values = {k: v for k, v in vars(header).items() if k not in ("tx", "rx", "banks", "alarms")}
@@ -28,7 +28,7 @@ def link(header: Header) -> LinkOut:
 
 
 def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any] | None) -> CountersOut:
-    """Both directions; what the device counted of the upward one comes from its housekeeping."""
+    """Return the counters of both directions. The device's own counts of the uplink come from its housekeeping."""
     told = housekeeping or {}
     sent = DirectionCountersOut.model_validate(counted.sent)
     far = {"device_good": told.get("frames_good"), "device_bad": told.get("frames_bad")}
@@ -40,7 +40,7 @@ def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any
 
 
 def bank(view: BankView, now: datetime) -> BankOut:
-    """One flash bank."""
+    """Return a flash bank."""
     known = view.catalogue
     return BankOut(
         bank=view.bank,

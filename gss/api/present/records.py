@@ -1,4 +1,4 @@
-"""Transfers, jobs and events."""
+"""Transfers, jobs and events as responses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PAUSABLE = ("queued", "opening", "transferring", "link_lost")
 
 
 def transfer(view: TransferView) -> TransferOut:
-    """A transfer with the figures of the moment."""
+    """Return a transfer with its current rate and progress."""
     row, live = view.row, view.live
     chunks = -(-row.size // row.chunk_size) if row.chunk_size else 0
     stored = [(int(a), int(b)) for a, b in row.stored]
@@ -49,7 +49,7 @@ def _options(row: Transfer) -> TransferOptionsOut:
 
 
 def job(row: Job) -> JobOut:
-    """A job."""
+    """Return a job."""
     names = "id kind title state done total text created finished result attempts"
     values = {name: getattr(row, name) for name in names.split()}
     user = row.request.get("user") or ""
@@ -57,5 +57,5 @@ def job(row: Job) -> JobOut:
 
 
 def event(row: Event) -> EventOut:
-    """One line of the record."""
+    """Return an event."""
     return EventOut.model_validate(row)

@@ -1,4 +1,4 @@
-"""The device's table of commands for later."""
+"""The device's command schedule as a response."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.operations.line.clock_correlation import Correlation
 
 
 def schedule(state: ScheduleState) -> ScheduleOut:
-    """The table with the clocks."""
+    """Return the schedule with the clock correlation."""
     return ScheduleOut(
         entries=[_entry(entry) for entry in state.entries],
         told=state.told,
@@ -51,7 +51,7 @@ def _entry(entry: Entry) -> EntryOut:
 
 
 def plan(result: Plan, groups: Sequence[tuple[str, bytes]], names: Sequence[str]) -> ScheduleCheckOut:
-    """A dry run."""
+    """Return the result of a dry run."""
     return ScheduleCheckOut(
         problems=list(result.problems),
         warnings=list(result.warnings),

@@ -1,4 +1,4 @@
-"""Stacks and their runs."""
+"""Stacks and their runs as responses."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gss.store.models import Stack, StackRun
 
 
 def stack(row: Stack) -> StackOut:
-    """A stack."""
+    """Return a stack."""
     return StackOut.model_validate(row)
 
 
 def check(result: StackCheck, names: Callable[[str], Sequence[str]]) -> StackCheckOut:
-    """A dry run. ``names``: the arguments' names of a command."""
+    """Return the result of a dry run. ``names``: returns the argument names of a command."""
     steps = [_step(k, step, names(step.command)) for k, step in enumerate(result.steps)]
     return StackCheckOut(
         steps=steps,
@@ -48,5 +48,5 @@ def _step(index: int, step: StepCheck, names: Sequence[str]) -> StepCheckOut:
 
 
 def run(row: StackRun) -> StackRunOut:
-    """A run."""
+    """Return a stack run."""
     return StackRunOut.model_validate(row)

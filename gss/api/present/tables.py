@@ -1,4 +1,4 @@
-"""Tables for the sensor."""
+"""Device tables as responses."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ NAMES = "id kind name profile format_version size sha256 created author"
 
 
 def table(row: DeviceTable, reports: Sequence[TableReport]) -> TableOut:
-    """A table, and where the device holds it."""
+    """Return a table and the banks that hold it."""
     return TableOut(**{name: getattr(row, name) for name in NAMES.split()}, on_board=_places(row, reports))
 
 
 def table_detail(row: DeviceTable, reports: Sequence[TableReport]) -> TableDetailOut:
-    """A table with its values."""
+    """Return a table with its values."""
     values = {name: getattr(row, name) for name in NAMES.split()}
     return TableDetailOut(**values, on_board=_places(row, reports), content=row.content)
 
@@ -28,5 +28,5 @@ def _places(row: DeviceTable, reports: Sequence[TableReport]) -> list[TablePlace
 
 
 def on_board(reports: Sequence[TableReport]) -> list[OnBoardTableOut]:
-    """What the device reports."""
+    """Return the tables that the device reports."""
     return [OnBoardTableOut.model_validate(r) for r in reports]

@@ -1,4 +1,4 @@
-"""Values, their states and limits, and the cycle's timing."""
+"""Telemetry values, states, limits and cycle timing as responses."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ Told = tuple[Sequence[FieldValue], Mapping[tuple[str, str], int]]
 
 
 def latest(told: Told) -> LatestOut:
-    """All fields with their states."""
+    """Return all fields with their states."""
     values, alarms = told
     return LatestOut(values=[value(v, alarms.get((v.packet, v.definition.name))) for v in values])
 
 
 def value(v: FieldValue, alarm_id: int | None = None) -> ValueOut:
-    """One field."""
+    """Return one field."""
     shown = v.value.hex() if isinstance(v.value, bytes) else v.value
     raw = v.raw if isinstance(v.raw, int | float) else None
     text = v.state
     if v.state == "stale" and v.age_s is not None:
-        fresh = v.age_s <= v.definition.stale_after_s  # it is told again and again, from an iteration that is over
+        fresh = v.age_s <= v.definition.stale_after_s  # still received, but from an iteration that has ended
         text = "cycle stopped" if fresh else f"stale {v.age_s:.0f} s"
     return ValueOut(
         name=v.definition.name,
@@ -69,7 +69,7 @@ def _finite(x: float | None) -> float | None:
 
 
 def series(s: Series) -> SeriesOut:
-    """One field over a span."""
+    """Return the history of one field."""
     definition = s.definition
     choices = [ChoiceOut(name=c.name, value=c.value) for c in definition.choices]
     if definition.type == "bool":
@@ -89,18 +89,18 @@ def series(s: Series) -> SeriesOut:
 
 
 def packet(row: TelemetryPacket) -> PacketOut:
-    """One stored packet."""
+    """Return a stored packet."""
     return PacketOut.model_validate(row)
 
 
 def limits(book: LimitBook) -> LimitsOut:
-    """All limits in force."""
+    """Return all limits in force."""
     sets = [LimitSetOut(name=name, note=note) for name, note in book.sets]
     return LimitsOut(set=book.chosen, sets=sets, fields=[limit(book, *where) for where in book.fields()])
 
 
 def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
-    """The limits in force for one field."""
+    """Return the limits in force for one field."""
     rule, given = book.rule(packet, field), book.given(field)
     return LimitOut(
         key=f"{packet}.{field.name}",
@@ -128,12 +128,13 @@ def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
 
 
 def cycle(timed: tuple[datetime, Mapping[str, Any]]) -> CycleOut:
-    """Timing of one iteration."""
+    """Return the timing of one iteration."""
     at, values = timed
     stages = {
         f"{name}_ms": float(values[f"{name}_ms"]) for name in ("capture", "transfer", "detect", "match", "attitude")
     }
-    # The next image is taken while this one is worked on (Erlank 2013 §5.3.4, Fig. 5.8); only its transfer stops both.
+    # The next image is captured while this one is processed (Erlank 2013 §5.3.4, Fig. 5.8); only its transfer blocks
+    # both.
     working_ms = stages["detect_ms"] + stages["match_ms"] + stages["attitude_ms"]
     total_ms = max(stages["capture_ms"], working_ms) + stages["transfer_ms"]
     return CycleOut(iteration=int(values["iteration"]), at=at, total_ms=total_ms, **stages)

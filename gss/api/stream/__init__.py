@@ -1,1 +1,1 @@
-"""What happens, told to every page: each message written once, sent to all."""
+"""Event stream to the pages: each message is serialized once and sent to all listeners."""

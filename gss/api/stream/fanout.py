@@ -1,4 +1,4 @@
-"""Messages that are ready to be sent, and the listeners who share their bytes. Everything here runs on the event loop."""
+"""Serialized messages and the listeners that share them. Everything here runs on the event loop."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MAILBOX = 2000
 MAILBOX_BYTES = 16 << 20
 AGAIN_S = 10.0
 FIRST = "link"
-"""The state that a new listener gets before anything else."""
+"""Topic of the state that a new listener receives first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """One message as it goes out. ``seq``: number of a recorded event."""
+    """One serialized message. ``seq``: number of a recorded event."""
 
     topic: str
     data: bytes
@@ -30,20 +30,20 @@ class Wire:
 
 
 def wire(topic: str, payload: Any, number: str | None, seq: int | None = None) -> Wire:
-    """A server-sent event; ``payload`` is anything that JSON can hold, ``number`` its ``id``."""
+    """Return a server-sent event. ``payload``: anything that JSON can hold; ``number``: its ``id``."""
     ident = b"" if number is None else b"id: %s\n" % number.encode()
     data = b"event: %s\ndata: %s\n%s\n" % (topic.encode(), to_json(payload, by_alias=True), ident)
     return Wire(topic, data, seq)
 
 
 def unnumbered(message: Wire) -> bytes:
-    """The message without its ``id``."""
-    head, mark, _ = message.data.partition(b"\nid: ")  # JSON holds no line break, so this can only be the field
+    """Return the message without its ``id``."""
+    head, mark, _ = message.data.partition(b"\nid: ")  # JSON contains no line break, so this can only be the id field
     return head + b"\n\n" if mark else message.data
 
 
 class Listener:
-    """One connection's mailbox. A connection that takes too slowly loses the oldest messages; they are counted."""
+    """Message queue of one connection. If the client reads too slowly, the oldest messages are dropped and counted."""
 
     def __init__(self, name: str = "") -> None:
         self.name = name
@@ -54,7 +54,7 @@ class Listener:
         self._dropped = 0
 
     def put(self, messages: Iterable[Wire]) -> None:
-        """Add messages, shared with every other listener."""
+        """Append messages; their bytes are shared between listeners."""
         for message in messages:
             self._waiting.append(message)
             self._bytes += len(message.data)
@@ -64,7 +64,7 @@ class Listener:
         self.ready.set()
 
     def take(self) -> tuple[list[Wire], int]:
-        """All waiting messages, and how many were lost before them."""
+        """Remove and return all queued messages, and the number dropped before them."""
         messages, dropped = list(self._waiting), self._dropped
         self._waiting.clear()
         self._bytes = self._dropped = 0
@@ -72,21 +72,21 @@ class Listener:
         return messages, dropped
 
     def close(self) -> None:
-        """Let the connection end."""
+        """End the connection after the queue is sent."""
         self.closed = True
         self.ready.set()
 
 
 class Fanout:
-    """Gives each message to every listener and keeps the newest state that a new one begins with. ``each``, ``most``: limits for
-    the listeners of one name, and for all together; 0 is no limit. ``counts`` is kept up to date."""
+    """Sends each message to every listener and keeps the newest state for new ones. ``each``, ``most``: maximum
+    listeners per user and in total; 0 means no limit. ``counts`` is updated."""
 
     def __init__(
         self, counts: StreamCounts, state: Callable[[], Wire] | None = None, each: int = 0, most: int = 0
     ) -> None:
         self.counts = counts
         self.state = state
-        """Works out what a new listener begins with, in a thread, while nothing has been told yet; a worker cannot."""
+        """Computes the initial state in a thread if no state has been published yet; None in a worker."""
         self._each, self._most = each, most
         self.newest: Wire | None = None
         self._listeners: set[Listener] = set()
@@ -96,8 +96,8 @@ class Fanout:
         return len(self._listeners)
 
     def join(self, name: str = "") -> Listener:
-        """A new mailbox of somebody, nobody's counts for none; of a server that stops one that is closed already. TooOften where
-        there are as many as may be."""
+        """Create a listener queue for a user. TooOften if a limit is reached; anonymous listeners are not limited.
+        While the server is stopping, return a closed queue."""
         limits = (("one user or token", self._each, self._of(name)), ("everybody", self._most, len(self._listeners)))
         for whom, most, there in limits:
             if name and most and there >= most:
@@ -120,12 +120,12 @@ class Fanout:
         return sum(listener.name == name for listener in self._listeners)
 
     def leave(self, listener: Listener) -> None:
-        """Close a mailbox."""
+        """Remove a listener."""
         self._listeners.discard(listener)
         self.counts.clients = len(self._listeners)
 
     def spread(self, messages: Iterable[Wire]) -> None:
-        """Give messages to everybody."""
+        """Send messages to every listener."""
         messages = tuple(messages)
         for message in messages:
             if message.topic == FIRST:
@@ -134,12 +134,12 @@ class Fanout:
             listener.put(messages)
 
     def hang_up(self) -> None:
-        """End every connection; whoever wants may come again."""
+        """End every connection; clients may reconnect."""
         self.newest = None
         for listener in tuple(self._listeners):
             listener.close()
 
     def close(self) -> None:
-        """End every connection, and those that still come."""
+        """End every connection, and any opened later."""
         self._closed = True
         self.hang_up()

@@ -1,4 +1,4 @@
-"""From the bus to bytes: each message is presented and written as JSON once, however many listen."""
+"""Present and serialize each bus message once, independent of the number of listeners."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ PRESENT: dict[str, Callable[[Any], Any]] = {
 
 
 def first_state(status: StatusService) -> Wire:
-    """What a listener begins with before the bus has told it."""
+    """Return the initial state for a listener when none has been published yet."""
     return wire(FIRST, present.link.link(status.header()), None)
 
 
 class Presenter:
-    """A thread between the bus and a fan-out.
+    """Thread between the event bus and the fan-out.
 
-    Recorded events carry their number as ``id``; everything else carries the number of the newest event and, after a point, a
-    count of its own. A jump of either shows that something was lost.
+    Recorded events carry their number as ``id``; other messages carry the number of the newest event and, after a
+    point, a separate counter. A gap in either means that messages were lost.
     """
 
     def __init__(self, bus: EventBus, fanout: Fanout, stopping: threading.Event) -> None:
@@ -57,7 +57,7 @@ class Presenter:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to listen; bytes are handed over on ``loop``."""
+        """Subscribe to the bus and start the thread; messages are passed to the fan-out on ``loop``."""
         self._loop = loop
         self._subscription = self._bus.subscribe(self._wake.set)
         self._seq = self._bus.newest()
@@ -81,7 +81,7 @@ class Presenter:
             self._on_loop(self._fanout.close)
 
     def _presented(self, messages: list[Message], dropped: int) -> list[Wire]:
-        """In order; what nobody listens to is only counted."""
+        """Return the messages serialized, in order. Without listeners they are only counted, except the state."""
         wires: list[Wire] = []
         if dropped:
             self._count += dropped
@@ -97,7 +97,7 @@ class Presenter:
             number = str(self._seq) if message.seq is not None else f"{self._seq}.{self._count}"
             try:
                 wires.append(wire(message.topic, PRESENT[message.topic](message.payload), number, message.seq))
-            except Exception:  # one message that cannot be written must not end the stream of all others
+            except Exception:  # one message that fails to serialize must not end the stream
                 log.exception("a message of %s could not be presented", message.topic)
                 wires.append(wire("dropped", {"dropped": 1}, None))
         return wires

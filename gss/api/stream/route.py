@@ -1,4 +1,4 @@
-"""The one event stream: recorded events can be resumed after any of them, the rest is the state of the moment."""
+"""The event stream: recorded events can be resumed from any number; other messages carry only current state."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ HEADERS = [
     (b"x-accel-buffering", b"no"),
 ]
 Valid = Callable[[], str]
-"""Asked again and again while a stream lives: empty, or why who listens may not any more."""
+"""Called repeatedly while a stream is open: "" while the listener is still authorized, else the reason why not."""
 
 
 class EventStream(Response):
-    """One listener's connection. ``after``: recorded events since this number come first; None: none of them. ``name``: whose,
-    where they are counted."""
+    """Streaming response for one listener. ``after``: send recorded events after this number first; None: send none.
+    ``name``: user whose listener limit applies; "" for no limit."""
 
     media_type = "text/event-stream"
 
@@ -46,7 +46,7 @@ class EventStream(Response):
         self._services, self._fanout, self._seq, self._valid = services, fanout, after, valid
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send until the connection, the session or the server ends."""
+        """Send events until the connection, the session or the server ends."""
         try:
             listener = self._fanout.join(self._name)
         except TooOften as error:
@@ -62,13 +62,14 @@ class EventStream(Response):
                 await self._follow(listener, send)
             await send({"type": "http.response.body", "body": b""})
         except OSError:
-            pass  # who listened is gone in the middle of a message
+            pass  # the client disconnected while a message was being sent
         finally:
             self._fanout.leave(listener)
             watch.cancel()
 
     async def _catch_up(self, send: Send) -> None:
-        """Recorded events after the number, a page at a time. Of a longer absence than all pages the rest is announced as lost."""
+        """Send the recorded events after the number, in pages. If there are more than all pages hold, report the others
+        as dropped."""
         if self._seq is None:
             return
         for _ in range(PAGES):
@@ -85,8 +86,8 @@ class EventStream(Response):
             self._seq = newest
 
     async def _first(self, send: Send) -> bool:
-        """The state that the page begins with; it has no number, because the count of what follows does not go on from it. False
-        where it is not known: whoever comes again in a moment will get it."""
+        """Send the initial state; False if it is not known yet, and the client must reconnect. It has no number: the
+        numbering that follows does not continue from it."""
         newest = self._fanout.newest
         if newest is None and self._fanout.state is not None:
             newest = await asyncio.to_thread(self._fanout.state)
@@ -120,14 +121,15 @@ class EventStream(Response):
 
 @router.get("/stream", response_class=EventStream, status_code=200)
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
-    """Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first."""
+    """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since
+    then first."""
     who = who_of(request.scope)
     after, valid = resumed_after(last_event_id or ""), _valid(request, app)
     return EventStream(app, request.app.state.fanout, after, valid, who.name if who else "")
 
 
 def resumed_after(number: str) -> int | None:
-    """The event that a listener saw last, from the ``id`` of any message; None of anything else."""
+    """Return the event number in the ``id`` of any message; None if it is not valid."""
     found = NUMBER.fullmatch(number)
     return int(found[1]) if found else None
 

@@ -1,1 +1,1 @@
-"""API worker processes beside the one link process."""
+"""API worker processes and the link process behind them."""

@@ -1,4 +1,4 @@
-"""The API workers beside the link process: started, watched, started again when one ends, ended with it."""
+"""Supervisor of the API workers: starts them, restarts them if they exit, and stops them with the link process."""
 
 from __future__ import annotations
 
@@ -31,27 +31,28 @@ Tell = Callable[[str, str], None]
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to know. ``link``: the link process's socket; ``listener``: number of the shared one's file."""
+    """Start parameters of a worker. ``link``: path of the link process's socket; ``listener``: descriptor of the shared
+    public socket."""
 
     settings: Settings
     link: str
     listener: int
 
     def as_json(self) -> str:
-        """One line."""
+        """Return the parameters as one line of JSON."""
         settings = self.settings.model_dump(mode="json")
         return json.dumps({"settings": settings, "link": self.link, "listener": self.listener})
 
     @staticmethod
     def from_json(text: str) -> Order:
-        """The same order in another process."""
+        """Parse the parameters in the worker process."""
         told = json.loads(text)
         return Order(Settings(**told["settings"]), told["link"], told["listener"])
 
 
 @dataclass
 class Worker:
-    """One place of the crew. ``restarts``: how often its process had to be started again."""
+    """One worker slot. ``restarts``: how many times its process was restarted."""
 
     number: int
     process: subprocess.Popen[str]
@@ -61,7 +62,7 @@ class Worker:
 
 
 class Crew:
-    """Starts ``count`` workers and keeps that many alive until :meth:`stop`."""
+    """Starts ``count`` workers and keeps that number alive until :meth:`stop`."""
 
     def __init__(self, order: Order, count: int, tell: Tell) -> None:
         self._order, self._tell = order, tell
@@ -72,7 +73,7 @@ class Crew:
         self._threads = [threading.Thread(target=self._watch, args=(w,), daemon=True) for w in self._workers]
 
     def go(self) -> None:
-        """The link process answers: let the workers begin, and watch them from now on."""
+        """Start serving and watching the workers; called when the link process is ready."""
         with self._lock:
             self._ready = True
             for worker in self._workers:
@@ -81,7 +82,7 @@ class Crew:
             thread.start()
 
     def stop(self) -> None:
-        """Let requests end, then end the processes."""
+        """Let requests in progress end, then stop the processes."""
         self._stopping.set()
         with self._lock:
             processes = [worker.process for worker in self._workers]
@@ -99,7 +100,7 @@ class Crew:
                 process.stdin.close()
 
     def states(self) -> list[dict[str, Any]]:
-        """Number, process, seconds since its start and restarts of each worker."""
+        """Return number, process id, uptime in seconds and restart count of each worker."""
         with self._lock:
             return [
                 {"number": w.number, "pid": w.process.pid, "up_s": monotonic_s() - w.since_s, "restarts": w.restarts}
@@ -140,8 +141,8 @@ class Crew:
 
 @contextmanager
 def private_socket() -> Iterator[tuple[socket.socket, Path]]:
-    """A Unix socket that only this user can open, in a folder of its own that goes with the block."""
-    with tempfile.TemporaryDirectory(prefix="gss-") as folder:  # mode 0700; the path must be short
+    """Create a Unix socket that only this user can open, in a temporary folder that is deleted on exit."""
+    with tempfile.TemporaryDirectory(prefix="gss-") as folder:  # mode 0700; a socket path must be short
         path = Path(folder) / "link"
         listener = socket.socket(socket.AF_UNIX)
         before = os.umask(0o177)

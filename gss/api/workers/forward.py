@@ -1,4 +1,4 @@
-"""From an API worker to the link process: requests and answers pass as they are, piece by piece, over a private Unix socket."""
+"""Proxy from an API worker to the link process: streams requests and responses unchanged over a private Unix socket."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from gss.api.guard.door import is_change, is_open
 from gss.api.workers.local_routes import is_local
 
 PEER = b"x-gss-peer"
-"""Who really asks: address, port and scheme. Taken from the private socket only; a browser's own is dropped."""
+"""Original client: address, port and scheme. Accepted on the private socket only; this header from a browser is
+dropped."""
 OWN = {
     b"connection",
     b"keep-alive",
@@ -31,28 +32,28 @@ PIECE = 1 << 16
 
 
 class Gateway:
-    """Innermost part of a worker's application: what is not local goes to ``forward``. Guards stand in front of it."""
+    """Innermost middleware of a worker: requests that are not local go to ``forward``. The guard runs before it."""
 
     def __init__(self, app: ASGIApp, forward: ASGIApp) -> None:
         self._app, self._forward = app, forward
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Handle one request locally or forward it."""
         if scope["type"] != "http" or is_local(scope["method"], scope["path"]):
             await self._app(scope, receive, send)
             return
         if is_open(scope) and is_change(scope):
             whole = await _whole_body(receive)
             if whole is None:
-                return  # the client left; nothing was forwarded
+                return  # the client disconnected; nothing was forwarded
             receive = whole
         scope["gss.forwarded"] = True
         await self._forward(scope, receive, send)
 
 
 async def _whole_body(receive: Receive) -> Receive | None:
-    """Wait for the complete body, so that a slow client without an account holds no connection to the link process. Such bodies are
-    small. Returns what gives it in one piece; None if the client left."""
+    """Read the complete body, so that a slow client without an account holds no connection to the link process. Such
+    bodies are small. Returns a ``receive`` that yields it in one message; None if the client disconnected."""
     body, more = b"", True
     while more:
         message = await receive()
@@ -68,13 +69,13 @@ async def _whole_body(receive: Receive) -> Receive | None:
 
 
 class Forward:
-    """Sends each request on a connection of its own: nothing that was sent is ever sent again by us."""
+    """Forwards each request on a separate connection and never retries it, so no request is sent twice."""
 
     def __init__(self, path: Path) -> None:
         self._path = str(path)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request; 503 when the link process is not there."""
+        """Forward one request; 503 if the link process cannot be reached."""
         try:
             reader, writer = await asyncio.open_unix_connection(self._path)
         except OSError as error:
@@ -89,7 +90,7 @@ class Forward:
 
 
 class _Exchange:
-    """One request and its answer."""
+    """One forwarded request and its response."""
 
     def __init__(
         self, scope: Scope, receive: Receive, send: Send, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -100,13 +101,13 @@ class _Exchange:
         self._started = False
 
     async def run(self) -> None:
-        """Until the answer is complete or who asked is gone; the link process sees at once that nobody waits any more."""
+        """Run until the response is complete or the client disconnects; the link process sees the disconnect at once."""
         asking = asyncio.create_task(self._ask())
         answering = asyncio.create_task(self._answer())
         try:
             await asyncio.wait((asking, answering), return_when=asyncio.FIRST_COMPLETED)
             if not answering.done() and asking.exception() is not None:
-                await answering  # it refused the rest of the request; its answer may be on the way
+                await answering  # the link process rejected the rest of the request; its response may still arrive
             if answering.done():
                 answering.result()
         except (OSError, h11.RemoteProtocolError) as error:
@@ -160,7 +161,8 @@ class _Exchange:
                 raise ConnectionResetError("the connection was closed before the answer")
 
     async def _broken(self, error: Exception) -> None:
-        """Say it while that is possible; else the connection is cut, and the browser sees that the answer is not whole."""
+        """Answer 503 if no response has started; otherwise cut the connection, so that the browser detects an
+        incomplete response."""
         if self._started:
             return
         changed = is_change(self._scope)
@@ -170,7 +172,7 @@ class _Exchange:
 
 
 def peer_of(scope: Scope) -> Scope:
-    """In the link process: the scope as if the browser had come by itself."""
+    """In the link process: return the scope as if the browser had connected directly."""
     told = [value for name, value in scope["headers"] if name == PEER]
     headers = [(name, value) for name, value in scope["headers"] if name != PEER]
     if len(told) != 1:

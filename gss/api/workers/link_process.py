@@ -1,4 +1,5 @@
-"""The link process when API workers stand in front of it: it serves a private socket, keeps its crew, and stands in for it."""
+"""The link process behind API workers: serves a private socket, supervises the workers and replaces them if all are
+down."""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ def serve_behind_workers(
     connections: Connections,
     signals: StopSignals,
 ) -> None:
-    """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: of this process, while it
-    answers there itself."""
+    """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: connection
+    counter of this process for the public socket."""
     with private_socket() as (private, path):
         order = Order(settings, str(path), listener.fileno())
 
@@ -60,7 +61,7 @@ def serve_behind_workers(
 
 
 class LinkServer(uvicorn.Server):
-    """Lets the crew begin when it answers itself, and goes only after the crew has gone: no request is cut in between."""
+    """Server that starts the workers once it serves, and stops only after the workers, so that no request is cut off."""
 
     def __init__(self, config: uvicorn.Config, services: Services, crew: Crew, stand_in: StandIn) -> None:
         super().__init__(config)
@@ -69,7 +70,7 @@ class LinkServer(uvicorn.Server):
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to answer, then open the door to the public."""
+        """Start serving, then start the workers on the public socket."""
         await super().startup(sockets)
         if self.started:
             self._loop = asyncio.get_running_loop()
@@ -77,7 +78,7 @@ class LinkServer(uvicorn.Server):
             self._crew.go()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """The first signal ends things in order, a second one at once."""
+        """Stop in order on the first signal, at once on the second."""
         if self._leaving is not None:
             super().handle_exit(signal.SIGINT, frame)
             return

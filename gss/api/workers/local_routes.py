@@ -1,7 +1,9 @@
-"""What an API worker answers itself. Everything else is forwarded to the link process, new routes too until they are named here.
+"""Routes that an API worker answers itself. All others are forwarded to the link process, including new routes until
+they are listed here.
 
-A route may stand here when its answer comes from the database, the blobs and the request alone. What the services remember (the
-line, banks and tables on board, alarms, running transfers and jobs, the camera in use) is true in the link process only.
+A route may be listed if its response depends only on the database, the blobs and the request. State held by services
+(the line, banks and tables on board, alarms, running transfers and jobs, the active camera) is valid in the link
+process only.
 """
 
 from __future__ import annotations
@@ -61,7 +63,7 @@ LOCAL: dict[str, tuple[str, ...]] = {
     "POST": ("/api/design",),
 }
 FORWARDED = ("/api/", "/metrics")
-"""Beginnings of what may be forwarded; the rest are the pages, which every worker has."""
+"""Path prefixes that may be forwarded; other paths are page files, which every worker has."""
 
 
 def _pattern(templates: tuple[str, ...]) -> re.Pattern[str]:
@@ -70,7 +72,7 @@ def _pattern(templates: tuple[str, ...]) -> re.Pattern[str]:
 
 
 def _split(template: str) -> list[str]:
-    """Literal, name, literal …"""
+    """Split into literal, name, literal …"""
     return re.split(r"\{(\w+)\}", template)
 
 
@@ -78,7 +80,7 @@ _PATTERNS = {method: _pattern(templates) for method, templates in LOCAL.items()}
 
 
 def is_local(method: str, path: str) -> bool:
-    """Whether a worker answers this itself."""
+    """True if a worker answers this request itself."""
     if not path.startswith(FORWARDED):
         return True
     pattern = _PATTERNS.get(method)

@@ -1,4 +1,4 @@
-"""While no API worker is there the link process answers on the public socket itself: ABORT must get through."""
+"""Serve the public socket from the link process while no API worker is alive, so that ABORT always gets through."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from gss.api.workers.upstream import PrivateDoor
 
 
 class StandIn:
-    """Takes the workers' place at the door from the moment that the last of them has gone until the first has come.
+    """Accepts on the public socket from when the last worker ends until the first one is back.
 
-    A worker that is about to answer has fetched its stream before; the system ends that stream with the process, however it died.
-    What a connection brought is answered to its end, also where a worker is there again.
+    A worker opens its stream before it starts to answer; the operating system closes that stream when the process ends,
+    whatever the cause. Requests on connections accepted here are completed even if a worker is back.
     """
 
     def __init__(
@@ -37,14 +37,15 @@ class StandIn:
         self._task: asyncio.Task[None] | None = None
 
     async def watch(self, state: uvicorn.server.ServerState) -> None:
-        """From now on, on this event loop. ``state``: of the link process's server, which ends these connections with its own."""
+        """Start watching, on this event loop. ``state``: of the link process's server, which closes these connections
+        with its own."""
         self._config.load()
         self._state, self._turn = state, asyncio.Lock()
         self._door.changed = self._changed
         await self._settle()
 
     def end(self) -> None:
-        """The server stops: nobody comes in any more. On the event loop."""
+        """Stop accepting because the server stops. Call on the event loop."""
         self._over = True
         self._changed()
 
@@ -58,7 +59,7 @@ class StandIn:
                 loop = asyncio.get_running_loop()
                 shared = LimitedListener(
                     self._connections, os.dup(self._listener.fileno())
-                )  # closed without the workers'
+                )  # closing it leaves the workers' descriptor open
                 self._open = await loop.create_server(
                     self._protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog
                 )

@@ -1,4 +1,4 @@
-"""The one stream between the link process and a worker, and the private door it comes through."""
+"""The event stream from the link process to a worker, and the private socket application that serves it."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ LONGEST_MESSAGE = 64 << 20
 
 
 class PrivateDoor:
-    """What the link process serves on its Unix socket: the application for those whom a worker speaks for, and the stream for the
-    workers themselves. Nobody else can open the socket."""
+    """Application on the link process's Unix socket: requests that a worker forwards, and the event stream for the
+    workers. No other user can open the socket."""
 
     def __init__(self, app: ASGIApp, services: Services, fanout: Fanout) -> None:
         self._app, self._services, self._fanout = app, services, fanout
         self.workers = 0
-        """How many take the stream: they answer, or are about to."""
+        """Number of workers on the stream: those that answer or are about to."""
         self.changed: Callable[[], None] = lambda: None
-        """Called when that number changed."""
+        """Called when ``workers`` changes."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Handle one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
         elif scope["path"] == STREAM:
@@ -50,7 +50,8 @@ class PrivateDoor:
 
 
 class Upstream:
-    """Keeps the worker's fan-out fed. When the stream breaks every listener is let go: he comes back and gets what he missed."""
+    """Feeds the worker's fan-out from the link process. If the stream breaks, every listener is closed; clients
+    reconnect and receive what they missed."""
 
     def __init__(self, path: Path, fanout: Fanout) -> None:
         self._path, self._fanout = str(path), fanout
@@ -58,12 +59,12 @@ class Upstream:
         self._task: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
-        """Begin, and wait for the first state."""
+        """Start reading, and wait for the first state."""
         self._task = asyncio.create_task(self._run())
         await self._first.wait()
 
     async def stop(self) -> None:
-        """End."""
+        """Stop reading."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -78,7 +79,7 @@ class Upstream:
     async def _read(self) -> None:
         reader, writer = await asyncio.open_unix_connection(self._path, limit=LONGEST_MESSAGE)
         try:
-            # HTTP/1.0: the answer comes without pieces of its own, as long as the connection lasts.
+            # HTTP/1.0 has no chunked encoding: the response is read as sent until the connection closes.
             writer.write(f"GET {STREAM} HTTP/1.0\r\nHost: localhost\r\n\r\n".encode())
             await reader.readuntil(b"\r\n\r\n")
             while True:
@@ -90,7 +91,7 @@ class Upstream:
 
 
 def received(block: bytes) -> list[Wire]:
-    """The message in a block as the link process wrote it; none in a comment."""
+    """Return the message in a block written by the link process; empty for a comment."""
     head, _, _ = block.partition(b"\n")
     if not head.startswith(b"event: "):
         return []

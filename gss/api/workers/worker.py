@@ -1,7 +1,8 @@
-"""An API worker process: accepts on the shared socket, answers from the database, forwards the rest to the link process.
+"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link
+process.
 
-Started by :mod:`gss.api.workers.crew` as ``python -m gss.api.workers.worker``. Standard input brings one line of JSON when the link
-process is ready, and its end is the end of the link process: then the worker ends too.
+Started by :mod:`gss.api.workers.crew` as ``python -m gss.api.workers.worker``. Standard input delivers one line of JSON
+when the link process is ready; end of file means that the link process has ended, and the worker then stops too.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ GRACE_S = 3
 
 
 def main() -> None:
-    """Load, wait for the word, serve until told to stop."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the link process, which ends us in order
+    """Load, wait for the start parameters, serve until stopped."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the link process, which stops the workers in order
     import uvicorn
 
     from gss.api.app import create_app
@@ -39,7 +40,7 @@ def main() -> None:
     listener = LimitedListener(connections, order.listener)
 
     class Server(uvicorn.Server):
-        """Ends the event streams as soon as a signal comes."""
+        """Ends the event streams as soon as a signal arrives."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             app.state.fanout.close()
@@ -53,7 +54,7 @@ def main() -> None:
 
 
 def _end_with_parent() -> None:
-    """The link process is gone however it ended: stop at once, so that the port and the data folder are free."""
+    """Stop when the link process ends, however it ended, to free the port and the data folder."""
     sys.stdin.read()
     threading.Timer(END_WITHIN_S, os._exit, (1,)).start()
     os.kill(os.getpid(), signal.SIGTERM)
