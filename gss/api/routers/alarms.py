@@ -1,4 +1,4 @@
-"""Alarms: what left its limits and has not been seen back."""
+"""Alarms: fields out of limits, until cleared and acknowledged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ router = APIRouter(prefix="/alarms", tags=["alarms"])
 
 @router.get("")
 def list_alarms(app: App, open: bool = True, limit: Annotated[int, Query(ge=1, le=1000)] = 200) -> list[AlarmRow]:
-    """Open alarms, the worst first; with ``open=false`` all of them, the newest first."""
+    """Open alarms, worst first; with ``open=false`` all alarms, newest first."""
     views = app.alarms.opened()[:limit] if open else app.alarms.newest(limit)
     return [present.alarms.alarm(view) for view in views]
 
@@ -31,14 +31,14 @@ def read_alarm(app: App, alarm_id: RowId) -> AlarmRow:
 
 @router.post("/{alarm_id}/acknowledge", dependencies=[need("alarms")])
 def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
-    """Somebody has seen it."""
+    """Acknowledge an alarm."""
     deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.acknowledge(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/shelve", dependencies=[need("alarms")])
 def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, deed: Deed) -> AlarmRow:
-    """Do not show it for a time."""
+    """Hide an alarm for a limited time."""
     deed(_named(app, alarm_id), f"for {body.minutes:g} min", body.note)
     until = utc_now() + timedelta(minutes=body.minutes)
     return present.alarms.alarm(app.alarms.shelve(alarm_id, until, user=user, note=body.note))
@@ -46,19 +46,19 @@ def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, deed: Deed) ->
 
 @router.post("/{alarm_id}/unshelve", dependencies=[need("alarms")])
 def unshelve(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
-    """Show it again."""
+    """Show a shelved alarm again."""
     deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.unshelve(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/clear", dependencies=[need("alarms")])
 def clear(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
-    """Close it by hand, unless its cause is still there."""
+    """Close an alarm manually. Rejected while its cause persists."""
     deed(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.clear(alarm_id, user=user, note=body.note))
 
 
 def _named(app: Services, alarm_id: int) -> str:
-    """What is changed, and from what: field, level, state."""
+    """Return field, level and state of the alarm for the audit log."""
     row = present.alarms.alarm(app.alarms.get(alarm_id))
     return f"{row.packet}.{row.field}, {row.level}, {'shelved' if row.shelved else row.state};"

@@ -22,13 +22,13 @@ router = APIRouter(prefix="/analyses", tags=["analyses"])
 def list_analyses(
     app: App, kind: Annotated[str, Query(max_length=30)] = "", limit: Annotated[int, Query(ge=1, le=500)] = 50
 ) -> list[AnalysisOut]:
-    """Newest first; of one kind where it is named."""
+    """Analyses, newest first. ``kind``: only this kind."""
     return [AnalysisOut(**_facts(row)) for row in app.analyses.newest(limit, kind)]
 
 
 @router.post("", status_code=202, dependencies=[need("analyse")])
 def analyse(app: App, user: User, body: AnalysisIn) -> JobOut:
-    """Analyse as a job; its result names the analysis."""
+    """Run an analysis as a job; its result names the analysis."""
     wanted: FrameAnalysis | TelemetryAnalysis
     if isinstance(body, FrameAnalysisIn):
         commanded = None if body.commanded_deg_s is None else math.radians(body.commanded_deg_s)
@@ -48,7 +48,7 @@ def analyse(app: App, user: User, body: AnalysisIn) -> JobOut:
 
 @router.get("/{analysis_id}")
 def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
-    """An analysis with its report."""
+    """Analysis with its report."""
     row = app.analyses.get(analysis_id)
     report = ReportViewOut.model_validate(row.result["report"])
     return AnalysisDetailOut(**_facts(row), request=row.request, figures=row.result["figures"], report=report)
@@ -56,7 +56,7 @@ def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
 
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf"] = "pdf") -> Response:
-    """The report to read and print, or everything for programs."""
+    """Export an analysis: the report (html, pdf) or all data (json)."""
     headers = {"Content-Disposition": f"attachment; filename=analysis-{analysis_id}.{kind}"}
     return Response(app.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
 

@@ -1,4 +1,4 @@
-"""The audit record, for admins: read, exported, verified; never changed."""
+"""The audit log, for admins: read, export, verify. It cannot be changed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DATE = len("2026-01-01")
 
 
 def _whole_day(value: Any) -> Any:
-    """A date as an end means the whole day."""
+    """Extend an end date without a time to the end of that day."""
     if not isinstance(value, str) or len(value) != DATE:
         return value
     try:
@@ -51,13 +51,13 @@ def read_audit(
     before: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditRowOut]:
-    """Newest first; ``before``: those with a smaller number, for the next page. ``action``: how it begins."""
+    """Audit rows, newest first. ``before``: rows with a smaller number, for the next page. ``action``: prefix."""
     return [AuditRowOut.model_validate(row) for row in app.audit.page(wanted, limit, before)]
 
 
 @router.get("/export", response_class=StreamingResponse, dependencies=[ADMIN, EXPORT])
 def export_audit(app: App, wanted: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
-    """Everything that fits, oldest first, as a file."""
+    """Export all matching rows as a file, oldest first."""
     pieces: Iterator[str] = app.audit.export(format, wanted)
     headers = {"Content-Disposition": f"attachment; filename=audit.{format}"}
     return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
@@ -65,5 +65,5 @@ def export_audit(app: App, wanted: Wanted, format: Literal["jsonl", "csv"] = "js
 
 @router.get("/verify", dependencies=[ADMIN])
 def verify_audit(app: App, last_hash: Annotated[str, Query(max_length=64)] = "") -> AuditVerdictOut:
-    """Compute every hash again. ``last_hash``: one noted earlier, which must be there still."""
+    """Recompute every hash. ``last_hash``: a hash noted earlier, which must still be in the log."""
     return AuditVerdictOut(**vars(app.audit.verify(last_hash)))

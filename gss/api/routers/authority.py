@@ -1,4 +1,4 @@
-"""Command authority: who holds it, taking, releasing, breaking."""
+"""Command authority: read, take, release, break."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ router = APIRouter(tags=["authority"])
 
 @router.get("/authority")
 def read_authority(app: App, user: User) -> AuthorityOut:
-    """Who may command, and who could before."""
+    """Current and past holders of command authority."""
     return present.authority.authority(app.authority.state(), user)
 
 
 @router.post("/authority/take", dependencies=[need("authority.take")])
 def take_authority(app: App, user: User) -> AuthorityOut:
-    """Take it while nobody holds it."""
+    """Take command authority while no user holds it."""
     return present.authority.authority(app.authority.take(user), user)
 
 
 @router.post("/authority/release", dependencies=[need("authority.take")])
 def release_authority(app: App, user: User) -> AuthorityOut:
-    """Give it back."""
+    """Release command authority."""
     return present.authority.authority(app.authority.release(user), user)
 
 
 @router.post("/authority/break", dependencies=[need("authority.break")])
 def break_authority(app: App, user: User, body: BreakIn, deed: Deed) -> AuthorityOut:
-    """Take it from its holder, with a reason."""
+    """Take command authority from its holder, with a reason."""
     deed(f"of {app.authority.holder() or 'nobody'}, {body.reason}")
     return present.authority.authority(app.authority.break_(user, body.reason), user)

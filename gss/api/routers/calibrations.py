@@ -1,4 +1,4 @@
-"""Calibrations of cameras from their own frames."""
+"""Camera calibrations from the camera's own frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def list_calibrations(
     profile: Annotated[str, Query(max_length=40)] = "",
     limit: Annotated[int, Query(ge=1, le=500)] = 50,
 ) -> list[CalibrationOut]:
-    """Newest first; of one camera where it is named."""
+    """Calibrations, newest first. ``profile``: only this camera."""
     reports = app.tables.on_board()
     return [
         present.calibrations.calibration(row, _in_use(app, row), reports)
@@ -47,32 +47,32 @@ def list_calibrations(
 
 @router.post("", status_code=202, dependencies=[need("calibrate")])
 def calibrate(app: App, user: User, body: CalibrationIn) -> JobOut:
-    """Calibrate as a job; its result names the calibration."""
+    """Run a calibration as a job; its result names the calibration."""
     return present.records.job(app.calibrations.start(_wanted(body), body.name, body.note, user=user))
 
 
 @router.get("/diff")
 def compare(app: App, older: Identity, newer: Identity) -> CalibrationDiffOut:
-    """What changed from one version to another."""
+    """Differences between two calibrations."""
     return present.calibrations.difference(app.calibrations.compare(older, newer))
 
 
 @router.post("/documented", dependencies=[need("calibrate")])
 def use_documented(app: App, user: User, body: DocumentedIn, deed: Deed) -> None:
-    """Rerun frames of this camera with its documented values again."""
+    """Use this camera's documented values again for reruns."""
     deed(f"{body.profile} from {app.calibrations.book.in_use(body.profile) or 'documented'} to documented")
     app.calibrations.use_documented(body.profile, user=user)
 
 
 @router.get("/{calibration_id}")
 def read_calibration(app: App, calibration_id: RowId) -> CalibrationDetailOut:
-    """A version with maps and figures."""
+    """Calibration with maps and figures."""
     return _detail(app, app.calibrations.get(calibration_id))
 
 
 @router.post("/{calibration_id}/use", dependencies=[need("calibrate")])
 def use(app: App, user: User, calibration_id: RowId, deed: Deed) -> CalibrationDetailOut:
-    """Rerun frames with this camera from now on."""
+    """Use this calibration for reruns from now on."""
     profile = app.calibrations.get(calibration_id).profile
     deed(f"{profile} from {app.calibrations.book.in_use(profile) or 'documented'} to {calibration_id}")
     return _detail(app, app.calibrations.use(calibration_id, user=user))
@@ -80,13 +80,13 @@ def use(app: App, user: User, calibration_id: RowId, deed: Deed) -> CalibrationD
 
 @router.post("/{calibration_id}/table", status_code=201, dependencies=[need("calibrate")])
 def make_table(app: App, user: User, calibration_id: RowId) -> TableDetailOut:
-    """The calibration as a table for the sensor; it is sent from /tables."""
+    """Create a device table from a calibration; send it from /tables."""
     return present.tables.table_detail(app.calibrations.table(calibration_id, user=user), app.tables.on_board())
 
 
 @router.get("/{calibration_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, calibration_id: RowId, kind: Literal["json", "ecsv", "html", "pdf"] = "json") -> Response:
-    """A version for other programs, or its report to read and print."""
+    """Export a calibration for other programs (json, ecsv), or its report (html, pdf)."""
     data = export_calibration(app.calibrations.get(calibration_id), kind)
     headers = {"Content-Disposition": f"attachment; filename=calibration-{calibration_id}.{kind}"}
     return Response(data, media_type=KINDS[kind], headers=headers)

@@ -1,4 +1,4 @@
-"""Campaigns: experiments, reprocessing, chains side by side."""
+"""Campaigns: experiments, reprocessing and comparison of chains."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ router = APIRouter(prefix="/campaigns", tags=["campaigns"])
 
 @router.get("/experiments")
 def list_experiments(_: App) -> list[ExperimentOut]:
-    """The documents' tables that can be rerun."""
+    """Experiments from the documents that can be rerun."""
     return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in ENTRIES.values()]
 
 
 @router.post("/experiments", status_code=201, dependencies=[need("campaigns")])
 def run_experiments(app: App, body: ExperimentsIn) -> JobOut:
-    """Rerun some of them; a job."""
+    """Run experiments as a job."""
     return present.records.job(app.campaigns.run_experiments(body.names, body.trials, body.seed))
 
 
 @router.post("/reprocess", status_code=201, dependencies=[need("campaigns")])
 def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
-    """Run a chain over many stored frames; a job. Starting it again does what is left."""
+    """Run a chain over many stored frames as a job. Starting it again processes only the remaining frames."""
     wanted = Reprocessing(body.chain, tuple(body.frame_ids), body.profile, body.again)
     filters = {"source": body.source, "contact_id": body.contact}
     return present.records.job(app.reprocessing.start(wanted, user=user, **filters))
@@ -42,7 +42,7 @@ def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
 
 @router.get("/chains")
 def compare_chains(app: App) -> list[ChainRecordOut]:
-    """What each chain and version made of the stored frames."""
+    """Results of each chain and version over the stored frames."""
     return [_chain(record) for record in app.campaigns.compare()]
 
 
@@ -67,6 +67,6 @@ def _chain(r: ChainRecord) -> ChainRecordOut:
 def solutions_table(
     app: App, format: Literal["csv", "parquet"] = "csv", chain: Annotated[str, Query(max_length=30)] = ""
 ) -> Response:
-    """Every stored result as a table for other tools; of one chain where it is named."""
+    """Export all stored solutions as a table. ``chain``: only this chain."""
     headers = {"Content-Disposition": f"attachment; filename=solutions.{format}"}
     return Response(export_solutions(app.database, format, chain), media_type=FORMATS[format], headers=headers)

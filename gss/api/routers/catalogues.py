@@ -1,4 +1,4 @@
-"""Sub-catalogues: preview, build, keep, compare, export, upload, and the banks by date."""
+"""Sub-catalogues: preview, build, compare, export and upload, and the bank timeline."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ Id = Annotated[int, Query(ge=1, le=LARGEST_ID)]
 
 @router.get("")
 def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[CatalogueOut]:
-    """Newest first."""
+    """Catalogues, newest first."""
     banks = app.banks.views()
     return [present.catalogues.catalogue(row, banks) for row in app.catalogues.newest(limit)]
 
 
 @router.post("/preview", dependencies=[need("catalogues.build", changes=False)])
 def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) -> PreviewOut:
-    """The quick look while parameters change; ``ambiguity`` adds a coarse map of where stars can be mistaken."""
+    """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
     quick = app.catalogues.preview(request_of(body, user, utc_now()), mistakes=ambiguity)
     return PreviewOut(
         stars=quick.stars,
@@ -77,14 +77,14 @@ def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) ->
 
 @router.post("", status_code=202, dependencies=[need("catalogues.build")])
 def build_catalogue(app: App, user: User, body: CatalogueIn) -> JobOut:
-    """Build as a job; its result names the catalogue."""
+    """Build a catalogue as a job; its result names the catalogue."""
     request = request_of(body, user, utc_now())
     return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=user))
 
 
 @router.get("/diff")
 def diff(app: App, old: Id, new: Id) -> CatalogueDiffOut:
-    """What would change on board if one stored catalogue took the place of another."""
+    """Differences on board if one stored catalogue replaced another."""
     return present.catalogues.diff(app.catalogues.diff(old, new), app.stars)
 
 
@@ -95,7 +95,7 @@ def timeline(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> TimelineOut:
-    """Which catalogue is, was and will be in which bank of a device; of the one that answered last by default."""
+    """Past, current and planned catalogues in each bank of a device; by default of the device that responded last."""
     now = utc_now()
     found = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
     return present.catalogues.timeline(found, now, app.settings.catalogue_watch_days)
@@ -103,7 +103,7 @@ def timeline(
 
 @router.get("/sources")
 def list_sources(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[StarListOut]:
-    """Star lists that were brought, newest first."""
+    """Imported star lists, newest first."""
     return [StarListOut.model_validate(row) for row in app.star_lists.newest(limit)]
 
 
@@ -116,8 +116,8 @@ def add_source(
     profile: Annotated[str, Form(max_length=40)] = "",
     mapping: Annotated[str, Form(max_length=4000)] = "{}",
 ) -> StarListOut:
-    """A CSV, ECSV, FITS or VOTable list as a source of stars. ``mapping``: JSON with columns, units, epoch_jyear, frame,
-    bad_rows (drop or refuse). The answer says what was read and which rows were dropped."""
+    """Import a CSV, ECSV, FITS or VOTable list as a star source. ``mapping``: JSON with columns, units, epoch_jyear,
+    frame, bad_rows (drop or refuse). The response reports what was read and which rows were dropped."""
     data = file.file.read(MAX_BODY_BYTES + 1)
     row = app.star_lists.add(data, file.filename or "", _mapping(mapping), user=user, profile=profile, name=name)
     return StarListOut.model_validate(row)
@@ -125,19 +125,19 @@ def add_source(
 
 @router.get("/{catalogue_id}")
 def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
-    """A catalogue with its maps and quality."""
+    """Catalogue with its maps and quality."""
     return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
 
 
 @router.get("/{catalogue_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
 def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
-    """The quality report to read and to print: one page without scripts, complete in itself."""
+    """Quality report as one self-contained HTML page without scripts."""
     return HTMLResponse(as_html(_sheet(app.catalogues.get(catalogue_id))))
 
 
 @router.get("/{catalogue_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, catalogue_id: RowId) -> Response:
-    """The same as a PDF file."""
+    """Quality report as a PDF file."""
     row = app.catalogues.get(catalogue_id)
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.pdf"}
     return Response(as_pdf(_sheet(row), row.created), media_type="application/pdf", headers=headers)
@@ -150,7 +150,7 @@ def _sheet(row: Catalogue) -> Report:
 
 @router.get("/{catalogue_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
-    """The catalogue as a file: bank image, manifest, C source, the star list, or every table."""
+    """Export a catalogue: bank image, manifest, C source, star list, or all tables."""
     found = app.catalogues.export(catalogue_id, kind)
     headers = {"Content-Disposition": f'attachment; filename="{found.name}"'}
     return Response(found.content, media_type=found.media_type, headers=headers)
@@ -158,14 +158,14 @@ def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
 
 @router.get("/{catalogue_id}/image.bin", response_class=Response, dependencies=[EXPORT])
 def image(app: App, catalogue_id: RowId) -> Response:
-    """The bytes for the bank."""
+    """Bank image of a catalogue."""
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.bin"}
     return Response(app.catalogues.image(catalogue_id), media_type="application/octet-stream", headers=headers)
 
 
 @router.get("/{catalogue_id}/manifest.json", response_class=Response, dependencies=[EXPORT])
 def manifest(app: App, catalogue_id: RowId) -> Response:
-    """What the image holds and where it comes from."""
+    """Manifest of a catalogue: its content and origin."""
     text = json.dumps(app.catalogues.get(catalogue_id).manifest, indent=1)
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.json"}
     return Response(text, media_type="application/json", headers=headers)
@@ -173,7 +173,7 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 
 @router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
 def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, deed: Deed) -> TransferOut:
-    """Send it to an inactive bank."""
+    """Send a catalogue to an inactive bank."""
     held = next((v.catalogue.name for v in app.banks.views() if v.bank == body.bank and v.catalogue), "nothing known")
     deed(f"{app.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
     app.authority.check(user)

@@ -1,4 +1,4 @@
-"""Commands: dictionary, dry run, sending, history."""
+"""Commands: dictionary, dry run, sending and history."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _filter(
     run: ContactId = None,
     text: SearchText = "",
 ) -> Filter:
-    """Which commands of the history; a moment without a zone is UTC."""
+    """Filter of the command history; a time without a zone is UTC."""
     return Filter(start, end, tuple(name), tuple(result), user, source, contact, run, text)
 
 
@@ -51,14 +51,14 @@ def _shown(app: Services, row: Command) -> CommandOut:
 
 
 def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingResponse:
-    first = next(pieces)  # a bad filter is told before the answer has begun
+    first = next(pieces)  # raises an error for a bad filter before the response has started
     headers = {"Content-Disposition": f"attachment; filename={name}"}
     return StreamingResponse(chain([first], pieces), media_type=media_type, headers=headers)
 
 
 @router.get("/dictionary")
 def read_dictionary(app: App) -> DictionaryOut:
-    """All commands that the device can take and all telemetry, with the present state of the commands' preconditions."""
+    """All commands that the device supports and all telemetry, with the current state of the commands' preconditions."""
     shown = app.commands.visible()
     return present.commands.dictionary(
         app.link.dictionary, shown, {c.name: app.commands.preconditions(c) for c in shown}
@@ -67,31 +67,31 @@ def read_dictionary(app: App) -> DictionaryOut:
 
 @router.get("/commands")
 def list_commands(app: App, wanted: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
-    """Newest first; ``before``: those with a smaller id, for the next page."""
+    """Commands, newest first. ``before``: commands with a smaller id, for the next page."""
     return [present.commands.command(app.commands.view(row)) for row in app.history.page(wanted, limit, before)]
 
 
 @router.get("/commands.csv", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands(app: App, wanted: Wanted) -> StreamingResponse:
-    """Everything that fits the filter as a table, oldest first."""
+    """Export all matching commands as CSV, oldest first."""
     return _file(app.history.csv(wanted), "text/csv", "commands.csv")
 
 
 @router.get("/commands.json", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands_json(app: App, wanted: Wanted) -> StreamingResponse:
-    """The same as JSON."""
+    """Export all matching commands as JSON, oldest first."""
     return _file(app.history.json(wanted), "application/json", "commands.json")
 
 
 @router.get("/commands/facets")
 def read_facets(app: App) -> FacetsOut:
-    """Names, users, results and sources that occur."""
+    """Names, users, results and sources that occur in the history."""
     return FacetsOut(**app.history.facets())
 
 
 @router.post("/commands/check", dependencies=[need("view", changes=False)])
 def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
-    """Dry run: the bytes, the hazard, the preconditions, the problems. Nothing is sent."""
+    """Dry run of a command: bytes, hazard, preconditions and problems. Nothing is sent."""
     result = app.commands.check(body.name, body.arguments, user=user)
     names = [a.name for a in app.link.dictionary.command(body.name).arguments]
     return present.commands.check(result, names)
@@ -99,7 +99,7 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(STOP)])
 async def abort(app: App, user: User) -> AbortOut:
-    """Send ABORT ahead of everything. The answer waits at most 0.3 s for the record. 409: nothing was sent."""
+    """Send ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: nothing was sent."""
     receipt = await at_once(lambda: app.commands.abort(user=user, source="abort"))
     row = None
     with contextlib.suppress(TimeoutError):
@@ -122,14 +122,14 @@ def read_command(app: App, command_id: RowId) -> CommandOut:
 
 @router.post("/commands/{command_id}/retry", dependencies=[need("command")])
 def retry_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
-    """The same bytes with the same id, only while unknown."""
+    """Send an unknown command again, with the same bytes and id. Allowed only while its result is unknown."""
     deed(app.commands.get(command_id).name)
     return _shown(app, app.commands.retry(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/withdraw", dependencies=[need("command")])
 def withdraw_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
-    """Take a command back that still waits in the queue."""
+    """Withdraw a command that is still queued."""
     deed(app.commands.get(command_id).name)
     return _shown(app, app.commands.withdraw(command_id, user=user))
 

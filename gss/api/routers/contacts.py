@@ -1,4 +1,4 @@
-"""Contacts: what happened from opening the line to closing it; once more, and on paper."""
+"""Contacts: from opening the line to closing it, with replay and pass report."""
 
 from __future__ import annotations
 
@@ -34,32 +34,32 @@ Offset = Annotated[int, Query(ge=0, le=LARGEST_ID)]
 def list_contacts(
     app: App, response: Response, limit: Annotated[int, Query(ge=1, le=500)] = 50, offset: Offset = 0
 ) -> list[ContactOut]:
-    """A page, newest first. The header X-Total says how many there are."""
+    """Page of contacts, newest first. The header X-Total holds their total number."""
     response.headers["X-Total"] = str(app.contacts.total())
     return [present.contacts.contact(*row) for row in app.contacts.newest(limit, offset)]
 
 
 @router.get("/contacts/{contact_id}")
 def read_contact(app: App, contact_id: RowId) -> ContactDetailOut:
-    """All of one contact."""
+    """All details of a contact."""
     return present.contacts.detail(app.contacts.detail(contact_id))
 
 
 @router.put("/contacts/{contact_id}/note", dependencies=[need("contacts.note")])
 def note_contact(app: App, user: User, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
-    """What an operator has to say about it."""
+    """Set the operator's note of a contact."""
     return present.contacts.detail(app.contacts.note(contact_id, body.note, user=user))
 
 
 @router.get("/contacts/{contact_id}/record")
 def check_record(app: App, contact_id: RowId) -> RecordOut:
-    """Every gap of the 1 Hz record with its cause."""
+    """Gaps in the contact's 1 Hz record, with their causes."""
     return present.contacts.record(contact_id, app.contacts.record(contact_id))
 
 
 @router.get("/contacts/{contact_id}/captures/{file}", response_class=FileResponse, dependencies=[EXPORT])
 def read_capture(app: App, contact_id: RowId, file: str) -> FileResponse:
-    """A file of the raw capture."""
+    """Download a file of the raw capture."""
     path = app.contacts.file(contact_id, file)
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
@@ -70,19 +70,19 @@ def _report(app: App, contact_id: int) -> ContactReport:
 
 @router.get("/contacts/{contact_id}/report")
 def report(app: App, contact_id: RowId) -> ReportOut:
-    """The pass report as figures."""
+    """Pass report as data."""
     return present.contacts.report(_report(app, contact_id))
 
 
 @router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
 def report_page(app: App, contact_id: RowId) -> HTMLResponse:
-    """The pass report to read and to print: one page without scripts, complete in itself."""
+    """Pass report as one self-contained HTML page without scripts."""
     return HTMLResponse(as_html(contact_sheet(report(app, contact_id))))
 
 
 @router.get("/contacts/{contact_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, contact_id: RowId) -> Response:
-    """The same as a PDF file."""
+    """Pass report as a PDF file."""
     found = report(app, contact_id)
     data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
     headers = {"Content-Disposition": f"attachment; filename=contact-{contact_id}.pdf"}
@@ -91,19 +91,19 @@ def report_pdf(app: App, contact_id: RowId) -> Response:
 
 @router.post("/contacts/{contact_id}/replay", status_code=201, dependencies=[need("replay")])
 def start_replay(app: App, contact_id: RowId, body: ReplayIn) -> ReplayOut:
-    """Replay its capture into a view of its own, in place of what is being replayed."""
+    """Replay the contact's capture in a separate view. Replaces a replay that is running."""
     return present.contacts.replay(app.capture_replay.start(contact_id, body.speed, _unix(body.start)))
 
 
 @router.get("/replay")
 def read_replay(app: App) -> ReplayOut:
-    """Where the replay is."""
+    """State of the replay."""
     return present.contacts.replay(app.capture_replay.state)
 
 
 @router.put("/replay", dependencies=[need("replay")])
 def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
-    """Another speed, a halt, another place."""
+    """Change speed or position of the replay, or pause it."""
     fastest = "speed" in body.model_fields_set and body.speed is None
     state = app.capture_replay.change(
         speed=body.speed, as_fast_as_possible=fastest, paused=body.paused, at_s=_unix(body.at)
@@ -113,7 +113,7 @@ def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
 
 @router.delete("/replay", dependencies=[need("replay")])
 def stop_replay(app: App) -> ReplayOut:
-    """End it."""
+    """Stop the replay."""
     return present.contacts.replay(app.capture_replay.stop())
 
 

@@ -1,4 +1,4 @@
-"""Statistics and design: what a camera would see and how well it would know where it points."""
+"""Statistics and design: what a camera would see and how accurate its attitude would be."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NOT_OF_THE_CAMERA = {
 
 @router.get("/cameras")
 def list_cameras(app: App) -> DesignCamerasOut:
-    """The documents' cameras to start from."""
+    """Documented cameras to start from."""
     cameras = [
         DesignCameraOut(
             name=p.name,
@@ -51,18 +51,18 @@ def list_cameras(app: App) -> DesignCamerasOut:
 
 @router.post("", dependencies=[need("view", changes=False)])
 def quick_look(app: App, body: DesignIn) -> DesignOut:
-    """The quick look while numbers change: about two thousand pointings."""
+    """Preview while values change: about two thousand pointings."""
     return DesignOut(**app.design.quick(question_of(body)))
 
 
 @router.post("/run", status_code=202, dependencies=[need("analyse")])
 def full_count(app: App, body: DesignIn) -> JobOut:
-    """A million pointings and the lens trade, as a job; ``design`` in its result is what the quick look answers."""
+    """Full count with the lens trade, as a job. ``design`` in its result has the form of the preview's response."""
     return present.records.job(app.design.start(question_of(body), body.model_dump(mode="json")))
 
 
 def question_of(body: DesignIn) -> Question:
-    """Degrees to radians, words to records."""
+    """Convert the request: degrees to radians, text to records."""
     values = body.model_dump(exclude=NOT_OF_THE_CAMERA, exclude_none=True)
     along = None
     if body.sky == "orbit":

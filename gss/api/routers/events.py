@@ -1,4 +1,4 @@
-"""The record of what happened."""
+"""Recorded events."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ def list_events(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> list[EventOut]:
-    """Events after a number, or with ``start`` and ``end`` the newest of that span; oldest first."""
+    """Events after a number; with ``start`` and ``end`` the newest of that time range. Oldest first."""
     rows = app.bus.after(after, limit) if start is None or end is None else app.bus.between(start, end, limit)
     return [present.records.event(row) for row in rows]

@@ -1,4 +1,4 @@
-"""Frames: list, pixels, import, chains, exports."""
+"""Frames: list, pixels, import, chains and exports."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def list_frames(
     least_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
     most_stars: Annotated[int | None, Query(ge=0, le=10_000)] = None,
 ) -> FramePage:
-    """Newest first, taken from ``start`` to before ``end``; outcome and stars: of the operational ground result."""
+    """Frames, newest first, taken from ``start`` to before ``end``. ``outcome`` and star counts refer to the
+    operational ground result."""
     wanted = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
     total, rows = app.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
     return FramePage(
@@ -59,13 +60,13 @@ def list_frames(
 
 @router.get("/latest")
 def latest_frame(app: App) -> FrameDetailOut:
-    """The frame that came last."""
+    """The frame received last."""
     return present.frames.frame_detail(app.frames.detail(app.frames.latest_id()))
 
 
 @router.post("/import", status_code=201, dependencies=[need("frames.import")])
 def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
-    """A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind."""
+    """Import a FITS, PNG, TIFF or JPEG file. Without a camera profile it is solved blind."""
     data = file.file.read(MAX_BODY_BYTES + 1)
     frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=user)
     return present.frames.frame_detail(app.frames.detail(frame.id))
@@ -73,14 +74,14 @@ def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str,
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer")])
 def download_frame(app: App, user: User, body: DownloadIn) -> TransferOut:
-    """Bring a frame or its thumbnail from a slot of the device."""
+    """Download a frame or its thumbnail from a slot of the device."""
     app.commands.require_user(user)
     return present.records.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
 
 
 @router.get("/{frame_id}")
 def read_frame(app: App, frame_id: RowId) -> FrameDetailOut:
-    """A frame with everything that was made of it."""
+    """Frame with all its solutions."""
     return present.frames.frame_detail(app.frames.detail(frame_id))
 
 
@@ -106,7 +107,7 @@ def picture(
 
 @router.get("/{frame_id}/thumbnail.png", response_class=Response)
 def thumbnail(app: App, frame_id: RowId) -> Response:
-    """Small picture in which stars survive."""
+    """Thumbnail that keeps stars visible."""
     return Response(
         pictures.thumbnail(app.frames.pixels(app.frames.get(frame_id))), media_type="image/png", headers=FOREVER
     )
@@ -114,7 +115,7 @@ def thumbnail(app: App, frame_id: RowId) -> Response:
 
 @router.get("/{frame_id}/raw", response_class=Response)
 def raw(app: App, frame_id: RowId) -> Response:
-    """The pixels as they are stored: little endian, row by row; X-Dtype says the type."""
+    """Pixels as stored: little-endian, row by row. The header X-Dtype holds the type."""
     frame = app.frames.get(frame_id)
     headers = {
         "X-Columns": str(frame.columns),
@@ -136,7 +137,7 @@ def pixel_values(
     columns: Annotated[int, Query(ge=1, le=64)] = 15,
     rows: Annotated[int, Query(ge=1, le=64)] = 9,
 ) -> PixelsOut:
-    """A rectangle of raw values; null outside the frame."""
+    """Rectangle of raw values; null outside the frame."""
     frame = app.frames.get(frame_id)
     pixels = app.frames.pixels(frame)
     values = [[_value(pixels, frame, r, c) for c in range(col, col + columns)] for r in range(row, row + rows)]
@@ -150,7 +151,7 @@ def _value(pixels: pictures.Pixels, frame: Frame, row: int, col: int) -> float |
 
 @router.get("/{frame_id}/histogram")
 def histogram(app: App, frame_id: RowId) -> HistogramOut:
-    """Counts of values and a stretch that shows stars."""
+    """Histogram of pixel values, and a stretch that shows stars."""
     pixels = app.frames.pixels(app.frames.get(frame_id))
     edges, counts = pictures.histogram(pixels)
     auto = pictures.auto_stretch(pixels)
@@ -159,7 +160,7 @@ def histogram(app: App, frame_id: RowId) -> HistogramOut:
 
 @router.get("/{frame_id}/file.fits", response_class=Response, dependencies=[EXPORT])
 def fits_file(app: App, frame_id: RowId) -> Response:
-    """FITS with the WCS of the operational ground solution."""
+    """Frame as FITS, with the WCS of the operational ground solution."""
     detail = app.frames.detail(frame_id)
     data = fits_bytes(app.frames.pixels(detail.frame), detail.frame, detail.ground)
     headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.fits"}
@@ -176,14 +177,14 @@ def rerun_recording(app: App, frame_id: RowId) -> Response:
 
 @router.get("/{frame_id}/replay")
 def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
-    """The sensor's own chain on its own frame, bank and parameters, now, laid beside what it said."""
+    """Run the sensor's own chain on the ground, with the sensor's frame, bank and parameters, and compare the results."""
     return present.frames.frame_replay(frame_id, app.replay.again(frame_id))
 
 
 @router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
 def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> TransferOut:
-    """Send a stored frame into the sensor's image memory and, if asked, have it solved there: by commands, which need their
-    permission too."""
+    """Send a stored frame to the sensor's image memory. With ``solve`` it is also solved on board; those commands need
+    their own permission."""
     if body.solve:
         who.require("command.attitude")
     app.authority.check(who.name)
@@ -194,7 +195,9 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> Tr
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
     """Run a chain and store its result beside the operational one.
 
-    Without a way to know the camera the frame's own profile is taken, else the solver goes blind."""
+    Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
+    blind.
+    """
     frame = app.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
     named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
@@ -212,7 +215,7 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
 
 @router.put("/{frame_id}/operational", dependencies=[need("frames.pin")])
 def pin_solution(app: App, user: User, frame_id: RowId, body: PinIn, deed: Deed) -> FrameDetailOut:
-    """Make a stored ground solution the frame's operational one: what pages, comparisons and exports call the ground result."""
+    """Make a stored solution the frame's operational ground result, which pages, comparisons and exports use."""
     deed(f"frame {frame_id}: operational ground result is solution {body.solution_id}")
     app.frames.pin(frame_id, body.solution_id, user=user)
     return present.frames.frame_detail(app.frames.detail(frame_id))

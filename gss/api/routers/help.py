@@ -1,4 +1,4 @@
-"""The documents, from the same origin as the console: the guide by role, the reference, and why it is so."""
+"""Serve the documents from the console's origin: guides by role, reference and design decisions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.errors import NotFound
 
 _PACKAGE = Path(__file__).parents[2]
 DOCS = _PACKAGE / "docs" if (_PACKAGE / "docs").is_dir() else _PACKAGE.parent / "docs"
-"""In the wheel the documents lie in the package, in a checkout beside it."""
+"""In the wheel the documents are inside the package, in a checkout beside it."""
 WITHOUT = "# Help\n\nThe chapters stand on the left."
 
 router = APIRouter(prefix="/help", include_in_schema=False)
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/help", include_in_schema=False)
 @router.get("")
 @router.get("/")
 def read_contents() -> HTMLResponse:
-    """The contents."""
+    """Contents page."""
     known = documents(DOCS)
     first = known.get(CONTENTS)
     return HTMLResponse(help_page(first.path.read_text("utf-8") if first else WITHOUT, first, known))
@@ -30,7 +30,7 @@ def read_contents() -> HTMLResponse:
 
 @router.get(f"/{PICTURES}/{{name}}")
 def read_picture(name: str) -> FileResponse:
-    """A picture of the documents."""
+    """Picture of a document."""
     path = DOCS / PICTURES / name
     if not re.fullmatch(r"[\w-]+\.(png|svg|jpg)", name) or not path.is_file():
         raise NotFound("no such picture", got=name)
@@ -39,7 +39,7 @@ def read_picture(name: str) -> FileResponse:
 
 @router.get("/{name}")
 def read_document(name: str) -> HTMLResponse:
-    """A document by name."""
+    """Document by name."""
     known = documents(DOCS)
     if name not in known:
         return HTMLResponse(not_there(name, known), 404)

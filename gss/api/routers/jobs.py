@@ -1,4 +1,4 @@
-"""Long work."""
+"""Background jobs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 
 @router.get("")
 def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[JobOut]:
-    """Newest first."""
+    """Jobs, newest first."""
     return [present.records.job(row) for row in app.jobs.newest(limit)]
 
 
@@ -28,7 +28,7 @@ def read_job(app: App, job_id: RowId) -> JobOut:
 
 @router.post("/{job_id}/cancel", dependencies=[need("jobs.cancel")])
 def cancel_job(app: App, job_id: RowId, who: Who, deed: Deed) -> JobOut:
-    """Ask it to end: who started it may, and who may start its kind."""
+    """Cancel a job. Allowed for the user who started it and for users who may start this kind."""
     job = app.jobs.get(job_id)
     deed(job.title)
     if not started_by(job, who.name):
@@ -38,8 +38,8 @@ def cancel_job(app: App, job_id: RowId, who: Who, deed: Deed) -> JobOut:
 
 @router.post("/{job_id}/again", status_code=202, dependencies=[need("jobs.cancel")])
 def start_again(app: App, job_id: RowId, who: Who, deed: Deed) -> JobOut:
-    """Do an ended job anew from its stored request, a new job; for who may start its kind. What the request took from settings,
-    such as the policy of a removal, is what they say now."""
+    """Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind. Values taken
+    from settings, such as the retention policy, are the current ones."""
     job = app.jobs.get(job_id)
     deed(job.title)
     who.require(permission_of(job))

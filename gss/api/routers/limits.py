@@ -1,4 +1,4 @@
-"""Limits of telemetry: the set in force, and an operator's own."""
+"""Telemetry limits: the limit set in force, and operators' overrides."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def choose_set(app: App, user: User, body: LimitSetIn, deed: Deed) -> LimitsOut:
 
 @router.put("/{key}", dependencies=[need("limits")])
 def override(app: App, user: User, key: str, body: LimitIn, deed: Deed) -> LimitOut:
-    """An operator's own limits for a field ``packet.name``; they hold in every set until they are taken back."""
+    """Override the limits of a field ``packet.name``. The override applies in every limit set until it is deleted."""
     limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
     packet, field = app.telemetry.limits.find(key)
     wanted = Rule(limits, field.persistence if body.persistence is None else body.persistence)
@@ -45,7 +45,7 @@ def _range(pair: list[float | int | None]) -> Range:
 
 @router.delete("/{key}", dependencies=[need("limits")])
 def restore(app: App, user: User, key: str, deed: Deed) -> LimitOut:
-    """Take an operator's own limits back."""
+    """Delete the override of a field's limits."""
     packet, field = app.telemetry.limits.find(key)
     rules = [app.telemetry.limits.rule(packet, field), app.telemetry.limits.given(field)]
     deed(f"{key} from {words(rules[0])} to {words(rules[1])}")

@@ -1,4 +1,4 @@
-"""The line: its state, opening and closing it."""
+"""The line: state, opening and closing."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ router = APIRouter(tags=["link"])
 
 @router.get("/health", dependencies=[need(NOBODY)])
 def health() -> dict[str, str]:
-    """The server answers; it tells strangers no more than that."""
+    """Liveness check. Reveals nothing else, because it needs no sign-in."""
     return {"status": "ok"}
 
 
 @router.get("/link")
 def read_link(app: App) -> LinkOut:
-    """Everything of the header bar."""
+    """Contents of the header bar."""
     return present.link.link(app.status.header())
 
 
 @router.get("/link/counters")
 def read_counters(app: App) -> CountersOut:
-    """Everything counted in both directions."""
+    """Counters of both directions."""
     return present.link.counters(app.link.contact_counters, app.link.framing, app.link.session.housekeeping)
 
 
@@ -44,8 +44,9 @@ async def _opening(request: Request) -> OneAtATime:
 async def open_link(
     app: App, who: Who, body: LinkOpenIn, deed: Deed, opening: Annotated[OneAtATime, Depends(_opening)]
 ) -> LinkOut:
-    """Use another port. Errors are reported at once, and the present port stays. Only one line is opened at a time. A port of
-    another machine needs an admin, unless it is on the list of the settings or was open before."""
+    """Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
+    Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open
+    before."""
 
     def open_now() -> LinkOut:
         deed(f"from {_port(app)} to {body.url}")
@@ -61,7 +62,7 @@ async def open_link(
 
 @router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
 def acknowledge_dictionary(app: App, user: User, deed: Deed) -> LinkOut:
-    """Accept that the device has another dictionary; commanding is blocked until then."""
+    """Accept that the device has another dictionary. Commanding is blocked until then."""
     deed(f"ours {app.link.dictionary.hash_hex}, the device's {app.link.session.device_dictionary_hash or 'not told'}")
     app.authority.check(user)
     app.link.acknowledge_dictionary(user)
@@ -70,7 +71,7 @@ def acknowledge_dictionary(app: App, user: User, deed: Deed) -> LinkOut:
 
 @router.post("/link/close", dependencies=[need("link.open")])
 def close_link(app: App, user: User, deed: Deed) -> LinkOut:
-    """Give the port back."""
+    """Close the port."""
     deed(_port(app))
     app.authority.check(user)
     app.link.close()

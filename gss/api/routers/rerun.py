@@ -1,4 +1,4 @@
-"""Rerun: recordings of what is stored and of what happens, and the viewer's own files, behind our origin and our session."""
+"""Rerun: recordings of stored and live data, and the viewer's files, served from our origin behind sign-in."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wa
 RRD = "application/x-rerun"
 PIECES = "application/x-gss-rrd-pieces"
 SIDE = 12
-"""Frames before and after the one that a page shows."""
+"""Frames before and after the frame that a page shows."""
 GATHER_S = 0.25
 PING_S = 5.0
 Id = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
@@ -40,7 +40,8 @@ def stored_recording(
     analysis: Id = None,
     campaign: Id = None,
 ) -> Response:
-    """The recording of frames (``3,5-9``), of one frame with its neighbours, or of a contact, calibration, analysis or campaign."""
+    """Recording of frames (``3,5-9``), of one frame with its neighbours (``around``), or of a contact, calibration,
+    analysis or campaign."""
     scope = _scope(app, frames, around, contact, calibration, analysis, campaign)
     headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd"}
     return Response(app.recordings.write(scope), media_type=RRD, headers=headers)
@@ -74,8 +75,8 @@ def _scope(
 
 @router.get("/live", response_class=StreamingResponse)
 async def live_recording(request: Request, app: App, who: Who) -> StreamingResponse:
-    """A recording that goes on until the connection or the session ends. Pieces, each a whole .rrd after its length in four bytes,
-    little endian; a length of zero says that the server still lives."""
+    """Live recording until the connection or the session ends. Sent in pieces: a length in four bytes, little-endian,
+    then a complete .rrd; a length of zero is a keep-alive."""
     loop, news = asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
@@ -91,7 +92,7 @@ async def live_recording(request: Request, app: App, who: Who) -> StreamingRespo
                 await asyncio.wait_for(news.wait(), PING_S)
             if await asyncio.to_thread(identity_still_valid, app, who):
                 return
-            await asyncio.sleep(GATHER_S)  # a frame and its solution come as several messages
+            await asyncio.sleep(GATHER_S)  # a frame and its solution arrive as several messages
             news.clear()
             yield _framed(await asyncio.to_thread(live.piece))
 
@@ -99,14 +100,14 @@ async def live_recording(request: Request, app: App, who: Who) -> StreamingRespo
 
 
 class Pieces(StreamingResponse):
-    """Closes its recording at the end, also where whoever asked is gone before the first piece."""
+    """Response that closes its live recording at the end, even if the client disconnects before the first piece."""
 
     def __init__(self, pieces: AsyncIterator[bytes], close: Callable[[], None]) -> None:
         super().__init__(pieces, media_type=PIECES, headers={"Cache-Control": "no-store"})
         self._close = close
 
     async def __call__(self, scope: asgi.Scope, receive: asgi.Receive, send: asgi.Send) -> None:
-        """Send until the pieces end or nobody takes them."""
+        """Send until the pieces end or the client disconnects."""
         try:
             await super().__call__(scope, receive, send)
         finally:
@@ -119,7 +120,7 @@ def _framed(piece: bytes) -> bytes:
 
 @router.get("/{name}", response_class=Response)
 def viewer_file(app: App, name: str) -> Response:
-    """One file of the viewer of the installed SDK."""
+    """File of the viewer in the installed SDK."""
     data = app.viewer.file(name)
     headers = {"Content-Encoding": "gzip", "Cache-Control": "private, max-age=86400"}
     return Response(data, media_type=TYPES[name], headers=headers)

@@ -1,4 +1,4 @@
-"""Commands for later, kept on board."""
+"""Time-tagged commands, stored on board."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]
 
 @router.get("/schedule")
 def read_schedule(app: App) -> ScheduleOut:
-    """The table as the device last told it, with the clocks. Nothing is sent."""
+    """Schedule as last reported by the device, with the clock correlation. Nothing is sent."""
     return present.schedule.schedule(app.schedule.state())
 
 
 @router.post("/schedule/refresh", status_code=201, dependencies=[need("schedule")])
 def refresh_schedule(app: App, user: User) -> CommandOut:
-    """Ask the device for its table."""
+    """Request the schedule from the device."""
     return present.commands.command(app.commands.view(app.schedule.refresh(user=user)))
 
 
 @router.post("/schedule/check", dependencies=[need("view", changes=False)])
 def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
-    """Dry run of SCHEDULE for a command at a moment."""
+    """Dry run of SCHEDULE for a command at a given time."""
     plan = app.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
     groups = app.commands.preview(SCHEDULE, plan.order) if plan.order else []
     return present.schedule.plan(plan, groups, list(plan.order))
@@ -40,7 +40,7 @@ def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
 
 @router.post("/schedule", status_code=201, dependencies=[need("schedule")])
 def schedule_command(app: App, body: ScheduleIn, user: User, deed: Deed) -> CommandOut:
-    """Put a command into the device's table."""
+    """Add a command to the device's schedule."""
     at = _utc(body.at)
     when = f"at {iso_z(at)}" if at else f"at device time {body.at_device_s} s"
     deed(body.command, *(f"{name}={value}" for name, value in body.arguments.items()), when)
@@ -52,13 +52,13 @@ def schedule_command(app: App, body: ScheduleIn, user: User, deed: Deed) -> Comm
 
 @router.post("/schedule/cancel-all", status_code=201, dependencies=[need("schedule")])
 def cancel_all(app: App, user: User) -> CommandOut:
-    """Take back everything that waits."""
+    """Cancel all scheduled commands."""
     return present.commands.command(app.commands.view(app.schedule.cancel_all(user=user)))
 
 
 @router.post("/schedule/{schedule_id}/cancel", status_code=201, dependencies=[need("schedule")])
 def cancel_one(app: App, schedule_id: ScheduleId, user: User) -> CommandOut:
-    """Take one row back."""
+    """Cancel one scheduled command."""
     return present.commands.command(app.commands.view(app.schedule.cancel(schedule_id, user=user)))
 
 

@@ -1,4 +1,4 @@
-"""Signing in and out, the first admin, and passwords."""
+"""Sign-in, sign-out, the first admin, and passwords."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SELF = need("view")
 
 
 def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[SessionOut]]:
-    """A route that computes a password's hash waits among its like, not in the threads of all other routes."""
+    """Decorate a route that hashes a password: it runs in the password queue, not in the request thread pool."""
 
     @functools.wraps(route)
     async def waits(**given: Any) -> SessionOut:
@@ -36,7 +36,7 @@ def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[Session
 
 @router.get("/session", dependencies=[OPEN])
 def read_session(app: App, request: Request) -> SessionOut:
-    """Who is signed in; it does not put off the end of the session."""
+    """Current session. Does not extend the session."""
     who = who_of(request.scope)
     if who is None:
         return SessionOut(signed_in=False, set_up_needed=app.accounts.users.set_up_needed())
@@ -48,9 +48,7 @@ def read_session(app: App, request: Request) -> SessionOut:
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
     known = app.accounts.users.named(body.name)
-    request.state.named = (
-        known.name if known else "unknown name"
-    )  # a password typed into the wrong field stays unwritten
+    request.state.named = known.name if known else "unknown name"  # never store the name as typed: it may be a password
     address, agent = _from(request)
     opened = app.accounts.sessions.sign_in(
         body.name, body.password, address=address, agent=agent, old_key=session_key(request.headers)
@@ -68,7 +66,7 @@ def sign_out(app: App, request: Request, response: Response) -> None:
 @router.put("/session/password", dependencies=[SELF])
 @in_turn
 def change_password(app: App, request: Request, response: Response, who: Who, body: PasswordBody) -> SessionOut:
-    """Another password. All sessions of this user end; this browser gets a new one."""
+    """Change the caller's password. All sessions of this user end; this browser gets a new one."""
     if who.kind != "session" or who.user_id is None:
         raise Conflict("a token has no password", hint="sign in")
     address, agent = _from(request)
@@ -80,7 +78,7 @@ def change_password(app: App, request: Request, response: Response, who: Who, bo
 @router.post("/setup", dependencies=[OPEN])
 @in_turn
 def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
-    """Make the first admin, with the link that the server printed at its start."""
+    """Create the first admin, with the link that the server printed at startup."""
     brake = _brake(app, request)
     user = app.accounts.users.set_up(body.token, body.name, body.password)
     app.accounts.attempts.passed(brake)
@@ -92,7 +90,7 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
 @router.post("/password-links", dependencies=[OPEN])
 @in_turn
 def use_password_link(app: App, request: Request, response: Response, body: PasswordLinkBody) -> SessionOut:
-    """Set one's password with a one-time link."""
+    """Set a password with a one-time link."""
     brake = _brake(app, request)
     user = app.accounts.users.set_password_by_link(body.token, body.password)
     app.accounts.attempts.passed(brake)
@@ -103,7 +101,7 @@ def use_password_link(app: App, request: Request, response: Response, body: Pass
 
 @router.post("/password-links/check", status_code=204, dependencies=[need(NOBODY, changes=False)])
 def check_link(app: App, request: Request, body: LinkCheckBody) -> None:
-    """Can a one-time link still be used? Refused and braked just as its use is, and nothing is used up."""
+    """Check whether a one-time link is still valid, without using it up. Rejected and rate-limited like its use."""
     brake = _brake(app, request)
     app.accounts.users.check_link(body.kind, body.token)
     app.accounts.attempts.passed(brake)
@@ -120,7 +118,7 @@ def _from(request: Request) -> tuple[str, str]:
 
 
 def _open(request: Request, response: Response, opened: NewSession) -> SessionOut:
-    """The key goes into a cookie that no script can read and no other site makes the browser send."""
+    """Store the session key in a cookie that scripts cannot read and that is not sent on cross-site requests."""
     response.set_cookie(COOKIE, opened.key, httponly=True, samesite="strict", secure=request.state.secure, path="/")
     return _told(opened.who)
 

@@ -23,7 +23,7 @@ router = APIRouter(tags=["sky"])
 
 @router.get("/sky")
 def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Moment | None = None) -> SkyOut:
-    """Stars to a magnitude; Sun, Moon and, from a known place, the Earth: now or at a moment."""
+    """Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given time."""
     now = at or utc_now()
     bright = app.stars.brighter_than(mag)
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
@@ -54,7 +54,7 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
 
 @router.get("/sky/figures")
 def read_figures(app: App) -> list[FigureOut]:
-    """The constellations' lines, drawn between stars of our own table."""
+    """Constellation lines between stars of our own table."""
     bright = app.stars.brighter_than(FAINTEST_JOINED_MAG)
     found = figures(bright)
     ra, dec = (np.degrees(a).round(3).tolist() for a in ra_dec_from_unit(bright.icrs))
@@ -64,7 +64,7 @@ def read_figures(app: App) -> list[FigureOut]:
 
 @router.get("/profiles")
 def list_profiles() -> list[ProfileOut]:
-    """The camera profiles."""
+    """Camera profiles."""
     return [
         ProfileOut(
             name=p.name,

@@ -1,4 +1,4 @@
-"""Results."""
+"""Solutions."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ router = APIRouter(tags=["solutions"])
 
 @router.get("/solutions/{solution_id}")
 def read_solution(app: App, solution_id: RowId) -> SolutionDetailOut:
-    """One result with its overlays."""
+    """Solution with its overlays."""
     return present.frames.solution_detail(app.frames.solution(solution_id))

@@ -1,4 +1,4 @@
-"""Stacks: keeping, trying dry, running."""
+"""Command stacks: store, dry run, run."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ Limit = Annotated[int, Query(ge=1, le=200)]
 
 @router.get("/stacks")
 def list_stacks(app: App) -> list[StackOut]:
-    """By name."""
+    """Stacks, by name."""
     return [present.stacks.stack(row) for row in app.stacks.every()]
 
 
 @router.post("/stacks", status_code=201, dependencies=[need("stacks")])
 def create_stack(app: App, body: StackIn, user: User, deed: Deed) -> StackOut:
-    """Keep a new stack."""
+    """Store a new stack."""
     content = body.model_dump()
     deed(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
@@ -44,7 +44,7 @@ def create_stack(app: App, body: StackIn, user: User, deed: Deed) -> StackOut:
 
 @router.post("/stacks/import", status_code=201, dependencies=[need("stacks")])
 def import_stack(app: App, body: StackFileIn, user: User, deed: Deed) -> StackOut:
-    """Keep a stack from a file; it is checked against our dictionary, whichever it was written with."""
+    """Store a stack from a file. It is checked against this server's dictionary, whichever it was written with."""
     content = body.model_dump()
     deed(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
@@ -52,7 +52,7 @@ def import_stack(app: App, body: StackFileIn, user: User, deed: Deed) -> StackOu
 
 @router.post("/stacks/check", dependencies=[need("view", changes=False)])
 def check_steps(app: App, body: StepsIn, user: User) -> StackCheckOut:
-    """Dry run of steps that are not kept yet."""
+    """Dry run of steps that are not stored yet."""
     return _checked(app, app.stacks.check(body.model_dump()["steps"], user=user))
 
 
@@ -64,7 +64,7 @@ def read_stack(app: App, stack_id: RowId) -> StackOut:
 
 @router.put("/stacks/{stack_id}", dependencies=[need("stacks")])
 def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, deed: Deed) -> StackOut:
-    """Another content."""
+    """Replace the content of a stack."""
     content, old = body.model_dump(), app.stacks.get(stack_id)
     deed(f"from {_named(old.name, old.steps)} to {_named(content['name'], content['steps'])}")
     row = app.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
@@ -73,7 +73,7 @@ def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, deed: Dee
 
 @router.delete("/stacks/{stack_id}", status_code=204, dependencies=[need("stacks")])
 def delete_stack(app: App, stack_id: RowId, deed: Deed) -> None:
-    """Forget a stack; its runs stay on the record."""
+    """Delete a stack; its runs stay on record."""
     old = app.stacks.get(stack_id)
     deed(_named(old.name, old.steps))
     app.stacks.delete(stack_id)
@@ -81,20 +81,20 @@ def delete_stack(app: App, stack_id: RowId, deed: Deed) -> None:
 
 @router.get("/stacks/{stack_id}/stack.json", dependencies=[EXPORT])
 def export_stack(app: App, stack_id: RowId, response: Response) -> StackFileOut:
-    """A stack as a file."""
+    """Export a stack as a file."""
     response.headers["Content-Disposition"] = f"attachment; filename=stack-{stack_id}.json"
     return StackFileOut(**app.stacks.exported(stack_id))
 
 
 @router.post("/stacks/{stack_id}/check", dependencies=[need("view", changes=False)])
 def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
-    """Dry run: bytes, hazards, conditions and times of every step."""
+    """Dry run of a stack: bytes, hazards, conditions and times of every step."""
     return _checked(app, app.stacks.check(app.stacks.get(stack_id).steps, user=user))
 
 
 @router.post("/stacks/{stack_id}/run", status_code=201, dependencies=[need("stacks")])
 def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, deed: Deed) -> StackRunOut:
-    """Run it, with the names of all hazardous steps typed beforehand."""
+    """Run a stack. ``confirm`` must name all hazardous steps."""
     stack = app.stacks.get(stack_id)
     deed(_named(stack.name, stack.steps))
     return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
@@ -102,38 +102,38 @@ def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, deed: Deed) ->
 
 @router.get("/stack-runs")
 def list_runs(app: App, limit: Limit = 20) -> list[StackRunOut]:
-    """Newest first."""
+    """Stack runs, newest first."""
     return [present.stacks.run(row) for row in app.stack_runs.newest(limit)]
 
 
 @router.get("/stack-runs/{run_id}")
 def read_run(app: App, run_id: RowId) -> StackRunOut:
-    """One run."""
+    """One stack run."""
     return present.stacks.run(app.stack_runs.get(run_id))
 
 
 @router.post("/stack-runs/{run_id}/pause", dependencies=[need(STOP)])
 def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
-    """Send no further step for now."""
+    """Pause a run: no further step is sent until it is resumed."""
     return present.stacks.run(app.stack_runs.pause(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/resume", dependencies=[need("stacks")])
 def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
-    """Go on."""
+    """Resume a paused run."""
     return present.stacks.run(app.stack_runs.resume(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
-    """End it; a command that was sent is followed on its own."""
+    """Stop a run. A command that was already sent is still tracked."""
     return present.stacks.run(app.stack_runs.stop(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/go-on", dependencies=[need("stacks")])
 def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, deed: Deed) -> StackRunOut:
-    """Take the last run, which failed, up again at the step that failed: once more, or past it with a reason. A command of unknown
-    fate keeps its id."""
+    """Continue the last run after a failure, by retrying the failed step or by skipping it with a reason. A retried
+    command with an unknown result keeps its id."""
     row = app.stack_runs.get(run_id)
     deed(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
     return present.stacks.run(app.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))

@@ -1,4 +1,4 @@
-"""Tables for the sensor: make, keep, send. Activating and the like are commands."""
+"""Device tables: create, store and send. Activation is a command."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distan
 
 @router.get("")
 def list_tables(app: App, kind: Kind = "", limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[TableOut]:
-    """Newest first."""
+    """Tables, newest first."""
     reports = app.tables.on_board()
     return [present.tables.table(row, reports) for row in app.tables.newest(limit, kind)]
 
 
 @router.get("/on-board")
 def tables_on_board(app: App) -> list[OnBoardTableOut]:
-    """What the device reports of its table banks."""
+    """Table banks as reported by the device."""
     return present.tables.on_board(app.tables.on_board())
 
 
@@ -40,13 +40,13 @@ def tables_on_board(app: App) -> list[OnBoardTableOut]:
 def table_defaults(
     kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)]
 ) -> TableDefaultsOut:
-    """What a new table of that camera holds, for editing."""
+    """Default values of a new table for a camera, for editing."""
     return TableDefaultsOut(kind=kind, profile=profile, content=dict(table_content.defaults(kind, profile)))
 
 
 @router.post("", status_code=201, dependencies=[need("tables")])
 def create_table(app: App, body: TableIn, user: User, deed: Deed) -> TableDetailOut:
-    """Make a table of a camera's values and what is given."""
+    """Create a table from a camera's values and the given ones."""
     deed(f"{body.kind} {body.name} of {body.profile}:", ", ".join(body.content) or "its own values")
     row = app.tables.create(body.kind, body.name, body.profile, body.content, user=user)
     return present.tables.table_detail(row, app.tables.on_board())
@@ -60,14 +60,14 @@ def read_table(app: App, table_id: RowId) -> TableDetailOut:
 
 @router.get("/{table_id}/file.bin", response_class=Response, dependencies=[EXPORT])
 def table_file(app: App, table_id: RowId) -> Response:
-    """The bytes as the sensor keeps them."""
+    """Table as stored by the sensor, in binary form."""
     headers = {"Content-Disposition": f"attachment; filename=table-{table_id}.bin"}
     return Response(app.tables.data(table_id), media_type="application/octet-stream", headers=headers)
 
 
 @router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
 def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, deed: Deed) -> TransferOut:
-    """Send it to an inactive bank; it is verified by read-back and committed."""
+    """Send a table to an inactive bank; it is verified by read-back and committed."""
     row = app.tables.get(table_id)
     deed(f"{row.kind} {row.name} to bank {body.bank}")
     app.authority.check(user)

@@ -1,4 +1,4 @@
-"""Telemetry: now and then."""
+"""Current and stored telemetry."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ExportFields = Annotated[list[str], Query(min_length=1, max_length=200)]
 
 @router.get("/latest")
 def latest(app: App) -> LatestOut:
-    """Every field with its state now."""
+    """Latest value and state of every field."""
     return present.telemetry.latest((app.telemetry.values(), app.alarms.of_field()))
 
 
@@ -34,7 +34,7 @@ def history(
     end: Moment,
     points: Annotated[int, Query(ge=10, le=20000)] = 600,
 ) -> HistoryOut:
-    """Several fields (``name`` or ``packet.name``) over one span, thinned so that no spike is lost."""
+    """History of several fields (``name`` or ``packet.name``) over one time range, thinned without losing extremes."""
     series = app.telemetry.archive.history(name, start, end, points)
     return HistoryOut(start=start, end=end, series=[present.telemetry.series(s) for s in series])
 
@@ -49,7 +49,7 @@ def packets(
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     before_id: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
 ) -> list[PacketOut]:
-    """Stored packets whole, newest first, a page at a time."""
+    """Stored packets, newest first, in pages."""
     rows = app.telemetry.archive.packets(packet, start, end, limit, before_id, contact)
     return [present.telemetry.packet(row) for row in rows]
 
@@ -63,7 +63,7 @@ def export_telemetry(
     format: Literal["csv", "parquet"] = "csv",
     form: Literal["converted", "raw", "formatted"] = "converted",
 ) -> StreamingResponse:
-    """All samples of some fields over a span as a file, a block at a time."""
+    """Export all samples of some fields over a time range as a file."""
     pieces = export(app.telemetry.archive, field, start, end, form=form, file_format=format)
     name = f"telemetry-{start:%Y%m%dT%H%M%SZ}-{end:%Y%m%dT%H%M%SZ}.{format}"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
@@ -72,5 +72,5 @@ def export_telemetry(
 
 @router.get("/cycles")
 def cycles(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 12) -> list[CycleOut]:
-    """Timing of the newest iterations."""
+    """Timing of the latest iterations."""
     return [present.telemetry.cycle(timed) for timed in app.telemetry.cycles(limit)]

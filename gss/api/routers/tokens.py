@@ -1,4 +1,4 @@
-"""Tokens of programs, for admins."""
+"""API tokens, for admins."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ ADMIN = need("admin.tokens")
 
 @router.get("", dependencies=[ADMIN])
 def list_tokens(app: App) -> list[TokenOut]:
-    """Newest first, with those that are over."""
+    """API tokens, newest first, including expired and revoked ones."""
     return [TokenOut.model_validate(row) for row in app.accounts.tokens.every()]
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])
 def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
-    """A new token; its key is shown this once. It can do no more than whoever makes it."""
+    """Create an API token. Its key is shown only once. It cannot have more permissions than its creator."""
     only = f", only {', '.join(body.scopes)}" if body.scopes else ""
     deed(f"{body.name} as {body.role} for {body.days:g} days{only}")
     who.require_all(body.role, body.scopes)
@@ -37,5 +37,5 @@ def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
 
 @router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])
 def revoke_token(app: App, token_id: RowId, deed: Deed) -> None:
-    """It is worth nothing from now on."""
+    """Revoke an API token. It stops working at once."""
     deed(app.accounts.tokens.revoke(token_id).name)

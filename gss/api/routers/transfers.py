@@ -19,13 +19,13 @@ router = APIRouter(prefix="/transfers", tags=["transfers"])
 
 @router.get("")
 def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[TransferOut]:
-    """Newest first."""
+    """Transfers, newest first."""
     return [present.records.transfer(view) for view in app.transfers.newest(limit)]
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def download(app: App, who: Who, body: TransferIn) -> TransferOut:
-    """Bring an image or a part of it, a bank, or a table from the device: each needs its own permission."""
+    """Download an image or a part of it, a bank, or a table from the device. Each kind needs its own permission."""
     who.require(permission_of(body.kind))
     app.commands.require_user(who.name)
     region = Part(**body.region.model_dump()) if body.region else None
@@ -41,15 +41,15 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
 
 @router.post("/{transfer_id}/pause", dependencies=[need(STOP)])
 def pause(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
-    """Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority."""
+    """Pause a transfer; stored chunks are kept. Like ABORT, it needs no command authority."""
     deed(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
-    """Go on with what is missing; also with what failed or was aborted, by this server or one before it. It needs what starting
-    it needed."""
+    """Resume a transfer with the missing chunks; also one that failed or was aborted, in this or an earlier run of the
+    server. Needs the same permission as starting it."""
     app.commands.check_user(who.name)
     row = app.transfers.get(transfer_id).row
     deed(_named(row))
@@ -62,7 +62,7 @@ def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
 
 @router.post("/{transfer_id}/abort", dependencies=[need(STOP)])
 def abort(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
-    """Give it up on both sides. Free to all, as ABORT is."""
+    """Abort a transfer on both sides. Like ABORT, it needs no command authority."""
     deed(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.abort(transfer_id))
 

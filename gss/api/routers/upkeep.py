@@ -1,4 +1,4 @@
-"""Health, figures, retention, backups, checking the store."""
+"""Health, metrics, retention, backups and the store check."""
 
 from __future__ import annotations
 
@@ -35,26 +35,27 @@ PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
 
 @router.get("/admin/health", dependencies=[need("admin.health")])
 def health(app: App) -> HealthOut:
-    """Everything that can go wrong slowly."""
+    """Health checks of slowly developing problems."""
     found = app.upkeep.health.look()
     return HealthOut(state=found.state, checks=[HealthCheckOut.model_validate(check) for check in found.checks])
 
 
 @root.get("/metrics", dependencies=[need("metrics")], response_class=PlainTextResponse)
 def metrics(app: App) -> Response:
-    """Figures in Prometheus' text form."""
+    """Metrics in Prometheus text format."""
     return Response(app.upkeep.metrics.text(), media_type=PROMETHEUS)
 
 
 @router.get("/admin/retention", dependencies=[need("admin.retention")])
 def read_retention(app: App) -> RetentionOut:
-    """What may go, and when the disk is full."""
+    """Retention policy, and the forecast of disk usage."""
     return _retention(app)
 
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
 def choose_retention(app: App, user: User, body: RetentionIn, deed: Deed) -> RetentionOut:
-    """From the next run on; nothing goes at once, except captures beyond their size."""
+    """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at
+    once."""
     before, after = asdict(app.upkeep.retention.policy()), body.model_dump()
     changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
     deed(", ".join(changes) or "nothing changed")
@@ -64,13 +65,13 @@ def choose_retention(app: App, user: User, body: RetentionIn, deed: Deed) -> Ret
 
 @router.post("/admin/retention/preview", dependencies=[need("admin.retention", changes=False)])
 def preview_retention(app: App, body: RetentionIn) -> RemovalOut:
-    """What a removal with these settings would take now; nothing is changed."""
+    """What a removal with this policy would delete now. Nothing is changed."""
     return RemovalOut.model_validate(app.upkeep.retention.preview(Policy(**body.model_dump())))
 
 
 @router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])
 def run_retention(app: App, user: User, deed: Deed, body: RunRetentionIn | None = None) -> JobOut:
-    """Remove now what may go; a job. 409 while the clock is in doubt, and where an unusual removal was not confirmed."""
+    """Delete expired data now, as a job. 409 while the clock is in doubt, or if an unusual removal is not confirmed."""
     confirmed = None
     if body is not None and body.confirmed is not None:
         confirmed = Confirmed(**body.confirmed.model_dump())
@@ -80,7 +81,7 @@ def run_retention(app: App, user: User, deed: Deed, body: RunRetentionIn | None 
 
 @router.post("/admin/retention/confirm-clock", dependencies=[need("admin.retention")])
 def confirm_clock(app: App, user: User, body: ConfirmClockIn, deed: Deed) -> RetentionOut:
-    """A person has checked the server's date and time: retention and the rotation of backups continue."""
+    """Confirm that a person has checked the server's date and time. Retention and backup rotation then continue."""
     state = app.upkeep.trust.state()
     deed(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
     app.upkeep.trust.confirm(body.seen, user=user)
@@ -99,19 +100,19 @@ def _retention(app: App) -> RetentionOut:
 
 @router.get("/admin/backups", dependencies=[need("admin.backup")])
 def list_backups(app: App) -> list[BackupOut]:
-    """Newest first."""
+    """Backups, newest first."""
     return [_backup(made) for made in app.upkeep.backups.every()]
 
 
 @router.post("/admin/backups", status_code=202, dependencies=[need("admin.backup")])
 def make_backup(app: App, user: User) -> JobOut:
-    """Make one while the server runs; a job. Putting it back is ``gss restore`` on the terminal."""
+    """Make a backup while the server runs, as a job. To restore it, run ``gss restore`` in a terminal."""
     return present.records.job(app.upkeep.backups.start(keep=app.upkeep.retention.policy().backups_keep, user=user))
 
 
 @router.get("/admin/backups/{name}/file", dependencies=[need("admin.backup"), EXPORT], response_class=StreamingResponse)
 def download_backup(app: App, name: str) -> StreamingResponse:
-    """One backup as a tar file that ``gss restore`` takes."""
+    """Download a backup as a tar file for ``gss restore``."""
     made = app.upkeep.backups.get(name)
     headers = {"Content-Disposition": f"attachment; filename=gss-{made.name}.tar"}
     return StreamingResponse(app.upkeep.backups.archive(made.name), media_type="application/x-tar", headers=headers)
@@ -134,12 +135,12 @@ def _backup(made: Manifest) -> BackupOut:
 
 @router.post("/admin/check-store", status_code=202, dependencies=[need("admin.health")])
 def check_store(app: App, user: User) -> JobOut:
-    """Is everything there that the record says, and whole? A job; its result is the report."""
+    """Check, as a job, that all files on record are present and intact. The job's result is the report."""
     return present.records.job(app.upkeep.check.start(user=user))
 
 
 @router.put("/frames/{frame_id}/favourite", dependencies=[need("frames.solve")])
 def favourite(app: App, frame_id: RowId, body: FavouriteIn) -> FrameOut:
-    """Retention never takes the pixels of a favourite."""
+    """Mark a frame as favourite or not. Retention never deletes a favourite's pixels."""
     row = app.upkeep.favourite(frame_id, body.favourite)
     return present.frames.frame(*app.frames.with_solution(row))

@@ -15,13 +15,13 @@ ADMIN = need("admin.users")
 
 @router.get("/users", dependencies=[ADMIN])
 def list_users(app: App) -> list[UserOut]:
-    """By name."""
+    """Users, by name."""
     return [_user(row) for row in app.accounts.users.every()]
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
 def add_user(app: App, who: Who, body: UserIn, deed: Deed) -> LinkedUserOut:
-    """A new user, with the one-time link by which they set their password."""
+    """Create a user. Returns the one-time link to set the password."""
     deed(f"{body.name} as {body.role}")
     who.require_all(body.role, ())
     row = app.accounts.users.add(body.name, body.role, by=who.name)
@@ -30,7 +30,7 @@ def add_user(app: App, who: Who, body: UserIn, deed: Deed) -> LinkedUserOut:
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
 def change_user(app: App, user_id: RowId, who: Who, body: UserChangeIn, deed: Deed) -> UserOut:
-    """Another role, on or off. It holds from the next request on; switching off ends all sessions."""
+    """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions."""
     before = app.accounts.users.get(user_id)
     deed(
         before.name,
@@ -44,7 +44,7 @@ def change_user(app: App, user_id: RowId, who: Who, body: UserChangeIn, deed: De
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
 def new_password_link(app: App, user_id: RowId, who: Who, deed: Deed) -> LinkedUserOut:
-    """A new one-time link for a user's password; those before are void."""
+    """Create a new one-time password link for a user. Earlier links become invalid."""
     named = app.accounts.users.get(user_id)
     deed(named.name)
     who.require_all(named.role, ())
@@ -54,7 +54,7 @@ def new_password_link(app: App, user_id: RowId, who: Who, deed: Deed) -> LinkedU
 
 @router.get("/sessions", dependencies=[ADMIN])
 def list_sessions(app: App, who: Who) -> list[SignInOut]:
-    """Open sessions, the last seen first."""
+    """Open sessions, most recently used first."""
     return [
         SignInOut(
             id=row.id,
@@ -73,7 +73,7 @@ def list_sessions(app: App, who: Who) -> list[SignInOut]:
 
 @router.delete("/sessions/{session_id}", status_code=204, dependencies=[ADMIN])
 def end_session(app: App, user: User, session_id: RowId) -> None:
-    """End somebody's session."""
+    """End a user's session."""
     app.accounts.sessions.end(session_id, by=user)
 
 

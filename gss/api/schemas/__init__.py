@@ -1,1 +1,1 @@
-"""What travels over HTTP."""
+"""Request and response models."""

@@ -1,4 +1,4 @@
-"""Users, sessions, tokens, the audit record."""
+"""Users, sessions, tokens and the audit log."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Key = Field(min_length=1, max_length=200)
 
 
 class SessionOut(Out):
-    """Who is signed in with this browser or token. ``csrf`` goes into the header X-GSS of every change. ``expires``: when the
-    session ends if nothing is asked until then."""
+    """Caller of this session or token. ``csrf``: value of the header X-GSS that every change must carry. ``expires``:
+    end of the session if no further request is made."""
 
     signed_in: bool
     name: str = ""
@@ -27,21 +27,21 @@ class SessionOut(Out):
 
 
 class SignInBody(In):
-    """Name and password."""
+    """User name and password."""
 
     name: str = Field(max_length=60)
     password: str = Password
 
 
 class PasswordBody(In):
-    """Another password for oneself."""
+    """Change of the caller's own password."""
 
     old: str = Password
     new: str = Password
 
 
 class SetUpBody(In):
-    """The first admin, by the link that the server printed."""
+    """First admin, created with the link that the server printed."""
 
     token: str = Key
     name: str = Field(min_length=1, max_length=60)
@@ -49,21 +49,21 @@ class SetUpBody(In):
 
 
 class LinkCheckBody(In):
-    """A one-time link that somebody opened."""
+    """One-time link to check."""
 
     kind: Literal["setup", "password"]
     token: str = Key
 
 
 class PasswordLinkBody(In):
-    """A password by a one-time link."""
+    """New password, set with a one-time link."""
 
     token: str = Key
     password: str = Password
 
 
 class UserOut(Out):
-    """Somebody."""
+    """User account."""
 
     id: int
     name: str
@@ -76,21 +76,21 @@ class UserOut(Out):
 
 
 class UserIn(In):
-    """A new user."""
+    """New user."""
 
     name: str = Field(min_length=1, max_length=60)
     role: Role
 
 
 class UserChangeIn(In):
-    """Another role, on or off; what is not given stays."""
+    """Changed role or state of a user; null leaves a value unchanged."""
 
     role: Role | None = None
     enabled: bool | None = None
 
 
 class LinkedUserOut(Out):
-    """A user with a one-time link, relative to this server, that is shown once: hand it over."""
+    """User with a one-time password link, relative to this server. The link is shown only once; pass it to the user."""
 
     user: UserOut
     link: str
@@ -98,7 +98,7 @@ class LinkedUserOut(Out):
 
 
 class SignInOut(Out):
-    """One session. ``own``: the one that asks."""
+    """Open session. ``own``: the session that sent this request."""
 
     id: int
     name: str
@@ -112,7 +112,7 @@ class SignInOut(Out):
 
 
 class TokenOut(Out):
-    """A program's key, without the key."""
+    """API token, without its key."""
 
     id: int
     name: str
@@ -126,7 +126,7 @@ class TokenOut(Out):
 
 
 class TokenIn(In):
-    """A new token. ``scopes``: permissions of the role that it keeps; none keeps all."""
+    """New API token. ``scopes``: permissions of the role that the token keeps; empty keeps all."""
 
     name: str = Field(min_length=1, max_length=50)
     role: Role
@@ -135,14 +135,14 @@ class TokenIn(In):
 
 
 class NewTokenOut(Out):
-    """A token with its key, which is shown once."""
+    """New API token with its key, which is shown only once."""
 
     token: TokenOut
     key: str
 
 
 class AuditRowOut(Out):
-    """One line of the record."""
+    """Row of the audit log."""
 
     seq: int
     at: Utc
@@ -158,7 +158,8 @@ class AuditRowOut(Out):
 
 
 class AuditVerdictOut(Out):
-    """Whether the record is whole; ``last_hash`` is worth noting elsewhere."""
+    """Result of the audit log verification. ``problem``: empty if the log is intact; ``last_hash``: store it elsewhere
+    for a later check."""
 
     rows: int
     last_hash: str

@@ -11,9 +11,9 @@ from gss.api.schemas.telemetry import LevelWord
 
 
 class AlarmRow(Out):
-    """One alarm. raised: out and not seen; acked: out and seen; cleared: back in and not seen; closed: over.
-    ``level``: of the moment; ``worst``: since it was raised. packet "event": an event of the device, with how often it came as
-    its value; packet "link": loss of signal."""
+    """Alarm. ``state``: raised (out of limits, not acknowledged), acked (out of limits, acknowledged), cleared (back in
+    limits, not acknowledged), closed. ``level``: current level; ``worst``: worst level since raised. Packet "event":
+    an event of the device, with its number of occurrences as the value; packet "link": loss of signal."""
 
     id: int
     packet: str
@@ -39,13 +39,13 @@ class AlarmRow(Out):
 
 
 class NoteIn(In):
-    """A word for the record."""
+    """Note for the record."""
 
     note: str = Field(default="", max_length=1000)
 
 
 class ShelveIn(In):
-    """For how long an alarm is not to be shown, and why."""
+    """How long to shelve an alarm, and why."""
 
     minutes: int = Field(ge=1, le=1440)
     note: str = Field(min_length=1, max_length=1000)

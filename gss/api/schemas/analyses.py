@@ -1,4 +1,4 @@
-"""Analyses of a night: ask, list, read."""
+"""Requests and results of analyses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ManyIds = Annotated[list[Id], Field(max_length=5000)]
 
 
 class FrameAnalysisIn(In):
-    """An analysis of stored frames; ``commanded_deg_s`` for a slew, ``other_*`` for two cameras."""
+    """Analysis of stored frames. ``commanded_deg_s``: commanded rate of a slew; ``other_*``: second camera."""
 
     kind: Literal["earth-fixed", "celestial-fixed", "slew", "sensitivity", "nea", "spatial", "two-cameras"]
     profile: str = Field(max_length=40)
@@ -26,7 +26,7 @@ class FrameAnalysisIn(In):
 
 
 class TelemetryAnalysisIn(In):
-    """Performance from the attitudes of a contact."""
+    """Performance analysis of the attitudes of a contact."""
 
     kind: Literal["telemetry"]
     contact: Id
@@ -37,7 +37,7 @@ AnalysisIn = Annotated[FrameAnalysisIn | TelemetryAnalysisIn, Field(discriminato
 
 
 class AnalysisOut(Out):
-    """One analysis. ``doubts``: notes of its report, ``severe``: those that say not to rely on it."""
+    """Analysis. ``doubts``: number of notes in its report; ``severe``: number of notes that say not to rely on it."""
 
     id: int
     kind: str
@@ -50,7 +50,7 @@ class AnalysisOut(Out):
 
 
 class AnalysisDetailOut(AnalysisOut):
-    """An analysis with its report, and its figures as the science names them (radians, seconds, pixels)."""
+    """Analysis with its report. ``figures``: results in radians, seconds and pixels."""
 
     request: dict[str, Any]
     figures: dict[str, Any]

@@ -8,7 +8,7 @@ from gss.api.schemas.base import In, Out, Utc
 
 
 class TenureOut(Out):
-    """One holder, from taking to the end."""
+    """One holder of command authority, from taking to losing it."""
 
     holder: str
     taken: Utc
@@ -18,8 +18,8 @@ class TenureOut(Out):
 
 
 class AuthorityOut(Out):
-    """Who may command now, and who did before, newest first. ``mine``: the one who asks holds it; always false on the
-    stream, which does not know who listens."""
+    """Holder of command authority and earlier holders, newest first. ``mine``: the caller holds it; always false on the
+    stream, which is shared by all listeners."""
 
     holder: str | None
     since: Utc | None
@@ -28,6 +28,6 @@ class AuthorityOut(Out):
 
 
 class BreakIn(In):
-    """Why command authority is taken from its holder."""
+    """Reason for taking command authority from its holder."""
 
     reason: str = Field(min_length=1, max_length=300)

@@ -1,4 +1,4 @@
-"""The base of everything that travels: strict in, documented out."""
+"""Base models: strict validation of requests, documented responses."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_validator
 
 LARGEST_ID = 2**31 - 1
-"""The database counts rows in 32 bits."""
+"""Row ids in the database are 32-bit."""
 DEEPEST = 32
-"""No request has lists in lists in lists further than that."""
+"""Maximum nesting depth of a request body."""
 
 
 class In(BaseModel):
-    """A request body: unknown fields and silent conversions are refused."""
+    """Request body; unknown fields and implicit type conversions are rejected."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     @model_validator(mode="before")
     @classmethod
     def _whole_characters(cls, data: Any) -> Any:
-        """Half characters (lone surrogates) and NUL cannot be stored, sent or shown."""
+        """Reject lone surrogates and NUL, which cannot be stored, sent or shown."""
         _check_text(data)
         return data
 
 
 def _check_text(value: Any) -> None:
-    """Without recursion: how deep it goes is for others to choose."""
+    """Check all text in a value. Iterative, because the client controls the nesting depth."""
     rest: list[tuple[Any, int]] = [(value, 0)]
     while rest:
         item, depth = rest.pop()
@@ -42,7 +42,7 @@ def _check_text(value: Any) -> None:
 
 
 class Out(BaseModel):
-    """A response body, built from attributes of rows and records."""
+    """Response body, built from attributes of rows and records."""
 
     model_config = ConfigDict(from_attributes=True)
 
@@ -53,13 +53,14 @@ def _iso_z(value: datetime) -> str:
 
 
 Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
-"""A row's id in a request body."""
+"""Row id in a request body."""
 Utc = Annotated[datetime, PlainSerializer(_iso_z, return_type=str)]
 """UTC, ISO 8601 with Z, milliseconds."""
 
 
 class ProblemOut(Out):
-    """Every error: what happened, what was expected, what came, what to try, and an id that is in the server's log."""
+    """Error response: what happened, what was expected, what was received, what to do next, and an id that is also in
+    the server's log."""
 
     id: str
     message: str

@@ -1,4 +1,4 @@
-"""Calibrations of cameras: ask, list, read, compare."""
+"""Requests, results and comparisons of camera calibrations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ FrameIds = Annotated[list[Id], Field(max_length=2000)]
 
 LARGEST = 1e6
 Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-"""A reading of the bench; NaN and infinity lie in no range."""
+"""Bench measurement; the range excludes NaN and infinity."""
 
 
 class StarCalibrationIn(In):
-    """Calibrate from frames of stars. ``profile`` "": a camera that nobody described. ``fov_deg``: its width, where known."""
+    """Calibration from star frames. ``profile``: "" for a camera without a profile. ``fov_deg``: width of the field of
+    view, if known."""
 
     kind: Literal["stars"]
     profile: str = Field(default="", max_length=40)
@@ -34,7 +35,7 @@ class StarCalibrationIn(In):
 
 
 class DetectorCalibrationIn(In):
-    """Calibrate the detector from dark frames and pairs of flat fields."""
+    """Detector calibration from dark frames and pairs of flat fields."""
 
     kind: Literal["detector"]
     profile: str = Field(max_length=40)
@@ -45,7 +46,7 @@ class DetectorCalibrationIn(In):
 
 
 class _BenchIn(In):
-    """What every method of the bench takes."""
+    """Fields common to all bench calibrations."""
 
     profile: str = Field(max_length=40)
     name: str = Field(default="", max_length=80)
@@ -58,21 +59,21 @@ def _rows(columns: int, words: str) -> Any:
 
 
 class BenchCentreIn(_BenchIn):
-    """The optical centre from places of one dot while the camera turns."""
+    """Optical centre from positions of one dot while the camera is rotated."""
 
     kind: Literal["bench-centre"]
     dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]  # a made type
 
 
 class BenchTiltIn(_BenchIn):
-    """The detector's tilt from places of two dots."""
+    """Detector tilt from positions of two dots."""
 
     kind: Literal["bench-tilt"]
     pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]  # a made type
 
 
 class BenchFocalIn(_BenchIn):
-    """The focal length from pairs of stars."""
+    """Focal length from pairs of stars."""
 
     kind: Literal["bench-focal"]
     frame_ids: FrameIds
@@ -80,7 +81,7 @@ class BenchFocalIn(_BenchIn):
 
 
 class BenchRadialIn(_BenchIn):
-    """The polynomial of lens aberration from stars round one near the centre."""
+    """Lens distortion polynomial from stars around one near the centre."""
 
     kind: Literal["bench-radial"]
     frame_ids: FrameIds
@@ -88,7 +89,8 @@ class BenchRadialIn(_BenchIn):
 
 
 class BenchCheckerboardIn(_BenchIn):
-    """A camera from pictures of a checkerboard: inner corners across and down, side of a square."""
+    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
+    a square."""
 
     kind: Literal["bench-checkerboard"]
     frame_ids: FrameIds
@@ -98,14 +100,14 @@ class BenchCheckerboardIn(_BenchIn):
 
 
 class BenchDarkLawIn(_BenchIn):
-    """Dark current against temperature."""
+    """Dark current as a function of temperature."""
 
     kind: Literal["bench-dark-law"]
     points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a made type
 
 
 class BenchFocusIn(_BenchIn):
-    """The best focus: from pictures at several settings of the lens, or from widths measured already."""
+    """Best focus, from pictures at several lens settings or from measured star widths."""
 
     kind: Literal["bench-focus"]
     frame_ids: list[Id] = Field(default=[], max_length=2000)
@@ -123,7 +125,8 @@ CalibrationIn = Annotated[StarCalibrationIn | DetectorCalibrationIn | BenchIn, F
 
 
 class CalibrationOut(Out):
-    """One version. ``in_use``: reruns take this camera. ``places``: where the sensor holds it, "a (active)"."""
+    """Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a,
+    active"."""
 
     id: int
     profile: str
@@ -146,7 +149,7 @@ class CalibrationOut(Out):
 
 
 class CalibrationDetailOut(CalibrationOut):
-    """A version with everything that was found."""
+    """Calibration with all its results."""
 
     request: dict[str, Any]
     values: dict[str, Any]
@@ -155,13 +158,13 @@ class CalibrationDetailOut(CalibrationOut):
 
 
 class DocumentedIn(In):
-    """The camera whose documented values are used again."""
+    """Camera whose documented values are to be used again."""
 
     profile: str = Field(max_length=40)
 
 
 class ChangeOut(Out):
-    """A value before and after."""
+    """Value before and after."""
 
     name: str
     older: float | str | None
@@ -169,7 +172,7 @@ class ChangeOut(Out):
 
 
 class CalibrationDiffOut(Out):
-    """Two versions side by side; the geometry over the detector after the best common rotation."""
+    """Comparison of two calibrations. Geometry differences are over the detector, after the best common rotation."""
 
     older: int
     newer: int

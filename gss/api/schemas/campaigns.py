@@ -1,4 +1,4 @@
-"""Experiments, reprocessing, comparison of chains."""
+"""Experiments, reprocessing and comparison of chains."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gss.api.schemas.base import Id, In, Out
 
 
 class ExperimentOut(Out):
-    """An experiment of a document that can be rerun; ``trials`` by default."""
+    """Experiment from a document that can be rerun. ``trials``: default number."""
 
     name: str
     title: str
@@ -16,7 +16,7 @@ class ExperimentOut(Out):
 
 
 class ExperimentsIn(In):
-    """Which to run. The job's result holds one record each: columns, rows, conditions, notes, series."""
+    """Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series."""
 
     names: list[str] = Field(min_length=1, max_length=40)
     trials: int | None = Field(default=None, ge=1, le=10_000_000)
@@ -24,8 +24,8 @@ class ExperimentsIn(In):
 
 
 class ReprocessIn(In):
-    """Frames by id, or all that the filters leave. ``profile``: camera of frames that have none. ``again``: also those that
-    this chain and version have solved."""
+    """Frames to reprocess, by id or by filter. ``profile``: camera for frames that have none. ``again``: include frames
+    that this version of the chain has already solved."""
 
     chain: str = Field(min_length=1, max_length=30)
     frame_ids: list[Id] = Field(default_factory=list, max_length=100_000)
@@ -36,8 +36,9 @@ class ReprocessIn(In):
 
 
 class ChainRecordOut(Out):
-    """Results of one chain and version over the stored frames; medians over the solved ones. ``solved_interval``: of the share of
-    frames, 95 % (Wilson); ``wrong_most``: the most that the share of wrong ones among ``judged`` solutions may be, likewise."""
+    """Results of one version of a chain over the stored frames; medians are over solved frames. ``solved_interval``: 95
+    % interval (Wilson) of the solved share; ``wrong_most``: upper bound of the share of wrong solutions among
+    ``judged``, by the same method."""
 
     chain: str
     version: str

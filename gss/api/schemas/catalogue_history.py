@@ -1,4 +1,4 @@
-"""Sub-catalogues over time and beside each other: differences, banks by date, star lists that were brought."""
+"""Catalogue differences, the bank timeline, and imported star lists."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from gss.api.schemas.base import Out, Utc
 
 
 class ChangedStarOut(Out):
-    """A star that is not as it was. ``moved_arcsec``, ``change_mag``: None where that is not the difference. Places are those of
-    the new catalogue, of the old one for a dropped star."""
+    """Star that differs between two catalogues. ``moved_arcsec``, ``change_mag``: null if that value did not change.
+    Positions are from the new catalogue; for a dropped star, from the old one."""
 
     hip: int
     name: str
@@ -21,7 +21,8 @@ class ChangedStarOut(Out):
 
 
 class CoverageOut(Out):
-    """Stars in a circle as large as a field round each HEALPix ring pixel. ``poorer``: circles that had three and have not."""
+    """Number of stars in a field-sized circle around each HEALPix ring pixel. ``poorer``: circles that had at least
+    three stars and no longer have."""
 
     nside: int
     radius_deg: float
@@ -31,7 +32,7 @@ class CoverageOut(Out):
 
 
 class CatalogueRefOut(Out):
-    """Which catalogue. ``epoch_jyear``: when its stars are where it has them."""
+    """Reference to a catalogue. ``epoch_jyear``: epoch of its star positions."""
 
     id: int
     name: str
@@ -45,7 +46,7 @@ class CatalogueRefOut(Out):
 
 
 class CatalogueDiffOut(Out):
-    """What would change on board. Numbers are whole; the lists hold at most the first 500 stars, brightest first."""
+    """What would change on board. Counts are complete; the lists hold at most the first 500 stars, brightest first."""
 
     old: CatalogueRefOut
     new: CatalogueRefOut
@@ -66,7 +67,7 @@ class CatalogueDiffOut(Out):
 
 
 class BankStayOut(Out):
-    """One bank in one state with one content. ``ended`` None: still so, as far as was told."""
+    """Period in which a bank had one state and content. ``ended`` null: unchanged up to the last report, at ``told``."""
 
     bank: str
     state: str
@@ -85,7 +86,7 @@ class BankStayOut(Out):
 
 
 class BankPlanOut(Out):
-    """Something that will be in a bank, or become active there. ``at`` None: as soon as it has arrived."""
+    """Planned upload to a bank or activation. ``at`` null: as soon as the transfer is complete."""
 
     bank: str
     kind: Literal["upload", "activation"]
@@ -98,7 +99,7 @@ class BankPlanOut(Out):
 
 
 class DeviceRefOut(Out):
-    """A device whose banks are on record."""
+    """Device with recorded banks."""
 
     id: int
     name: str
@@ -106,7 +107,7 @@ class DeviceRefOut(Out):
 
 
 class ContactSpanOut(Out):
-    """A contact, for a tick. ``ended`` None: it is still open."""
+    """Contact on the timeline. ``ended`` null: still open."""
 
     id: int
     started: Utc
@@ -114,7 +115,7 @@ class ContactSpanOut(Out):
 
 
 class CoverOut(Out):
-    """Is there a catalogue for the sky to come, in words."""
+    """Whether the catalogues on board and planned cover the time ahead."""
 
     state: str
     text: str
@@ -122,7 +123,7 @@ class CoverOut(Out):
 
 
 class TimelineOut(Out):
-    """Which catalogue is, was and will be in which bank of a device."""
+    """Past, current and planned catalogues in each bank of a device."""
 
     device: DeviceRefOut
     devices: list[DeviceRefOut]
@@ -136,7 +137,7 @@ class TimelineOut(Out):
 
 
 class StarListOut(Out):
-    """A star list that somebody brought, with what was read and what was dropped."""
+    """Imported star list, with a report of the rows read and dropped."""
 
     id: int
     name: str

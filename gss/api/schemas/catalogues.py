@@ -1,4 +1,4 @@
-"""Sub-catalogues: the builder's request, its preview, its result."""
+"""Sub-catalogues: build request, preview and result."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pydantic import Field
 from gss.api.schemas.base import Id, In, Out, Utc
 
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
-"""Degrees; NaN and infinity lie in no range."""
+"""Angle in degrees; the range excludes NaN and infinity."""
 Range = Annotated[list[Angle], Field(min_length=2, max_length=2)]
-"""Smallest and largest, degrees."""
+"""Smallest and largest value, degrees."""
 Mounting = Annotated[list[Annotated[float, Field(ge=-1.1, le=1.1)]], Field(min_length=9, max_length=9)]
 Turns = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
 
 
 class CorrectionsIn(In):
-    """What is done to the stars of the source. ``doubles``: how stars are treated that the camera cannot separate."""
+    """Corrections applied to the source stars. ``doubles``: treatment of stars that the camera cannot separate."""
 
     proper_motion: bool = True
     parallax: bool = False
@@ -35,7 +35,7 @@ class CorrectionsIn(In):
 
 
 class OccultationIn(In):
-    """What hides the sky. Angles in degrees from the boresight; None: the camera's own baffle."""
+    """Occultation of the sky. Angles in degrees from the boresight; null: the camera's own baffle."""
 
     earth: bool = False
     earth_margin_deg: float = Field(default=0.0, ge=0, le=60)
@@ -46,9 +46,9 @@ class OccultationIn(In):
 
 
 class ScreeningIn(In):
-    """Which stars are on the screening list. ``action``: off, list (names them), drop. Marks: close doubles, variables, stars
-    that move fast. More than ``most_companions`` stars in the ring at ``arc_deg`` ± ``tolerance_deg`` put a star on it, and so
-    do more than ``most_false`` expected false triples."""
+    """Rules of the screening list. ``action``: off, list (only name the stars) or drop. Reasons: close doubles,
+    variables, high proper motion. A star is also listed if the ring at ``arc_deg`` ± ``tolerance_deg`` holds more
+    than ``most_companions`` stars, or if more than ``most_false`` false triples are expected."""
 
     action: Literal["off", "list", "drop"] = "off"
     doubles: bool = True
@@ -61,7 +61,8 @@ class ScreeningIn(In):
 
 
 class ReducedIn(In):
-    """The frame of a reduced catalogue: the ``brightest`` of every upright frame of that size, ``step_deg`` apart."""
+    """Frame of a reduced catalogue: it keeps the ``brightest`` stars of every upright frame of this size; frames are
+    ``step_deg`` apart."""
 
     width_deg: float = Field(ge=1, le=120)
     height_deg: float = Field(ge=1, le=120)
@@ -70,14 +71,13 @@ class ReducedIn(In):
 
 
 class CatalogueIn(In):
-    """What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
-
-    ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
-    nine numbers by rows, in place of the law's own mounting, or ``mounting_deg``: three turns, about x, y and z in this order,
-    that bring the body's axes to the camera's. ``off_nadir_deg``: how far a target law looks aside. ``thinning``: the fields
-    of which ``brightest_per_field`` stay: circles, or upright frames of the camera's shape. ``reduced`` None: no reduced
-    catalogue, except where the format has one of its camera's frame.
-    """
+    """Build request. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs no orbit.
+    ``altitude_km``: with elements, the node drifts over the days of use; without it the node limits are fixed.
+    ``body_from_cam``: nine numbers by rows, replacing the law's own mounting. ``mounting_deg``: alternatively three
+    rotations, about x, y and z in this order, that take the body axes to the camera axes. ``off_nadir_deg``:
+    off-nadir angle of a target law. ``thinning``: shape of the fields that keep ``brightest_per_field`` stars:
+    circles, or upright frames of the camera's shape. ``reduced`` null: no reduced catalogue, unless the format
+    requires one; then with the camera's frame."""
 
     name: str = Field(default="", max_length=60)
     profile: str = "cubestar"
@@ -121,7 +121,7 @@ class CatalogueIn(In):
 
 
 class ListMappingIn(In):
-    """How a star list is read, JSON in a form field: see ``ListMapping``, which knows the words."""
+    """How to read a star list; JSON in a form field. See ``ListMapping`` for the allowed values."""
 
     columns: dict[str, str] = Field(default_factory=dict)
     units: dict[str, str] = Field(default_factory=dict)
@@ -132,7 +132,7 @@ class ListMappingIn(In):
 
 
 class FunnelOut(Out):
-    """One line of the funnel of counts."""
+    """Row of the selection funnel."""
 
     label: str
     stars: int
@@ -140,7 +140,7 @@ class FunnelOut(Out):
 
 
 class SkyStarOut(Out):
-    """A star of the map. ``state``: kept, thinned, rejected, outside."""
+    """Star on the map. ``state``: kept, thinned, rejected or outside."""
 
     hip: int
     ra_deg: float
@@ -150,8 +150,9 @@ class SkyStarOut(Out):
 
 
 class EnvelopeOut(Out):
-    """HEALPix ring-order fraction of time in the field, 0 where never. ``sweep``: the field on its way, with its
-    ``boresights``, over one orbit or the validity; [] for the whole sky and for catalogues of older versions."""
+    """Envelope: fraction of time in the field of view, HEALPix ring order, 0 where never. ``sweep``: field outlines
+    along the orbit, with their ``boresights``, over one orbit or the validity; [] for the whole sky and for
+    catalogues of older versions."""
 
     nside: int
     fraction: list[float]
@@ -163,7 +164,7 @@ class EnvelopeOut(Out):
 
 
 class QualityOut(Out):
-    """How well the kept stars fill the fields. ``searched``: fields that were looked at for the worst one."""
+    """How well the kept stars fill the fields. ``searched``: number of fields examined to find the worst one."""
 
     pointings: int
     histogram: list[int]
@@ -182,8 +183,8 @@ class QualityOut(Out):
 
 
 class AmbiguityOut(Out):
-    """HEALPix ring-order maps: other triangles per triangle of a field's brightest stars (``value``), other pairs per pair
-    (``pairs``); None outside the envelope."""
+    """Ambiguity maps in HEALPix ring order: other triangles per triangle of a field's brightest stars (``value``),
+    other pairs per pair (``pairs``); null outside the envelope."""
 
     nside: int
     tolerance_arcsec: float
@@ -195,7 +196,8 @@ class AmbiguityOut(Out):
 
 
 class LifetimeOut(Out):
-    """Share of the fields inside the envelope by days after the end of validity. ``days`` None: longer than was looked at."""
+    """Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span
+    examined."""
 
     threshold: float
     days: float | None
@@ -205,7 +207,8 @@ class LifetimeOut(Out):
 
 
 class WandererOut(Out):
-    """The Sun, or a body that comes into the envelope on ``share`` of the days; RA and Dec in degrees from first to last."""
+    """The Sun, or a body that enters the envelope on ``share`` of the days. ``way``: RA and Dec in degrees from first
+    to last day."""
 
     name: str
     brightest_mag: float
@@ -214,7 +217,7 @@ class WandererOut(Out):
 
 
 class ScreenedStarOut(Out):
-    """A star of the screening list; ``companions``: others in its ring."""
+    """Star on the screening list. ``companions``: other stars in its ring."""
 
     hip: int
     reasons: list[str]
@@ -223,8 +226,8 @@ class ScreenedStarOut(Out):
 
 
 class ScreeningOut(Out):
-    """The screening list over the envelope: how many stars by reason, the ring's figures, stars by chance in the patch of a third
-    one, and the brightest that are on it."""
+    """Screening list over the envelope: star counts by reason, ring statistics, expected chance stars in the patch of a
+    third star (``third``), and the brightest listed stars."""
 
     action: str
     counts: dict[str, int]
@@ -235,14 +238,15 @@ class ScreeningOut(Out):
 
 
 class SizesOut(Out):
-    """Bytes of every part of the image against the bank."""
+    """Bytes of each part of the image, and of the bank."""
 
     by_part: dict[str, int]
     bank_bytes: int
 
 
 class PreviewOut(Out):
-    """The builder's answer while parameters change. ``bank_source``: whose bank ``bank_bytes`` is."""
+    """Preview of a build while parameters change. ``bank_source``: origin of ``bank_bytes``: request (asked), sensor,
+    or default (usual)."""
 
     stars: int
     pairs_estimate: int
@@ -257,7 +261,7 @@ class PreviewOut(Out):
 
 
 class CatalogueOut(Out):
-    """A built catalogue in the store."""
+    """Stored catalogue."""
 
     id: int
     name: str
@@ -275,7 +279,7 @@ class CatalogueOut(Out):
 
 
 class CatalogueDetailOut(CatalogueOut):
-    """A built catalogue with its request, manifest, maps and quality report."""
+    """Stored catalogue with its request, manifest, maps and quality report."""
 
     request: dict[str, Any]
     manifest: dict[str, Any]
@@ -293,6 +297,6 @@ class CatalogueDetailOut(CatalogueOut):
 
 
 class UploadIn(In):
-    """Send a catalogue to an inactive bank; verify by read-back and commit follow by themselves."""
+    """Inactive bank to send a catalogue to; read-back verification and commit follow automatically."""
 
     bank: str = Field(pattern="^[A-Z]$")

@@ -1,4 +1,4 @@
-"""Commands, from the dictionary to the history."""
+"""Commands: dictionary, dry run, sending and history."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ArgumentOut(Out):
 
 
 class PreconditionOut(Out):
-    """One condition on the device's state, with the value that decides it now."""
+    """Precondition on the device's state, with the current value of the field it tests."""
 
     text: str
     met: bool | None
@@ -87,7 +87,7 @@ class DictionaryOut(Out):
 
 
 class CommandIn(In):
-    """A command to check or to send. ``confirm`` must repeat the name of a critical command, and be "yes" for a warning one."""
+    """Command to check or send. ``confirm``: the command's name for a critical command, "yes" for a warning one."""
 
     name: str
     arguments: dict[str, float | int | str | bool] = Field(default_factory=dict)
@@ -103,9 +103,9 @@ class ByteGroupOut(Out):
 
 
 class CheckOut(Out):
-    """What would be sent, and what stands in the way. ``confirm_name``: what must be typed where the hazard is critical;
-    for SCHEDULE the name of the command it carries. ``authority``: who holds it. ``allowed``: nothing but the confirmation
-    is missing."""
+    """Dry run: what would be sent, and what prevents it. ``confirm_name``: name to type if the hazard is critical; for
+    SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is
+    missing."""
 
     problems: list[str]
     preconditions: list[PreconditionOut]
@@ -121,7 +121,7 @@ class CheckOut(Out):
 
 
 class StageOut(Out):
-    """One point of the stage lights."""
+    """One stage of a command."""
 
     name: StageName
     state: StageState
@@ -129,8 +129,9 @@ class StageOut(Out):
 
 
 class CommandOut(Out):
-    """A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
-    ``needs_operator``: its fate is unknown and doing it twice would matter. ``can_retry``: the same id may be sent again."""
+    """Command with its progress. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
+    ``needs_operator``: its outcome is unknown and executing it twice would matter. ``can_retry``: it may be sent
+    again with the same id."""
 
     id: int
     contact_id: int | None
@@ -157,7 +158,8 @@ class CommandOut(Out):
 
 
 class AbortOut(Out):
-    """ABORT left for the line at ``at``. ``command``: its record; null while the store cannot take it."""
+    """Result of ABORT. ``at``: time it was passed to the line. ``command``: its record; null if the database could not
+    store it in time."""
 
     request_id: int
     at: Utc
@@ -165,13 +167,13 @@ class AbortOut(Out):
 
 
 class ResolveIn(In):
-    """How an operator settles an unknown command."""
+    """Note that settles an unknown command."""
 
     note: str = Field(min_length=1, max_length=500)
 
 
 class FacetsOut(Out):
-    """What occurs in the history, for the menus of its filter."""
+    """Values that occur in the history, for the filter menus."""
 
     names: list[str]
     users: list[str]

@@ -1,4 +1,4 @@
-"""Contacts, their record, their replay, their report."""
+"""Contacts, record checks, replays and pass reports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.api.schemas.telemetry import SeriesOut
 
 
 class ContactOut(Out):
-    """A contact: from opening the line to closing it."""
+    """Contact: from opening the line to closing it."""
 
     id: int
     device: str
@@ -28,7 +28,7 @@ class ContactOut(Out):
 
 
 class SpanOut(Out):
-    """A span without a good packet, and why."""
+    """Period without a valid packet, and its cause."""
 
     start: Utc
     end: Utc
@@ -37,7 +37,7 @@ class SpanOut(Out):
 
 
 class ContactFrameOut(Out):
-    """A frame that came."""
+    """Frame received during a contact."""
 
     id: int
     name: str
@@ -45,7 +45,7 @@ class ContactFrameOut(Out):
 
 
 class ContactCommandOut(Out):
-    """A command that went out."""
+    """Command sent during a contact."""
 
     id: int
     name: str
@@ -57,7 +57,7 @@ class ContactCommandOut(Out):
 
 
 class ContactTransferOut(Out):
-    """A transfer that was begun."""
+    """Transfer started during a contact."""
 
     id: int
     subject: str
@@ -70,7 +70,7 @@ class ContactTransferOut(Out):
 
 
 class CaptureOut(Out):
-    """A file of the raw capture; gone when not ``present``."""
+    """File of the raw capture; ``present`` is false if it was deleted."""
 
     file: str
     bytes: int
@@ -78,8 +78,8 @@ class CaptureOut(Out):
 
 
 class ContactDetailOut(ContactOut):
-    """Everything of one contact. ``counters``: of what was received, and packets and bytes sent; ``gaps``: spans of more than
-    three seconds without a good packet."""
+    """All details of a contact. ``counters``: received data, and packets and bytes sent; ``gaps``: periods of more than
+    three seconds without a valid packet."""
 
     duration_s: float
     counters: dict[str, int]
@@ -96,13 +96,13 @@ class ContactDetailOut(ContactOut):
 
 
 class ContactNoteIn(In):
-    """What an operator has to say about a contact; empty takes it away."""
+    """Operator's note about a contact; an empty text deletes it."""
 
     note: str = Field(max_length=4000)
 
 
 class GapOut(Out):
-    """A gap of the 1 Hz record. ``missing``: housekeeping packets."""
+    """Gap in the 1 Hz record. ``missing``: number of housekeeping packets."""
 
     start: Utc
     end: Utc
@@ -112,7 +112,7 @@ class GapOut(Out):
 
 
 class RecordOut(Out):
-    """Is the housekeeping of a contact whole? ``late``: spans in which all came, but late."""
+    """Completeness of a contact's housekeeping. ``late``: periods in which all packets arrived, but late."""
 
     contact_id: int
     expected: int
@@ -124,7 +124,7 @@ class RecordOut(Out):
 
 
 class VolumesOut(Out):
-    """How much came and went."""
+    """Data volumes received and sent."""
 
     rx_bytes: int
     tx_bytes: int
@@ -133,7 +133,7 @@ class VolumesOut(Out):
 
 
 class AttitudeSummaryOut(Out):
-    """How the sensor found its attitude; pointings are (ra, dec, roll) in degrees."""
+    """Summary of the sensor's attitude solutions; pointings are (ra, dec, roll) in degrees."""
 
     iterations: int
     solved: int
@@ -144,7 +144,7 @@ class AttitudeSummaryOut(Out):
 
 
 class ReportOut(Out):
-    """The pass report. ``quality``: (Unix seconds, share of damaged packets)."""
+    """Pass report. ``quality``: (Unix seconds, share of damaged packets)."""
 
     contact: ContactDetailOut
     firmware: str
@@ -160,14 +160,15 @@ Speed = Annotated[float, Field(ge=0.1, le=1000, strict=False)]
 
 
 class ReplayIn(In):
-    """How fast (null: as fast as possible), and from when on."""
+    """Speed (null: as fast as possible) and start time of a replay."""
 
     speed: Speed | None = 1.0
     start: Annotated[datetime, Field(strict=False)] | None = None
 
 
 class ReplayChangeIn(In):
-    """What is to be another; what is not given stays. ``speed`` null: as fast as possible. ``at``: go there."""
+    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
+    this time."""
 
     speed: Speed | None = None
     paused: bool | None = None
@@ -175,7 +176,7 @@ class ReplayChangeIn(In):
 
 
 class ReplayOut(Out):
-    """Where the replay is. ``speed`` null: as fast as possible."""
+    """State of the replay. ``speed`` null: as fast as possible."""
 
     state: Literal["none", "running", "paused", "ended", "failed"]
     contact_id: int | None
@@ -193,7 +194,7 @@ class ReplayOut(Out):
 
 
 class ReplayCommandOut(Out):
-    """A command of a replayed contact, or a report about it."""
+    """Command of a replayed contact, or a report about it."""
 
     at: Utc
     request_id: int
@@ -204,7 +205,7 @@ class ReplayCommandOut(Out):
 
 
 class ReplayEventOut(Out):
-    """An event of the device in a replayed contact."""
+    """Event of the device in a replayed contact."""
 
     at: Utc
     name: str

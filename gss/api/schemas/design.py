@@ -1,4 +1,4 @@
-"""The design desk: an edited camera in, figures, curves and tables out. Units are in the names."""
+"""Camera design: an edited camera in; figures, curves and tables out. Units are in the names."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class DesignIn(In):
-    """A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
-    radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees. ``pointings``: of the full
-    count."""
+    """Documented camera and changes to it; null keeps the profile's value. ``mag_limit`` null: derived from the
+    radiometry. ``sky``: whole, or along an orbit with a pointing law and its limits in degrees. ``pointings``: of
+    the full count."""
 
     profile: str = Field(default="cubestar", max_length=40)
     columns: int | None = None
@@ -53,7 +53,7 @@ class DesignIn(In):
 
 
 class DesignFigureOut(Out):
-    """One number. ``paper``: what the camera's own document prints, with its place."""
+    """Result value. ``paper``: the value in the camera's own document, with its source."""
 
     group: str
     key: str
@@ -66,7 +66,7 @@ class DesignFigureOut(Out):
 
 
 class FieldCountOut(Out):
-    """Pointings with 0, 1, 2 … stars; the boresight of the first with the fewest."""
+    """Number of pointings with 0, 1, 2 … stars, and the boresight of the first with the fewest."""
 
     pointings: int
     counts: list[int]
@@ -79,7 +79,7 @@ class FieldCountOut(Out):
 
 
 class LineOut(Out):
-    """A line of a curve; null is a gap."""
+    """Line of a curve; null is a gap."""
 
     label: str
     x: list[float]
@@ -87,14 +87,14 @@ class LineOut(Out):
 
 
 class UprightOut(Out):
-    """A place on the x axis."""
+    """Vertical marker on the x axis."""
 
     label: str
     x: float
 
 
 class MarkOut(Out):
-    """A point that a document prints."""
+    """Point printed in a document."""
 
     x: float
     y: float
@@ -103,7 +103,7 @@ class MarkOut(Out):
 
 
 class CurveOut(Out):
-    """Lines over one axis, labels with their units."""
+    """Curve with one or more lines; axis labels include units."""
 
     key: str
     title: str
@@ -117,7 +117,8 @@ class CurveOut(Out):
 
 
 class BaffleOut(Out):
-    """Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r)."""
+    """Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z,
+    r)."""
 
     kind: Literal["one", "two"]
     lens_radius_mm: float
@@ -130,7 +131,7 @@ class BaffleOut(Out):
 
 
 class TradeRowOut(Out):
-    """A camera's line in a table; accuracies are medians, 1σ, one axis."""
+    """Camera in a trade table; accuracies are medians, 1σ, one axis."""
 
     name: str
     focal_mm: float
@@ -149,7 +150,8 @@ class TradeRowOut(Out):
 
 
 class DesignOut(Out):
-    """A design report. ``looks``: pointings behind curves and accuracy; ``full`` false: the quick look, without lens trade."""
+    """Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the
+    lens trade."""
 
     profile: str
     camera: dict[str, Any]
@@ -170,7 +172,7 @@ class DesignOut(Out):
 
 
 class FieldLimitOut(Out):
-    """What a field of a camera takes."""
+    """Allowed range of a camera field."""
 
     min: float
     max: float
@@ -178,7 +180,7 @@ class FieldLimitOut(Out):
 
 
 class DesignCameraOut(Out):
-    """A documents' camera as the design desk has it; the units are in the names of its fields."""
+    """Documented camera as a starting point; units are in the field names."""
 
     name: str
     title: str
@@ -187,7 +189,7 @@ class DesignCameraOut(Out):
 
 
 class DesignCamerasOut(Out):
-    """Cameras to start from, and the limits of what can be edited."""
+    """Cameras to start from, and the allowed ranges of the editable fields."""
 
     cameras: list[DesignCameraOut]
     rows: list[TradeRowOut]

@@ -1,4 +1,4 @@
-"""The record of what happened, and the stream."""
+"""Recorded events, also sent on the stream."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gss.api.schemas.base import Out, Utc
 
 
 class EventOut(Out):
-    """One event. ``seq`` only grows; the stream can be resumed after any of them."""
+    """Event. ``seq`` only increases; the stream can be resumed after any event."""
 
     seq: int
     at: Utc

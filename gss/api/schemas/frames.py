@@ -1,4 +1,4 @@
-"""Frames, and what chains make of them."""
+"""Frames and their solutions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
 
 
 class AttitudeOut(Out):
-    """Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null where not known)."""
+    """Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null if unknown)."""
 
     ra_deg: float
     dec_deg: float
@@ -21,10 +21,9 @@ class AttitudeOut(Out):
 
 
 class FrameOut(Out):
-    """One frame in the store, with its operational ground result (``verdict`` to ``attitude``).
-
-    ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
-    columns, rows) with real pixels where only a part was asked for, empty otherwise."""
+    """Stored frame with its operational ground result (``verdict`` to ``attitude``). ``part``: empty, thumbnail, region
+    or star_windows; ``held``: rectangles (first column, first row, columns, rows) with real pixels if only a part
+    was downloaded, empty otherwise."""
 
     id: int
     number: int | None
@@ -57,7 +56,7 @@ class FrameOut(Out):
 
 
 class FramePage(Out):
-    """A page of the frame list, newest first. ``modes``: of all stored frames, for a filter."""
+    """Page of the frame list, newest first. ``modes``: of all stored frames, for a filter."""
 
     total: int
     modes: list[str]
@@ -65,7 +64,7 @@ class FramePage(Out):
 
 
 class RegionOut(Out):
-    """A detected region; ``rejected`` is empty for a star."""
+    """Detected region. ``rejected``: reason, empty for a star."""
 
     col_min: int
     row_min: int
@@ -77,7 +76,7 @@ class RegionOut(Out):
 
 
 class StarOut(Out):
-    """A centroid, with its match where there is one. ``dx/dy_arcsec``: measured − predicted."""
+    """Centroid, with its matched star if any. ``dx/dy_arcsec``: measured − predicted."""
 
     index: int
     col_px: float
@@ -96,7 +95,7 @@ class StarOut(Out):
 
 
 class PredictedOut(Out):
-    """A catalogue star that the attitude puts on the detector."""
+    """Catalogue star that falls on the detector at the solved attitude."""
 
     hip: int
     name: str
@@ -107,15 +106,16 @@ class PredictedOut(Out):
 
 
 class GridLineOut(Out):
-    """One line of the RA/Dec grid across the frame, as pixel points."""
+    """Line of the RA/Dec grid across the frame, as pixel points."""
 
     label: str
     points: list[tuple[float, float]]
 
 
 class SolutionOut(Out):
-    """One chain's (or the device's) result on one frame. ``camera_name``: camera profile that was assumed, "field of view" or
-    "blind"; empty where an older version stored it. ``operational``: this is the frame's ground result wherever one is shown."""
+    """Result of a chain or of the device for one frame. ``camera_name``: camera profile that was assumed, "field of
+    view" or "blind"; empty if stored by an older version. ``operational``: this is the frame's ground result
+    wherever one is shown."""
 
     id: int
     frame_id: int
@@ -144,7 +144,8 @@ class SolutionOut(Out):
 
 
 class CameraOut(Out):
-    """Geometry behind a result; ``distortion``: model name and coefficients of Brown, RadialTilt … (docs/conventions.md)."""
+    """Camera geometry used for a result. ``distortion``: model name and coefficients of Brown, RadialTilt …
+    (docs/conventions.md)."""
 
     columns: int
     rows: int
@@ -166,8 +167,8 @@ class TurningOut(Out):
 
 
 class SolutionDetailOut(SolutionOut):
-    """A result with everything the overlays draw. ``aberration_arcsec``: the largest shift that was taken out, null: none.
-    ``versions``: which code ran, by name."""
+    """Solution with all overlay data. ``aberration_arcsec``: largest aberration shift removed, null: none.
+    ``versions``: versions of the code that ran, by name."""
 
     turning: TurningOut | None
     aberration_arcsec: float | None
@@ -182,7 +183,7 @@ class SolutionDetailOut(SolutionOut):
 
 
 class ComparisonOut(Out):
-    """On board against ground, arcseconds."""
+    """On-board minus ground attitude, arcseconds."""
 
     d_ra_arcsec: float
     d_dec_arcsec: float
@@ -193,7 +194,7 @@ class ComparisonOut(Out):
 
 
 class FrameDetailOut(FrameOut):
-    """A frame with its solutions (newest first) and the comparison of the two that matter."""
+    """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result."""
 
     solutions: list[SolutionOut]
     on_board: SolutionDetailOut | None
@@ -203,7 +204,8 @@ class FrameDetailOut(FrameOut):
 
 
 class SolveIn(In):
-    """Run a chain on a stored frame. Give ``profile`` or ``fov_deg``, or neither for what the frame says (else blind)."""
+    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else
+    blind)."""
 
     chain: str = "reference"
     profile: str | None = None
@@ -215,20 +217,20 @@ class SolveIn(In):
 
 
 class PinIn(In):
-    """Which stored solution of the frame becomes its operational ground result."""
+    """Stored solution that becomes the frame's operational ground result."""
 
     solution_id: int = Field(ge=1, le=LARGEST_ID)
 
 
 class DownloadIn(In):
-    """Bring a frame from a slot of the device's image memory."""
+    """Image memory slot to download."""
 
     slot: int = Field(ge=0, le=255)
     kind: Literal["frame", "thumbnail"] = "frame"
 
 
 class PixelsOut(Out):
-    """A rectangle of raw values for the pixel inspector."""
+    """Rectangle of raw values for the pixel inspector."""
 
     col: int
     row: int
@@ -238,7 +240,7 @@ class PixelsOut(Out):
 
 
 class HistogramOut(Out):
-    """Counts of pixel values, and a stretch that shows stars."""
+    """Histogram of pixel values, and a stretch that shows stars."""
 
     edges: list[float]
     counts: list[int]

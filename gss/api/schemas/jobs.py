@@ -1,4 +1,4 @@
-"""Long work."""
+"""Background jobs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from gss.api.schemas.base import Out, Utc
 
 
 class JobOut(Out):
-    """A job. ``state``: queued, running, done, failed, cancelled. ``attempts``: servers that died over it since it last came
-    further. ``can_start_again``: it has ended, and its stored request is enough to do it anew. ``user``: who started it and may
-    end it, beside all who have ``permission``."""
+    """Job. ``state``: queued, running, done, failed or cancelled. ``attempts``: number of server crashes while it ran,
+    since its last progress. ``can_start_again``: it has ended, and its stored request is sufficient to repeat it.
+    ``user``: who started it and may cancel it, in addition to users with ``permission``."""
 
     id: int
     kind: str

@@ -1,4 +1,4 @@
-"""The link and the device behind it, as the header bar shows them."""
+"""Link and device state for the header bar."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Level = Literal["ok", "watch", "warning", "critical", "unknown"]
 
 
 class DirectionOut(Out):
-    """One direction of the line."""
+    """State of one direction of the line."""
 
     state: Literal["up", "noisy", "down"]
     age_s: float | None
@@ -21,8 +21,8 @@ class DirectionOut(Out):
 
 
 class DirectionCountersOut(Out):
-    """Everything counted in one direction. Of what is sent the ground knows bytes and good; ``device_good`` and ``device_bad``
-    are the device's own counts of what it received, as its housekeeping told last."""
+    """Counters of one direction. For sent data the ground counts only bytes and good; ``device_good`` and
+    ``device_bad`` are the device's own counts of received frames, from its latest housekeeping."""
 
     bytes: int
     good: int
@@ -40,7 +40,7 @@ class DirectionCountersOut(Out):
 
 
 class CountersOut(Out):
-    """The line's counters since this contact was opened, and the framing in use."""
+    """Counters of the line since this contact was opened, and the framing in use."""
 
     framing: str
     sent: DirectionCountersOut
@@ -48,7 +48,7 @@ class CountersOut(Out):
 
 
 class BankOut(Out):
-    """One flash bank as the device reports it, joined with what the ground knows of its content."""
+    """Flash bank as reported by the device, with the stored catalogue it holds, if known."""
 
     bank: str
     state: str
@@ -63,7 +63,7 @@ class BankOut(Out):
 
 
 class AlarmOut(Out):
-    """A value outside its limits, or a state of the link that wants attention."""
+    """Value outside its limits, or a link state that needs attention."""
 
     id: str
     level: Level
@@ -72,7 +72,7 @@ class AlarmOut(Out):
 
 
 class LinkOut(Out):
-    """Everything of the header bar."""
+    """Contents of the header bar."""
 
     device: str
     profile: str
@@ -98,6 +98,6 @@ class LinkOut(Out):
 
 
 class LinkOpenIn(In):
-    """Where the device is: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port."""
+    """Address of the device: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port."""
 
     url: str

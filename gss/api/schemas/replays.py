@@ -1,4 +1,4 @@
-"""A frame replayed: what the sensor said beside what the ground makes of the same, stage by stage."""
+"""Frame replay: the sensor's results compared with the ground's results on the same data, stage by stage."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from gss.api.schemas.base import Out
 
 
 class ReplayStageOut(Out):
-    """One stage. ``difference``: in words, empty where there is none; ``difference_px`` on the detector, ``difference_arcsec`` on
-    the sky, null where that has no meaning."""
+    """One stage. ``difference``: as text, empty if none; ``difference_px`` on the detector, ``difference_arcsec`` on
+    the sky, null if not applicable."""
 
     name: str
     verdict: Literal["equal", "differs", "not sent", "not compared"]
@@ -21,7 +21,7 @@ class ReplayStageOut(Out):
 
 
 class FrameReplayOut(Out):
-    """All stages in the order of the work. ``text``: "equal", or the first difference."""
+    """All stages in processing order. ``text``: "equal", or the first difference."""
 
     frame_id: int
     text: str

@@ -1,4 +1,4 @@
-"""Reports: what was measured, as facts, drawings and tables; units stand beside the numbers."""
+"""Reports: measurements as facts, drawings and tables, with units beside the numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.api.schemas.base import Out
 
 
 class FactOut(Out):
-    """One figure."""
+    """One measured value."""
 
     label: str
     value: str
@@ -19,7 +19,7 @@ class FactOut(Out):
 
 
 class SeriesOut(Out):
-    """Numbers of a plot."""
+    """Data series of a plot."""
 
     label: str
     x: list[float]
@@ -28,7 +28,7 @@ class SeriesOut(Out):
 
 
 class LevelOut(Out):
-    """A marked value."""
+    """Marked value on an axis."""
 
     value: float
     label: str
@@ -36,7 +36,7 @@ class LevelOut(Out):
 
 
 class PlotOut(Out):
-    """Axes with series. ``time``: x are Unix seconds."""
+    """Axes with series. ``time``: x values are Unix seconds."""
 
     kind: Literal["plot"]
     title: str
@@ -49,7 +49,7 @@ class PlotOut(Out):
 
 
 class ArrowsOut(Out):
-    """Little vectors over the detector, drawn ``scale`` times too long."""
+    """Vectors over the detector, drawn enlarged by ``scale``."""
 
     kind: Literal["arrows"]
     title: str
@@ -75,7 +75,7 @@ class CellsOut(Out):
 
 
 class PictureOut(Out):
-    """A grey picture of the detector, a PNG file in base64."""
+    """Greyscale picture of the detector, a PNG file in base64."""
 
     kind: Literal["picture"]
     title: str
@@ -84,7 +84,7 @@ class PictureOut(Out):
 
 
 class TableViewOut(Out):
-    """Columns and rows of text."""
+    """Table of text cells."""
 
     title: str
     columns: list[str]
@@ -92,7 +92,7 @@ class TableViewOut(Out):
 
 
 class NoteOut(Out):
-    """What the reader should know and do."""
+    """Note to the reader, with what to do about it."""
 
     text: str
     hint: str
@@ -101,7 +101,7 @@ class NoteOut(Out):
 
 
 class SectionOut(Out):
-    """A heading with what belongs to it."""
+    """Section of a report."""
 
     title: str
     text: str
@@ -111,7 +111,7 @@ class SectionOut(Out):
 
 
 class ReportViewOut(Out):
-    """The whole."""
+    """Complete report."""
 
     title: str
     subtitle: str

@@ -1,4 +1,4 @@
-"""Commands that the device keeps for later."""
+"""Time-tagged commands stored on the device."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gss.api.schemas.commands import ByteGroupOut, HazardName
 
 
 class EntryOut(Out):
-    """One row of the device's table. ``at`` is None while the clocks are not correlated; ``command`` is None where the bytes
-    are not of our dictionary, then ``hex`` is all there is."""
+    """Row of the device's schedule. ``at``: null while the clocks are not correlated; ``command``: null if the bytes
+    are not in this dictionary; then only ``hex`` is meaningful."""
 
     schedule_id: int
     at_device_s: float
@@ -29,7 +29,7 @@ class EntryOut(Out):
 
 
 class ClockOut(Out):
-    """The device's clock at a moment of UTC, how well that is known, and from how much."""
+    """Device clock at a UTC time, with its uncertainty and the number and span of samples behind it."""
 
     device_s: float
     utc: Utc
@@ -40,7 +40,7 @@ class ClockOut(Out):
 
 
 class ScheduleOut(Out):
-    """The table by time. ``told``: when the device last listed it; ``complete``: nothing of that list was lost."""
+    """Schedule ordered by time. ``told``: when the device last listed it; ``complete``: no part of that list was lost."""
 
     entries: list[EntryOut]
     told: Utc | None
@@ -49,7 +49,7 @@ class ScheduleOut(Out):
 
 
 class ScheduleCheckIn(In):
-    """A command for later: its moment either in UTC or on the device's clock."""
+    """Command to schedule, at a time in UTC or on the device's clock."""
 
     command: str
     arguments: dict[str, float | int | str | bool] = Field(default_factory=dict)
@@ -58,13 +58,13 @@ class ScheduleCheckIn(In):
 
 
 class ScheduleIn(ScheduleCheckIn):
-    """The same, confirmed."""
+    """Command to schedule, with its confirmation."""
 
     confirm: str = ""
 
 
 class ScheduleCheckOut(Out):
-    """What SCHEDULE would carry, what is wrong with it, and what to think of."""
+    """Dry run of SCHEDULE: its content, its problems and its warnings."""
 
     problems: list[str]
     warnings: list[str]

@@ -1,4 +1,4 @@
-"""The sky for charts."""
+"""Sky data for charts, and camera profiles."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from gss.api.schemas.base import Out, Utc
 
 
 class ChartStarOut(Out):
-    """A bright star."""
+    """Bright star."""
 
     hip: int
     name: str
@@ -16,8 +16,8 @@ class ChartStarOut(Out):
 
 
 class BodyOut(Out):
-    """Sun, Moon or, where the camera's place is known, the Earth. ``exclusion_deg``: angle that the boresight should keep from
-    the centre, from the limb for the Earth; ``radius_deg``: how large the body looks (0 where that does not matter)."""
+    """Sun, Moon or, if the camera's position is known, the Earth. ``exclusion_deg``: angle that the boresight should
+    keep from the centre, for the Earth from the limb; ``radius_deg``: apparent radius (0 if not relevant)."""
 
     name: str
     ra_deg: float
@@ -27,7 +27,8 @@ class BodyOut(Out):
 
 
 class SkyOut(Out):
-    """Stars and bodies of a chart. ``place``: how the camera's place is known; without one it is empty and there is no Earth."""
+    """Stars and bodies of a chart. ``place``: how the camera's position is known; empty if it is not, and the Earth is
+    then omitted."""
 
     utc: Utc
     place: str
@@ -36,14 +37,14 @@ class SkyOut(Out):
 
 
 class FigureOut(Out):
-    """A constellation. ``lines``: rows of (right ascension, declination) in degrees, each joined with the next."""
+    """Constellation. ``lines``: polylines of (right ascension, declination) in degrees."""
 
     name: str
     lines: list[list[tuple[float, float]]]
 
 
 class ProfileOut(Out):
-    """A camera profile."""
+    """Camera profile."""
 
     name: str
     title: str

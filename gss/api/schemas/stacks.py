@@ -1,4 +1,4 @@
-"""Stacks of commands, their dry runs and their runs."""
+"""Command stacks, their dry runs and their runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ Plain = float | int | str | bool
 
 
 class ConditionIn(In):
-    """What telemetry must show before the command goes out: a value received after the step before, within ``wait_s``."""
+    """Telemetry condition for sending the command: it must be met by a value received after the previous step, within
+    ``wait_s``."""
 
     packet: str = "housekeeping"
     field: str
@@ -34,7 +35,7 @@ class StepIn(In):
 
 
 class StackIn(In):
-    """A stack to keep."""
+    """Stack to store."""
 
     name: str = Field(min_length=1, max_length=80)
     note: str = Field(default="", max_length=2000)
@@ -42,7 +43,7 @@ class StackIn(In):
 
 
 class StackFileIn(StackIn):
-    """An exported stack."""
+    """Exported stack."""
 
     format: Literal["gss-stack"]
     version: Literal[1]
@@ -50,25 +51,25 @@ class StackFileIn(StackIn):
 
 
 class StepsIn(In):
-    """Steps to try dry."""
+    """Steps for a dry run."""
 
     steps: list[StepIn] = Field(min_length=1, max_length=200)
 
 
 class RunIn(In):
-    """The names that confirm the hazardous steps."""
+    """Names that confirm the hazardous steps."""
 
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
 class GoOnIn(RunIn):
-    """How a failed run goes on: ``skip`` is the reason for passing the step that failed, "" tries it again."""
+    """How to continue a failed run. ``skip``: reason for skipping the failed step; "" retries it."""
 
     skip: str = Field(default="", max_length=500)
 
 
 class ConditionOut(Out):
-    """A condition as kept."""
+    """Stored condition."""
 
     packet: str
     field: str
@@ -78,7 +79,7 @@ class ConditionOut(Out):
 
 
 class StepOut(Out):
-    """A step as kept, with all arguments."""
+    """Stored step, with all arguments."""
 
     command: str
     arguments: dict[str, Any]
@@ -88,7 +89,7 @@ class StepOut(Out):
 
 
 class StackOut(Out):
-    """A stack."""
+    """Stored stack."""
 
     id: int
     name: str
@@ -99,7 +100,7 @@ class StackOut(Out):
 
 
 class StackFileOut(Out):
-    """A stack for another installation; ``dictionary``: hash of the one that it was written with."""
+    """Stack for export to another installation. ``dictionary``: hash of the dictionary it was written with."""
 
     format: str
     version: int
@@ -110,7 +111,7 @@ class StackFileOut(Out):
 
 
 class StepCheckOut(Out):
-    """Dry run of one step. ``within_s``: its waiting and the windows of its reports."""
+    """Dry run of one step. ``within_s``: maximum duration, from its wait and its report windows."""
 
     index: int
     command: str
@@ -129,7 +130,7 @@ class StepCheckOut(Out):
 
 
 class StackCheckOut(Out):
-    """Dry run of a stack. ``confirm``: the names to type before it runs."""
+    """Dry run of a stack. ``confirm``: names to type before it runs."""
 
     steps: list[StepCheckOut]
     problems: list[str]
@@ -140,7 +141,7 @@ class StackCheckOut(Out):
 
 
 class RunStepOut(StepOut):
-    """A step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command."""
+    """Step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command."""
 
     state: str
     command_id: int | None
@@ -148,7 +149,7 @@ class RunStepOut(StepOut):
 
 
 class StackRunOut(Out):
-    """A run. ``step``: index of the present or last one."""
+    """Run of a stack. ``step``: index of the current or last step."""
 
     id: int
     stack_id: int | None

@@ -12,7 +12,7 @@ Scalar = bool | int | float | str
 
 
 class TablePlaceOut(Out):
-    """Where the device holds a table."""
+    """Table bank of the device that holds a table."""
 
     bank: str
     state: str
@@ -20,7 +20,7 @@ class TablePlaceOut(Out):
 
 
 class TableOut(Out):
-    """One table in the store."""
+    """Stored table."""
 
     id: int
     kind: str
@@ -35,13 +35,13 @@ class TableOut(Out):
 
 
 class TableDetailOut(TableOut):
-    """A table with its values."""
+    """Stored table with its values."""
 
     content: dict[str, Any]
 
 
 class OnBoardTableOut(Out):
-    """A table bank as the device reports it; ``table_id``: what the store knows under the same hash."""
+    """Table bank as reported by the device. ``table_id``: stored table with the same hash."""
 
     table: str
     bank: str
@@ -57,7 +57,7 @@ class OnBoardTableOut(Out):
 
 
 class TableDefaultsOut(Out):
-    """What a new table holds before anybody changes it."""
+    """Default values of a new table."""
 
     kind: str
     profile: str
@@ -65,7 +65,7 @@ class TableDefaultsOut(Out):
 
 
 class TableIn(In):
-    """A new table: the camera's own values with ``content`` in their place; triplets need content.catalogue_id."""
+    """New table: the camera's own values, overridden by ``content``; triplets need content.catalogue_id."""
 
     kind: Literal["calibration", "parameters", "triplets"]
     name: str = Field(default="", max_length=80)
@@ -74,6 +74,6 @@ class TableIn(In):
 
 
 class TableUploadIn(In):
-    """An inactive table bank."""
+    """Inactive table bank to send to."""
 
     bank: str = Field(max_length=20)

@@ -1,4 +1,4 @@
-"""Telemetry values, now and then, and their limits."""
+"""Current and stored telemetry values, and their limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LevelWord = Literal["ok", "watch", "warning", "critical"]
 
 class ValueOut(Out):
     """Latest value of one field. ``state`` already includes persistence and staleness; the page never computes it.
-    ``sample_state``: of this sample alone. ``raw_text``: as on the wire, in hexadecimal."""
+    ``sample_state``: of this sample alone. ``raw_text``: raw value in hexadecimal."""
 
     name: str
     packet: str
@@ -35,21 +35,21 @@ class ValueOut(Out):
 
 
 class LatestOut(Out):
-    """All fields."""
+    """Latest values of all fields."""
 
     values: list[ValueOut]
 
 
 class ChoiceOut(Out):
-    """What a number of a series means."""
+    """Meaning of a number in a series."""
 
     name: str
     value: int
 
 
 class SeriesOut(Out):
-    """History of one field, thinned to at most the asked number of points (min and max of each bin kept).
-    ``choices``: words of an enumeration or a yes/no value, whose numbers are in ``y``."""
+    """History of one field, thinned to at most the requested number of points (minimum and maximum of each bin are
+    kept). ``choices``: names of an enumeration or a yes/no value, whose numbers are in ``y``."""
 
     name: str
     unit: str
@@ -64,7 +64,7 @@ class SeriesOut(Out):
 
 
 class HistoryOut(Out):
-    """History of several fields over one span; ``t`` are Unix seconds."""
+    """History of several fields over one time range; ``t`` are Unix seconds."""
 
     start: Utc
     end: Utc
@@ -72,7 +72,7 @@ class HistoryOut(Out):
 
 
 class PacketOut(Out):
-    """One stored packet with all its values and lists."""
+    """Stored packet with all its values and lists."""
 
     id: int
     packet: str
@@ -100,7 +100,7 @@ RangeOut = tuple[float | None, float | None]
 
 
 class GivenLimitsOut(Out):
-    """Limits as the dictionary (with the set in force) has them."""
+    """Limits from the dictionary, including the limit set in force."""
 
     watch: RangeOut
     warning: RangeOut
@@ -109,7 +109,7 @@ class GivenLimitsOut(Out):
 
 
 class LimitOut(Out):
-    """Limits in force for one field. ``origin``: dictionary, set (of the chosen limit set) or operator."""
+    """Limits in force for one field. ``origin``: dictionary, set (the selected limit set) or operator."""
 
     key: str
     packet: str
@@ -137,7 +137,7 @@ class LimitSetOut(Out):
 
 
 class LimitsOut(Out):
-    """The set in force, and the limits of everything that can have some."""
+    """Limit set in force, and the limits of every field that can have some."""
 
     set: str
     sets: list[LimitSetOut]
@@ -145,7 +145,7 @@ class LimitsOut(Out):
 
 
 class LimitSetIn(In):
-    """Which limit set is to be in force."""
+    """Limit set to put in force."""
 
     name: str = Field(max_length=60)
     note: str = Field(default="", max_length=500)
@@ -156,7 +156,7 @@ RangeIn = list[Bound]
 
 
 class LimitIn(In):
-    """An operator's own limits: [low, high] of each level, null for none. ``persistence`` null: as the dictionary says."""
+    """Operator's limits: [low, high] of each level, null for none. ``persistence`` null: from the dictionary."""
 
     watch: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
     warning: RangeIn = Field(default=[None, None], min_length=2, max_length=2)

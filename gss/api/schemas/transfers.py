@@ -1,4 +1,4 @@
-"""Transfers in both directions."""
+"""Uploads and downloads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOST_PX = 65535
 
 
 class RegionIn(In):
-    """A rectangle of the detector."""
+    """Rectangle of the detector."""
 
     col_px: int = Field(ge=0, le=MOST_PX)
     row_px: int = Field(ge=0, le=MOST_PX)
@@ -21,7 +21,7 @@ class RegionIn(In):
 
 
 class FrameRegionOut(Out):
-    """A rectangle of the detector."""
+    """Rectangle of the detector."""
 
     col_px: int
     row_px: int
@@ -30,7 +30,7 @@ class FrameRegionOut(Out):
 
 
 class TransferOptionsOut(Out):
-    """What was asked for beside kind and target."""
+    """Options of a transfer other than kind and target."""
 
     region: FrameRegionOut | None = None
     side_px: int | None = None
@@ -38,8 +38,8 @@ class TransferOptionsOut(Out):
 
 
 class TransferOut(Out):
-    """One transfer. ``stored``: ranges of chunks that the receiving side says it stored, first and last inclusive. ``slot``:
-    number of the image memory or bank on the wire. ``can_…``: what may be ordered now."""
+    """Transfer. ``stored``: ranges of chunks that the receiver reports as stored, first and last inclusive. ``slot``:
+    number of the image memory slot or bank on the wire. ``can_…``: actions possible now."""
 
     id: int
     direction: Literal["up", "down"]
@@ -72,8 +72,8 @@ class TransferOut(Out):
 
 
 class TransferIn(In):
-    """Bring something down. Image kinds take ``slot``, the others ``bank``; ``region`` with region, ``side_px`` with
-    star_windows."""
+    """Download request. Image kinds need ``slot``, the others ``bank``; kind region needs ``region``, kind star_windows
+    ``side_px``."""
 
     kind: Literal[
         "frame",
@@ -94,7 +94,7 @@ class TransferIn(In):
 
 
 class FrameUploadIn(In):
-    """Send a stored frame into image memory, and have it solved on board."""
+    """Image memory slot to upload a stored frame to. ``solve``: have it solved on board."""
 
     slot: int = Field(ge=0, le=255)
     solve: bool = True

@@ -1,4 +1,4 @@
-"""Health, retention, backups."""
+"""Health, retention and backups."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gss.api.schemas.base import In, Out, Utc
 
 
 class HealthCheckOut(Out):
-    """One thing that was looked at. ``state``: ok, watch, warning, critical, unknown."""
+    """Result of one health check. ``state``: ok, watch, warning, critical or unknown."""
 
     name: str
     state: str
@@ -17,14 +17,14 @@ class HealthCheckOut(Out):
 
 
 class HealthOut(Out):
-    """Everything that was looked at, and the worst state."""
+    """All health checks and the worst state."""
 
     state: str
     checks: list[HealthCheckOut]
 
 
 class RetentionIn(In):
-    """0 keeps for ever."""
+    """Retention policy; 0 keeps data for ever."""
 
     frames_days: float = Field(
         default=0, ge=0, le=36_500, description="Pixels go at this age; rows and solutions stay."
@@ -41,8 +41,8 @@ class RetentionIn(In):
 
 
 class ForecastOut(Out):
-    """What is on the disk and how it grows. ``bytes_per_day`` null: too young to say; ``full_in_days`` null: that, or it does not
-    grow."""
+    """Disk usage and its growth. ``bytes_per_day`` null: not enough data yet; ``full_in_days`` null: not enough data,
+    or no growth."""
 
     database_bytes: int
     frames_bytes: int
@@ -57,7 +57,7 @@ class ForecastOut(Out):
 
 
 class ClockOut(Out):
-    """The server's clock and the last trusted time. ``doubt``: why nothing is deleted; empty where the clock is plausible."""
+    """Server clock and the last trusted time. ``doubt``: why nothing is deleted; empty if the clock is plausible."""
 
     now: Utc
     trusted: Utc | None
@@ -65,13 +65,14 @@ class ClockOut(Out):
 
 
 class ConfirmClockIn(In):
-    """``seen``: the server's time as it was shown to the person who checked it."""
+    """Confirmation of the server clock. ``seen``: the server time that was shown to the person who checked it."""
 
     seen: AwareDatetime = Field(strict=False)
 
 
 class RetentionOut(RetentionIn):
-    """What is in force, and what follows. ``waiting``: what the last removal would have taken, where it waits for confirmation."""
+    """Retention policy in force, with its forecast. ``waiting``: what the last removal would have deleted, if it waits
+    for confirmation."""
 
     last_run: Utc | None
     waiting: str
@@ -80,8 +81,8 @@ class RetentionOut(RetentionIn):
 
 
 class RemovalOut(Out):
-    """What a removal would take as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays;
-    ``unusual``: why a person must confirm it, empty where it may run."""
+    """What a removal at ``at`` would delete. ``frames_bytes``: of their pixels; ``to_thin``: packets to be thinned to
+    one per minute; ``unusual``: why a person must confirm it, empty if it may run."""
 
     at: Utc
     frames: int
@@ -93,7 +94,7 @@ class RemovalOut(Out):
 
 
 class ConfirmedIn(In):
-    """The preview that was confirmed: of the policy in force, as of ``at``."""
+    """Preview that was confirmed: of the policy in force, at time ``at``."""
 
     at: AwareDatetime = Field(strict=False)
     frames: int = Field(ge=0)
@@ -104,13 +105,13 @@ class ConfirmedIn(In):
 
 
 class RunRetentionIn(In):
-    """``confirmed``: needed where the preview says that the removal is unusual."""
+    """Request to run retention. ``confirmed``: required if the preview reports the removal as unusual."""
 
     confirmed: ConfirmedIn | None = None
 
 
 class BackupOut(Out):
-    """A backup. ``bytes``: of everything that it names; what backups share lies on the disk once."""
+    """Backup. ``bytes``: of everything it refers to; content shared between backups is stored once on disk."""
 
     name: str
     created: Utc
@@ -123,6 +124,6 @@ class BackupOut(Out):
 
 
 class FavouriteIn(In):
-    """Should retention leave this frame alone?"""
+    """Whether retention must keep this frame."""
 
     favourite: bool

@@ -13,7 +13,7 @@ export interface paths {
         };
         /**
          * Read Session
-         * @description Who is signed in; it does not put off the end of the session.
+         * @description Current session. Does not extend the session.
          */
         get: operations["read_session_api_session_get"];
         put?: never;
@@ -42,7 +42,7 @@ export interface paths {
         get?: never;
         /**
          * Change Password
-         * @description Another password. All sessions of this user end; this browser gets a new one.
+         * @description Change the caller's password. All sessions of this user end; this browser gets a new one.
          */
         put: operations["change_password_api_session_password_put"];
         post?: never;
@@ -63,7 +63,7 @@ export interface paths {
         put?: never;
         /**
          * Set Up
-         * @description Make the first admin, with the link that the server printed at its start.
+         * @description Create the first admin, with the link that the server printed at startup.
          */
         post: operations["set_up_api_setup_post"];
         delete?: never;
@@ -83,7 +83,7 @@ export interface paths {
         put?: never;
         /**
          * Use Password Link
-         * @description Set one's password with a one-time link.
+         * @description Set a password with a one-time link.
          */
         post: operations["use_password_link_api_password_links_post"];
         delete?: never;
@@ -103,7 +103,7 @@ export interface paths {
         put?: never;
         /**
          * Check Link
-         * @description Can a one-time link still be used? Refused and braked just as its use is, and nothing is used up.
+         * @description Check whether a one-time link is still valid, without using it up. Rejected and rate-limited like its use.
          */
         post: operations["check_link_api_password_links_check_post"];
         delete?: never;
@@ -121,13 +121,13 @@ export interface paths {
         };
         /**
          * List Users
-         * @description By name.
+         * @description Users, by name.
          */
         get: operations["list_users_api_users_get"];
         put?: never;
         /**
          * Add User
-         * @description A new user, with the one-time link by which they set their password.
+         * @description Create a user. Returns the one-time link to set the password.
          */
         post: operations["add_user_api_users_post"];
         delete?: never;
@@ -146,7 +146,7 @@ export interface paths {
         get?: never;
         /**
          * Change User
-         * @description Another role, on or off. It holds from the next request on; switching off ends all sessions.
+         * @description Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions.
          */
         put: operations["change_user_api_users__user_id__put"];
         post?: never;
@@ -167,7 +167,7 @@ export interface paths {
         put?: never;
         /**
          * New Password Link
-         * @description A new one-time link for a user's password; those before are void.
+         * @description Create a new one-time password link for a user. Earlier links become invalid.
          */
         post: operations["new_password_link_api_users__user_id__link_post"];
         delete?: never;
@@ -185,7 +185,7 @@ export interface paths {
         };
         /**
          * List Sessions
-         * @description Open sessions, the last seen first.
+         * @description Open sessions, most recently used first.
          */
         get: operations["list_sessions_api_sessions_get"];
         put?: never;
@@ -208,7 +208,7 @@ export interface paths {
         post?: never;
         /**
          * End Session
-         * @description End somebody's session.
+         * @description End a user's session.
          */
         delete: operations["end_session_api_sessions__session_id__delete"];
         options?: never;
@@ -225,13 +225,13 @@ export interface paths {
         };
         /**
          * List Tokens
-         * @description Newest first, with those that are over.
+         * @description API tokens, newest first, including expired and revoked ones.
          */
         get: operations["list_tokens_api_tokens_get"];
         put?: never;
         /**
          * Add Token
-         * @description A new token; its key is shown this once. It can do no more than whoever makes it.
+         * @description Create an API token. Its key is shown only once. It cannot have more permissions than its creator.
          */
         post: operations["add_token_api_tokens_post"];
         delete?: never;
@@ -252,7 +252,7 @@ export interface paths {
         post?: never;
         /**
          * Revoke Token
-         * @description It is worth nothing from now on.
+         * @description Revoke an API token. It stops working at once.
          */
         delete: operations["revoke_token_api_tokens__token_id__delete"];
         options?: never;
@@ -269,7 +269,7 @@ export interface paths {
         };
         /**
          * Read Audit
-         * @description Newest first; ``before``: those with a smaller number, for the next page. ``action``: how it begins.
+         * @description Audit rows, newest first. ``before``: rows with a smaller number, for the next page. ``action``: prefix.
          */
         get: operations["read_audit_api_audit_get"];
         put?: never;
@@ -289,7 +289,7 @@ export interface paths {
         };
         /**
          * Export Audit
-         * @description Everything that fits, oldest first, as a file.
+         * @description Export all matching rows as a file, oldest first.
          */
         get: operations["export_audit_api_audit_export_get"];
         put?: never;
@@ -309,7 +309,7 @@ export interface paths {
         };
         /**
          * Verify Audit
-         * @description Compute every hash again. ``last_hash``: one noted earlier, which must be there still.
+         * @description Recompute every hash. ``last_hash``: a hash noted earlier, which must still be in the log.
          */
         get: operations["verify_audit_api_audit_verify_get"];
         put?: never;
@@ -329,7 +329,7 @@ export interface paths {
         };
         /**
          * Read Authority
-         * @description Who may command, and who could before.
+         * @description Current and past holders of command authority.
          */
         get: operations["read_authority_api_authority_get"];
         put?: never;
@@ -351,7 +351,7 @@ export interface paths {
         put?: never;
         /**
          * Take Authority
-         * @description Take it while nobody holds it.
+         * @description Take command authority while no user holds it.
          */
         post: operations["take_authority_api_authority_take_post"];
         delete?: never;
@@ -371,7 +371,7 @@ export interface paths {
         put?: never;
         /**
          * Release Authority
-         * @description Give it back.
+         * @description Release command authority.
          */
         post: operations["release_authority_api_authority_release_post"];
         delete?: never;
@@ -391,7 +391,7 @@ export interface paths {
         put?: never;
         /**
          * Break Authority
-         * @description Take it from its holder, with a reason.
+         * @description Take command authority from its holder, with a reason.
          */
         post: operations["break_authority_api_authority_break_post"];
         delete?: never;
@@ -409,13 +409,13 @@ export interface paths {
         };
         /**
          * Read Schedule
-         * @description The table as the device last told it, with the clocks. Nothing is sent.
+         * @description Schedule as last reported by the device, with the clock correlation. Nothing is sent.
          */
         get: operations["read_schedule_api_schedule_get"];
         put?: never;
         /**
          * Schedule Command
-         * @description Put a command into the device's table.
+         * @description Add a command to the device's schedule.
          */
         post: operations["schedule_command_api_schedule_post"];
         delete?: never;
@@ -435,7 +435,7 @@ export interface paths {
         put?: never;
         /**
          * Refresh Schedule
-         * @description Ask the device for its table.
+         * @description Request the schedule from the device.
          */
         post: operations["refresh_schedule_api_schedule_refresh_post"];
         delete?: never;
@@ -455,7 +455,7 @@ export interface paths {
         put?: never;
         /**
          * Check Schedule
-         * @description Dry run of SCHEDULE for a command at a moment.
+         * @description Dry run of SCHEDULE for a command at a given time.
          */
         post: operations["check_schedule_api_schedule_check_post"];
         delete?: never;
@@ -475,7 +475,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel All
-         * @description Take back everything that waits.
+         * @description Cancel all scheduled commands.
          */
         post: operations["cancel_all_api_schedule_cancel_all_post"];
         delete?: never;
@@ -495,7 +495,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel One
-         * @description Take one row back.
+         * @description Cancel one scheduled command.
          */
         post: operations["cancel_one_api_schedule__schedule_id__cancel_post"];
         delete?: never;
@@ -513,13 +513,13 @@ export interface paths {
         };
         /**
          * List Stacks
-         * @description By name.
+         * @description Stacks, by name.
          */
         get: operations["list_stacks_api_stacks_get"];
         put?: never;
         /**
          * Create Stack
-         * @description Keep a new stack.
+         * @description Store a new stack.
          */
         post: operations["create_stack_api_stacks_post"];
         delete?: never;
@@ -539,7 +539,7 @@ export interface paths {
         put?: never;
         /**
          * Import Stack
-         * @description Keep a stack from a file; it is checked against our dictionary, whichever it was written with.
+         * @description Store a stack from a file. It is checked against this server's dictionary, whichever it was written with.
          */
         post: operations["import_stack_api_stacks_import_post"];
         delete?: never;
@@ -559,7 +559,7 @@ export interface paths {
         put?: never;
         /**
          * Check Steps
-         * @description Dry run of steps that are not kept yet.
+         * @description Dry run of steps that are not stored yet.
          */
         post: operations["check_steps_api_stacks_check_post"];
         delete?: never;
@@ -582,13 +582,13 @@ export interface paths {
         get: operations["read_stack_api_stacks__stack_id__get"];
         /**
          * Change Stack
-         * @description Another content.
+         * @description Replace the content of a stack.
          */
         put: operations["change_stack_api_stacks__stack_id__put"];
         post?: never;
         /**
          * Delete Stack
-         * @description Forget a stack; its runs stay on the record.
+         * @description Delete a stack; its runs stay on record.
          */
         delete: operations["delete_stack_api_stacks__stack_id__delete"];
         options?: never;
@@ -605,7 +605,7 @@ export interface paths {
         };
         /**
          * Export Stack
-         * @description A stack as a file.
+         * @description Export a stack as a file.
          */
         get: operations["export_stack_api_stacks__stack_id__stack_json_get"];
         put?: never;
@@ -627,7 +627,7 @@ export interface paths {
         put?: never;
         /**
          * Check Stack
-         * @description Dry run: bytes, hazards, conditions and times of every step.
+         * @description Dry run of a stack: bytes, hazards, conditions and times of every step.
          */
         post: operations["check_stack_api_stacks__stack_id__check_post"];
         delete?: never;
@@ -647,7 +647,7 @@ export interface paths {
         put?: never;
         /**
          * Run Stack
-         * @description Run it, with the names of all hazardous steps typed beforehand.
+         * @description Run a stack. ``confirm`` must name all hazardous steps.
          */
         post: operations["run_stack_api_stacks__stack_id__run_post"];
         delete?: never;
@@ -665,7 +665,7 @@ export interface paths {
         };
         /**
          * List Runs
-         * @description Newest first.
+         * @description Stack runs, newest first.
          */
         get: operations["list_runs_api_stack_runs_get"];
         put?: never;
@@ -685,7 +685,7 @@ export interface paths {
         };
         /**
          * Read Run
-         * @description One run.
+         * @description One stack run.
          */
         get: operations["read_run_api_stack_runs__run_id__get"];
         put?: never;
@@ -707,7 +707,7 @@ export interface paths {
         put?: never;
         /**
          * Pause Run
-         * @description Send no further step for now.
+         * @description Pause a run: no further step is sent until it is resumed.
          */
         post: operations["pause_run_api_stack_runs__run_id__pause_post"];
         delete?: never;
@@ -727,7 +727,7 @@ export interface paths {
         put?: never;
         /**
          * Resume Run
-         * @description Go on.
+         * @description Resume a paused run.
          */
         post: operations["resume_run_api_stack_runs__run_id__resume_post"];
         delete?: never;
@@ -747,7 +747,7 @@ export interface paths {
         put?: never;
         /**
          * Stop Run
-         * @description End it; a command that was sent is followed on its own.
+         * @description Stop a run. A command that was already sent is still tracked.
          */
         post: operations["stop_run_api_stack_runs__run_id__stop_post"];
         delete?: never;
@@ -767,8 +767,8 @@ export interface paths {
         put?: never;
         /**
          * Go On
-         * @description Take the last run, which failed, up again at the step that failed: once more, or past it with a reason. A command of unknown
-         *     fate keeps its id.
+         * @description Continue the last run after a failure, by retrying the failed step or by skipping it with a reason. A retried
+         *     command with an unknown result keeps its id.
          */
         post: operations["go_on_api_stack_runs__run_id__go_on_post"];
         delete?: never;
@@ -786,7 +786,7 @@ export interface paths {
         };
         /**
          * Health
-         * @description The server answers; it tells strangers no more than that.
+         * @description Liveness check. Reveals nothing else, because it needs no sign-in.
          */
         get: operations["health_api_health_get"];
         put?: never;
@@ -806,7 +806,7 @@ export interface paths {
         };
         /**
          * Read Link
-         * @description Everything of the header bar.
+         * @description Contents of the header bar.
          */
         get: operations["read_link_api_link_get"];
         put?: never;
@@ -826,7 +826,7 @@ export interface paths {
         };
         /**
          * Read Counters
-         * @description Everything counted in both directions.
+         * @description Counters of both directions.
          */
         get: operations["read_counters_api_link_counters_get"];
         put?: never;
@@ -848,8 +848,9 @@ export interface paths {
         put?: never;
         /**
          * Open Link
-         * @description Use another port. Errors are reported at once, and the present port stays. Only one line is opened at a time. A port of
-         *     another machine needs an admin, unless it is on the list of the settings or was open before.
+         * @description Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
+         *     Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open
+         *     before.
          */
         post: operations["open_link_api_link_open_post"];
         delete?: never;
@@ -869,7 +870,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge Dictionary
-         * @description Accept that the device has another dictionary; commanding is blocked until then.
+         * @description Accept that the device has another dictionary. Commanding is blocked until then.
          */
         post: operations["acknowledge_dictionary_api_link_acknowledge_dictionary_post"];
         delete?: never;
@@ -889,7 +890,7 @@ export interface paths {
         put?: never;
         /**
          * Close Link
-         * @description Give the port back.
+         * @description Close the port.
          */
         post: operations["close_link_api_link_close_post"];
         delete?: never;
@@ -907,7 +908,7 @@ export interface paths {
         };
         /**
          * Read Dictionary
-         * @description All commands that the device can take and all telemetry, with the present state of the commands' preconditions.
+         * @description All commands that the device supports and all telemetry, with the current state of the commands' preconditions.
          */
         get: operations["read_dictionary_api_dictionary_get"];
         put?: never;
@@ -927,7 +928,7 @@ export interface paths {
         };
         /**
          * List Commands
-         * @description Newest first; ``before``: those with a smaller id, for the next page.
+         * @description Commands, newest first. ``before``: commands with a smaller id, for the next page.
          */
         get: operations["list_commands_api_commands_get"];
         put?: never;
@@ -951,7 +952,7 @@ export interface paths {
         };
         /**
          * Export Commands
-         * @description Everything that fits the filter as a table, oldest first.
+         * @description Export all matching commands as CSV, oldest first.
          */
         get: operations["export_commands_api_commands_csv_get"];
         put?: never;
@@ -971,7 +972,7 @@ export interface paths {
         };
         /**
          * Export Commands Json
-         * @description The same as JSON.
+         * @description Export all matching commands as JSON, oldest first.
          */
         get: operations["export_commands_json_api_commands_json_get"];
         put?: never;
@@ -991,7 +992,7 @@ export interface paths {
         };
         /**
          * Read Facets
-         * @description Names, users, results and sources that occur.
+         * @description Names, users, results and sources that occur in the history.
          */
         get: operations["read_facets_api_commands_facets_get"];
         put?: never;
@@ -1013,7 +1014,7 @@ export interface paths {
         put?: never;
         /**
          * Check Command
-         * @description Dry run: the bytes, the hazard, the preconditions, the problems. Nothing is sent.
+         * @description Dry run of a command: bytes, hazard, preconditions and problems. Nothing is sent.
          */
         post: operations["check_command_api_commands_check_post"];
         delete?: never;
@@ -1033,7 +1034,7 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description Send ABORT ahead of everything. The answer waits at most 0.3 s for the record. 409: nothing was sent.
+         * @description Send ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: nothing was sent.
          */
         post: operations["abort_api_commands_abort_post"];
         delete?: never;
@@ -1073,7 +1074,7 @@ export interface paths {
         put?: never;
         /**
          * Retry Command
-         * @description The same bytes with the same id, only while unknown.
+         * @description Send an unknown command again, with the same bytes and id. Allowed only while its result is unknown.
          */
         post: operations["retry_command_api_commands__command_id__retry_post"];
         delete?: never;
@@ -1093,7 +1094,7 @@ export interface paths {
         put?: never;
         /**
          * Withdraw Command
-         * @description Take a command back that still waits in the queue.
+         * @description Withdraw a command that is still queued.
          */
         post: operations["withdraw_command_api_commands__command_id__withdraw_post"];
         delete?: never;
@@ -1131,13 +1132,13 @@ export interface paths {
         };
         /**
          * List Tables
-         * @description Newest first.
+         * @description Tables, newest first.
          */
         get: operations["list_tables_api_tables_get"];
         put?: never;
         /**
          * Create Table
-         * @description Make a table of a camera's values and what is given.
+         * @description Create a table from a camera's values and the given ones.
          */
         post: operations["create_table_api_tables_post"];
         delete?: never;
@@ -1155,7 +1156,7 @@ export interface paths {
         };
         /**
          * Tables On Board
-         * @description What the device reports of its table banks.
+         * @description Table banks as reported by the device.
          */
         get: operations["tables_on_board_api_tables_on_board_get"];
         put?: never;
@@ -1175,7 +1176,7 @@ export interface paths {
         };
         /**
          * Table Defaults
-         * @description What a new table of that camera holds, for editing.
+         * @description Default values of a new table for a camera, for editing.
          */
         get: operations["table_defaults_api_tables_defaults_get"];
         put?: never;
@@ -1215,7 +1216,7 @@ export interface paths {
         };
         /**
          * Table File
-         * @description The bytes as the sensor keeps them.
+         * @description Table as stored by the sensor, in binary form.
          */
         get: operations["table_file_api_tables__table_id__file_bin_get"];
         put?: never;
@@ -1237,7 +1238,7 @@ export interface paths {
         put?: never;
         /**
          * Upload Table
-         * @description Send it to an inactive bank; it is verified by read-back and committed.
+         * @description Send a table to an inactive bank; it is verified by read-back and committed.
          */
         post: operations["upload_table_api_tables__table_id__upload_post"];
         delete?: never;
@@ -1255,7 +1256,7 @@ export interface paths {
         };
         /**
          * Latest
-         * @description Every field with its state now.
+         * @description Latest value and state of every field.
          */
         get: operations["latest_api_telemetry_latest_get"];
         put?: never;
@@ -1275,7 +1276,7 @@ export interface paths {
         };
         /**
          * History
-         * @description Several fields (``name`` or ``packet.name``) over one span, thinned so that no spike is lost.
+         * @description History of several fields (``name`` or ``packet.name``) over one time range, thinned without losing extremes.
          */
         get: operations["history_api_telemetry_history_get"];
         put?: never;
@@ -1295,7 +1296,7 @@ export interface paths {
         };
         /**
          * Packets
-         * @description Stored packets whole, newest first, a page at a time.
+         * @description Stored packets, newest first, in pages.
          */
         get: operations["packets_api_telemetry_packets_get"];
         put?: never;
@@ -1315,7 +1316,7 @@ export interface paths {
         };
         /**
          * Export Telemetry
-         * @description All samples of some fields over a span as a file, a block at a time.
+         * @description Export all samples of some fields over a time range as a file.
          */
         get: operations["export_telemetry_api_telemetry_export_get"];
         put?: never;
@@ -1335,7 +1336,7 @@ export interface paths {
         };
         /**
          * Cycles
-         * @description Timing of the newest iterations.
+         * @description Timing of the latest iterations.
          */
         get: operations["cycles_api_telemetry_cycles_get"];
         put?: never;
@@ -1396,13 +1397,13 @@ export interface paths {
         get?: never;
         /**
          * Override
-         * @description An operator's own limits for a field ``packet.name``; they hold in every set until they are taken back.
+         * @description Override the limits of a field ``packet.name``. The override applies in every limit set until it is deleted.
          */
         put: operations["override_api_telemetry_limits__key__put"];
         post?: never;
         /**
          * Restore
-         * @description Take an operator's own limits back.
+         * @description Delete the override of a field's limits.
          */
         delete: operations["restore_api_telemetry_limits__key__delete"];
         options?: never;
@@ -1419,7 +1420,7 @@ export interface paths {
         };
         /**
          * List Alarms
-         * @description Open alarms, the worst first; with ``open=false`` all of them, the newest first.
+         * @description Open alarms, worst first; with ``open=false`` all alarms, newest first.
          */
         get: operations["list_alarms_api_alarms_get"];
         put?: never;
@@ -1461,7 +1462,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge
-         * @description Somebody has seen it.
+         * @description Acknowledge an alarm.
          */
         post: operations["acknowledge_api_alarms__alarm_id__acknowledge_post"];
         delete?: never;
@@ -1481,7 +1482,7 @@ export interface paths {
         put?: never;
         /**
          * Shelve
-         * @description Do not show it for a time.
+         * @description Hide an alarm for a limited time.
          */
         post: operations["shelve_api_alarms__alarm_id__shelve_post"];
         delete?: never;
@@ -1501,7 +1502,7 @@ export interface paths {
         put?: never;
         /**
          * Unshelve
-         * @description Show it again.
+         * @description Show a shelved alarm again.
          */
         post: operations["unshelve_api_alarms__alarm_id__unshelve_post"];
         delete?: never;
@@ -1521,7 +1522,7 @@ export interface paths {
         put?: never;
         /**
          * Clear
-         * @description Close it by hand, unless its cause is still there.
+         * @description Close an alarm manually. Rejected while its cause persists.
          */
         post: operations["clear_api_alarms__alarm_id__clear_post"];
         delete?: never;
@@ -1539,7 +1540,8 @@ export interface paths {
         };
         /**
          * List Frames
-         * @description Newest first, taken from ``start`` to before ``end``; outcome and stars: of the operational ground result.
+         * @description Frames, newest first, taken from ``start`` to before ``end``. ``outcome`` and star counts refer to the
+         *     operational ground result.
          */
         get: operations["list_frames_api_frames_get"];
         put?: never;
@@ -1559,7 +1561,7 @@ export interface paths {
         };
         /**
          * Latest Frame
-         * @description The frame that came last.
+         * @description The frame received last.
          */
         get: operations["latest_frame_api_frames_latest_get"];
         put?: never;
@@ -1581,7 +1583,7 @@ export interface paths {
         put?: never;
         /**
          * Import Frame
-         * @description A FITS, PNG, TIFF or JPEG file, with the camera profile if it is known, else solved blind.
+         * @description Import a FITS, PNG, TIFF or JPEG file. Without a camera profile it is solved blind.
          */
         post: operations["import_frame_api_frames_import_post"];
         delete?: never;
@@ -1601,7 +1603,7 @@ export interface paths {
         put?: never;
         /**
          * Download Frame
-         * @description Bring a frame or its thumbnail from a slot of the device.
+         * @description Download a frame or its thumbnail from a slot of the device.
          */
         post: operations["download_frame_api_frames_download_post"];
         delete?: never;
@@ -1619,7 +1621,7 @@ export interface paths {
         };
         /**
          * Read Frame
-         * @description A frame with everything that was made of it.
+         * @description Frame with all its solutions.
          */
         get: operations["read_frame_api_frames__frame_id__get"];
         put?: never;
@@ -1659,7 +1661,7 @@ export interface paths {
         };
         /**
          * Thumbnail
-         * @description Small picture in which stars survive.
+         * @description Thumbnail that keeps stars visible.
          */
         get: operations["thumbnail_api_frames__frame_id__thumbnail_png_get"];
         put?: never;
@@ -1679,7 +1681,7 @@ export interface paths {
         };
         /**
          * Raw
-         * @description The pixels as they are stored: little endian, row by row; X-Dtype says the type.
+         * @description Pixels as stored: little-endian, row by row. The header X-Dtype holds the type.
          */
         get: operations["raw_api_frames__frame_id__raw_get"];
         put?: never;
@@ -1699,7 +1701,7 @@ export interface paths {
         };
         /**
          * Pixel Values
-         * @description A rectangle of raw values; null outside the frame.
+         * @description Rectangle of raw values; null outside the frame.
          */
         get: operations["pixel_values_api_frames__frame_id__pixels_get"];
         put?: never;
@@ -1719,7 +1721,7 @@ export interface paths {
         };
         /**
          * Histogram
-         * @description Counts of values and a stretch that shows stars.
+         * @description Histogram of pixel values, and a stretch that shows stars.
          */
         get: operations["histogram_api_frames__frame_id__histogram_get"];
         put?: never;
@@ -1739,7 +1741,7 @@ export interface paths {
         };
         /**
          * Fits File
-         * @description FITS with the WCS of the operational ground solution.
+         * @description Frame as FITS, with the WCS of the operational ground solution.
          */
         get: operations["fits_file_api_frames__frame_id__file_fits_get"];
         put?: never;
@@ -1779,7 +1781,7 @@ export interface paths {
         };
         /**
          * Replay Frame
-         * @description The sensor's own chain on its own frame, bank and parameters, now, laid beside what it said.
+         * @description Run the sensor's own chain on the ground, with the sensor's frame, bank and parameters, and compare the results.
          */
         get: operations["replay_frame_api_frames__frame_id__replay_get"];
         put?: never;
@@ -1801,8 +1803,8 @@ export interface paths {
         put?: never;
         /**
          * Upload Frame
-         * @description Send a stored frame into the sensor's image memory and, if asked, have it solved there: by commands, which need their
-         *     permission too.
+         * @description Send a stored frame to the sensor's image memory. With ``solve`` it is also solved on board; those commands need
+         *     their own permission.
          */
         post: operations["upload_frame_api_frames__frame_id__upload_post"];
         delete?: never;
@@ -1824,7 +1826,8 @@ export interface paths {
          * Solve Frame
          * @description Run a chain and store its result beside the operational one.
          *
-         *     Without a way to know the camera the frame's own profile is taken, else the solver goes blind.
+         *     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
+         *     blind.
          */
         post: operations["solve_frame_api_frames__frame_id__solve_post"];
         delete?: never;
@@ -1843,7 +1846,7 @@ export interface paths {
         get?: never;
         /**
          * Pin Solution
-         * @description Make a stored ground solution the frame's operational one: what pages, comparisons and exports call the ground result.
+         * @description Make a stored solution the frame's operational ground result, which pages, comparisons and exports use.
          */
         put: operations["pin_solution_api_frames__frame_id__operational_put"];
         post?: never;
@@ -1862,7 +1865,7 @@ export interface paths {
         };
         /**
          * Read Solution
-         * @description One result with its overlays.
+         * @description Solution with its overlays.
          */
         get: operations["read_solution_api_solutions__solution_id__get"];
         put?: never;
@@ -1882,13 +1885,13 @@ export interface paths {
         };
         /**
          * List Catalogues
-         * @description Newest first.
+         * @description Catalogues, newest first.
          */
         get: operations["list_catalogues_api_catalogues_get"];
         put?: never;
         /**
          * Build Catalogue
-         * @description Build as a job; its result names the catalogue.
+         * @description Build a catalogue as a job; its result names the catalogue.
          */
         post: operations["build_catalogue_api_catalogues_post"];
         delete?: never;
@@ -1908,7 +1911,7 @@ export interface paths {
         put?: never;
         /**
          * Preview
-         * @description The quick look while parameters change; ``ambiguity`` adds a coarse map of where stars can be mistaken.
+         * @description Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken.
          */
         post: operations["preview_api_catalogues_preview_post"];
         delete?: never;
@@ -1926,7 +1929,7 @@ export interface paths {
         };
         /**
          * Diff
-         * @description What would change on board if one stored catalogue took the place of another.
+         * @description Differences on board if one stored catalogue replaced another.
          */
         get: operations["diff_api_catalogues_diff_get"];
         put?: never;
@@ -1946,7 +1949,7 @@ export interface paths {
         };
         /**
          * Timeline
-         * @description Which catalogue is, was and will be in which bank of a device; of the one that answered last by default.
+         * @description Past, current and planned catalogues in each bank of a device; by default of the device that responded last.
          */
         get: operations["timeline_api_catalogues_timeline_get"];
         put?: never;
@@ -1966,14 +1969,14 @@ export interface paths {
         };
         /**
          * List Sources
-         * @description Star lists that were brought, newest first.
+         * @description Imported star lists, newest first.
          */
         get: operations["list_sources_api_catalogues_sources_get"];
         put?: never;
         /**
          * Add Source
-         * @description A CSV, ECSV, FITS or VOTable list as a source of stars. ``mapping``: JSON with columns, units, epoch_jyear, frame,
-         *     bad_rows (drop or refuse). The answer says what was read and which rows were dropped.
+         * @description Import a CSV, ECSV, FITS or VOTable list as a star source. ``mapping``: JSON with columns, units, epoch_jyear,
+         *     frame, bad_rows (drop or refuse). The response reports what was read and which rows were dropped.
          */
         post: operations["add_source_api_catalogues_sources_post"];
         delete?: never;
@@ -1991,7 +1994,7 @@ export interface paths {
         };
         /**
          * Read Catalogue
-         * @description A catalogue with its maps and quality.
+         * @description Catalogue with its maps and quality.
          */
         get: operations["read_catalogue_api_catalogues__catalogue_id__get"];
         put?: never;
@@ -2011,7 +2014,7 @@ export interface paths {
         };
         /**
          * Report Page
-         * @description The quality report to read and to print: one page without scripts, complete in itself.
+         * @description Quality report as one self-contained HTML page without scripts.
          */
         get: operations["report_page_api_catalogues__catalogue_id__report_html_get"];
         put?: never;
@@ -2031,7 +2034,7 @@ export interface paths {
         };
         /**
          * Report Pdf
-         * @description The same as a PDF file.
+         * @description Quality report as a PDF file.
          */
         get: operations["report_pdf_api_catalogues__catalogue_id__report_pdf_get"];
         put?: never;
@@ -2051,7 +2054,7 @@ export interface paths {
         };
         /**
          * Export
-         * @description The catalogue as a file: bank image, manifest, C source, the star list, or every table.
+         * @description Export a catalogue: bank image, manifest, C source, star list, or all tables.
          */
         get: operations["export_api_catalogues__catalogue_id__export_get"];
         put?: never;
@@ -2071,7 +2074,7 @@ export interface paths {
         };
         /**
          * Image
-         * @description The bytes for the bank.
+         * @description Bank image of a catalogue.
          */
         get: operations["image_api_catalogues__catalogue_id__image_bin_get"];
         put?: never;
@@ -2091,7 +2094,7 @@ export interface paths {
         };
         /**
          * Manifest
-         * @description What the image holds and where it comes from.
+         * @description Manifest of a catalogue: its content and origin.
          */
         get: operations["manifest_api_catalogues__catalogue_id__manifest_json_get"];
         put?: never;
@@ -2113,7 +2116,7 @@ export interface paths {
         put?: never;
         /**
          * Upload
-         * @description Send it to an inactive bank.
+         * @description Send a catalogue to an inactive bank.
          */
         post: operations["upload_api_catalogues__catalogue_id__upload_post"];
         delete?: never;
@@ -2131,7 +2134,7 @@ export interface paths {
         };
         /**
          * List Cameras
-         * @description The documents' cameras to start from.
+         * @description Documented cameras to start from.
          */
         get: operations["list_cameras_api_design_cameras_get"];
         put?: never;
@@ -2153,7 +2156,7 @@ export interface paths {
         put?: never;
         /**
          * Quick Look
-         * @description The quick look while numbers change: about two thousand pointings.
+         * @description Preview while values change: about two thousand pointings.
          */
         post: operations["quick_look_api_design_post"];
         delete?: never;
@@ -2173,7 +2176,7 @@ export interface paths {
         put?: never;
         /**
          * Full Count
-         * @description A million pointings and the lens trade, as a job; ``design`` in its result is what the quick look answers.
+         * @description Full count with the lens trade, as a job. ``design`` in its result has the form of the preview's response.
          */
         post: operations["full_count_api_design_run_post"];
         delete?: never;
@@ -2191,13 +2194,13 @@ export interface paths {
         };
         /**
          * List Calibrations
-         * @description Newest first; of one camera where it is named.
+         * @description Calibrations, newest first. ``profile``: only this camera.
          */
         get: operations["list_calibrations_api_calibrations_get"];
         put?: never;
         /**
          * Calibrate
-         * @description Calibrate as a job; its result names the calibration.
+         * @description Run a calibration as a job; its result names the calibration.
          */
         post: operations["calibrate_api_calibrations_post"];
         delete?: never;
@@ -2215,7 +2218,7 @@ export interface paths {
         };
         /**
          * Compare
-         * @description What changed from one version to another.
+         * @description Differences between two calibrations.
          */
         get: operations["compare_api_calibrations_diff_get"];
         put?: never;
@@ -2237,7 +2240,7 @@ export interface paths {
         put?: never;
         /**
          * Use Documented
-         * @description Rerun frames of this camera with its documented values again.
+         * @description Use this camera's documented values again for reruns.
          */
         post: operations["use_documented_api_calibrations_documented_post"];
         delete?: never;
@@ -2255,7 +2258,7 @@ export interface paths {
         };
         /**
          * Read Calibration
-         * @description A version with maps and figures.
+         * @description Calibration with maps and figures.
          */
         get: operations["read_calibration_api_calibrations__calibration_id__get"];
         put?: never;
@@ -2277,7 +2280,7 @@ export interface paths {
         put?: never;
         /**
          * Use
-         * @description Rerun frames with this camera from now on.
+         * @description Use this calibration for reruns from now on.
          */
         post: operations["use_api_calibrations__calibration_id__use_post"];
         delete?: never;
@@ -2297,7 +2300,7 @@ export interface paths {
         put?: never;
         /**
          * Make Table
-         * @description The calibration as a table for the sensor; it is sent from /tables.
+         * @description Create a device table from a calibration; send it from /tables.
          */
         post: operations["make_table_api_calibrations__calibration_id__table_post"];
         delete?: never;
@@ -2315,7 +2318,7 @@ export interface paths {
         };
         /**
          * Export
-         * @description A version for other programs, or its report to read and print.
+         * @description Export a calibration for other programs (json, ecsv), or its report (html, pdf).
          */
         get: operations["export_api_calibrations__calibration_id__export_get"];
         put?: never;
@@ -2335,13 +2338,13 @@ export interface paths {
         };
         /**
          * List Analyses
-         * @description Newest first; of one kind where it is named.
+         * @description Analyses, newest first. ``kind``: only this kind.
          */
         get: operations["list_analyses_api_analyses_get"];
         put?: never;
         /**
          * Analyse
-         * @description Analyse as a job; its result names the analysis.
+         * @description Run an analysis as a job; its result names the analysis.
          */
         post: operations["analyse_api_analyses_post"];
         delete?: never;
@@ -2359,7 +2362,7 @@ export interface paths {
         };
         /**
          * Read Analysis
-         * @description An analysis with its report.
+         * @description Analysis with its report.
          */
         get: operations["read_analysis_api_analyses__analysis_id__get"];
         put?: never;
@@ -2379,7 +2382,7 @@ export interface paths {
         };
         /**
          * Export
-         * @description The report to read and print, or everything for programs.
+         * @description Export an analysis: the report (html, pdf) or all data (json).
          */
         get: operations["export_api_analyses__analysis_id__export_get"];
         put?: never;
@@ -2399,13 +2402,13 @@ export interface paths {
         };
         /**
          * List Experiments
-         * @description The documents' tables that can be rerun.
+         * @description Experiments from the documents that can be rerun.
          */
         get: operations["list_experiments_api_campaigns_experiments_get"];
         put?: never;
         /**
          * Run Experiments
-         * @description Rerun some of them; a job.
+         * @description Run experiments as a job.
          */
         post: operations["run_experiments_api_campaigns_experiments_post"];
         delete?: never;
@@ -2425,7 +2428,7 @@ export interface paths {
         put?: never;
         /**
          * Reprocess
-         * @description Run a chain over many stored frames; a job. Starting it again does what is left.
+         * @description Run a chain over many stored frames as a job. Starting it again processes only the remaining frames.
          */
         post: operations["reprocess_api_campaigns_reprocess_post"];
         delete?: never;
@@ -2443,7 +2446,7 @@ export interface paths {
         };
         /**
          * Compare Chains
-         * @description What each chain and version made of the stored frames.
+         * @description Results of each chain and version over the stored frames.
          */
         get: operations["compare_chains_api_campaigns_chains_get"];
         put?: never;
@@ -2463,7 +2466,7 @@ export interface paths {
         };
         /**
          * Solutions Table
-         * @description Every stored result as a table for other tools; of one chain where it is named.
+         * @description Export all stored solutions as a table. ``chain``: only this chain.
          */
         get: operations["solutions_table_api_campaigns_solutions_get"];
         put?: never;
@@ -2483,7 +2486,7 @@ export interface paths {
         };
         /**
          * List Transfers
-         * @description Newest first.
+         * @description Transfers, newest first.
          */
         get: operations["list_transfers_api_transfers_get"];
         put?: never;
@@ -2505,7 +2508,7 @@ export interface paths {
         put?: never;
         /**
          * Download
-         * @description Bring an image or a part of it, a bank, or a table from the device: each needs its own permission.
+         * @description Download an image or a part of it, a bank, or a table from the device. Each kind needs its own permission.
          */
         post: operations["download_api_transfers_download_post"];
         delete?: never;
@@ -2545,7 +2548,7 @@ export interface paths {
         put?: never;
         /**
          * Pause
-         * @description Stop sending; what is stored stays stored. Free to all, as ABORT is: stopping never needs authority.
+         * @description Pause a transfer; stored chunks are kept. Like ABORT, it needs no command authority.
          */
         post: operations["pause_api_transfers__transfer_id__pause_post"];
         delete?: never;
@@ -2565,8 +2568,8 @@ export interface paths {
         put?: never;
         /**
          * Resume
-         * @description Go on with what is missing; also with what failed or was aborted, by this server or one before it. It needs what starting
-         *     it needed.
+         * @description Resume a transfer with the missing chunks; also one that failed or was aborted, in this or an earlier run of the
+         *     server. Needs the same permission as starting it.
          */
         post: operations["resume_api_transfers__transfer_id__resume_post"];
         delete?: never;
@@ -2586,7 +2589,7 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description Give it up on both sides. Free to all, as ABORT is.
+         * @description Abort a transfer on both sides. Like ABORT, it needs no command authority.
          */
         post: operations["abort_api_transfers__transfer_id__abort_post"];
         delete?: never;
@@ -2604,7 +2607,7 @@ export interface paths {
         };
         /**
          * List Jobs
-         * @description Newest first.
+         * @description Jobs, newest first.
          */
         get: operations["list_jobs_api_jobs_get"];
         put?: never;
@@ -2646,7 +2649,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel Job
-         * @description Ask it to end: who started it may, and who may start its kind.
+         * @description Cancel a job. Allowed for the user who started it and for users who may start this kind.
          */
         post: operations["cancel_job_api_jobs__job_id__cancel_post"];
         delete?: never;
@@ -2666,8 +2669,8 @@ export interface paths {
         put?: never;
         /**
          * Start Again
-         * @description Do an ended job anew from its stored request, a new job; for who may start its kind. What the request took from settings,
-         *     such as the policy of a removal, is what they say now.
+         * @description Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind. Values taken
+         *     from settings, such as the retention policy, are the current ones.
          */
         post: operations["start_again_api_jobs__job_id__again_post"];
         delete?: never;
@@ -2685,7 +2688,7 @@ export interface paths {
         };
         /**
          * List Events
-         * @description Events after a number, or with ``start`` and ``end`` the newest of that span; oldest first.
+         * @description Events after a number; with ``start`` and ``end`` the newest of that time range. Oldest first.
          */
         get: operations["list_events_api_events_get"];
         put?: never;
@@ -2705,7 +2708,7 @@ export interface paths {
         };
         /**
          * List Contacts
-         * @description A page, newest first. The header X-Total says how many there are.
+         * @description Page of contacts, newest first. The header X-Total holds their total number.
          */
         get: operations["list_contacts_api_contacts_get"];
         put?: never;
@@ -2725,7 +2728,7 @@ export interface paths {
         };
         /**
          * Read Contact
-         * @description All of one contact.
+         * @description All details of a contact.
          */
         get: operations["read_contact_api_contacts__contact_id__get"];
         put?: never;
@@ -2746,7 +2749,7 @@ export interface paths {
         get?: never;
         /**
          * Note Contact
-         * @description What an operator has to say about it.
+         * @description Set the operator's note of a contact.
          */
         put: operations["note_contact_api_contacts__contact_id__note_put"];
         post?: never;
@@ -2765,7 +2768,7 @@ export interface paths {
         };
         /**
          * Check Record
-         * @description Every gap of the 1 Hz record with its cause.
+         * @description Gaps in the contact's 1 Hz record, with their causes.
          */
         get: operations["check_record_api_contacts__contact_id__record_get"];
         put?: never;
@@ -2785,7 +2788,7 @@ export interface paths {
         };
         /**
          * Read Capture
-         * @description A file of the raw capture.
+         * @description Download a file of the raw capture.
          */
         get: operations["read_capture_api_contacts__contact_id__captures__file__get"];
         put?: never;
@@ -2805,7 +2808,7 @@ export interface paths {
         };
         /**
          * Report
-         * @description The pass report as figures.
+         * @description Pass report as data.
          */
         get: operations["report_api_contacts__contact_id__report_get"];
         put?: never;
@@ -2825,7 +2828,7 @@ export interface paths {
         };
         /**
          * Report Page
-         * @description The pass report to read and to print: one page without scripts, complete in itself.
+         * @description Pass report as one self-contained HTML page without scripts.
          */
         get: operations["report_page_api_contacts__contact_id__report_html_get"];
         put?: never;
@@ -2845,7 +2848,7 @@ export interface paths {
         };
         /**
          * Report Pdf
-         * @description The same as a PDF file.
+         * @description Pass report as a PDF file.
          */
         get: operations["report_pdf_api_contacts__contact_id__report_pdf_get"];
         put?: never;
@@ -2867,7 +2870,7 @@ export interface paths {
         put?: never;
         /**
          * Start Replay
-         * @description Replay its capture into a view of its own, in place of what is being replayed.
+         * @description Replay the contact's capture in a separate view. Replaces a replay that is running.
          */
         post: operations["start_replay_api_contacts__contact_id__replay_post"];
         delete?: never;
@@ -2885,18 +2888,18 @@ export interface paths {
         };
         /**
          * Read Replay
-         * @description Where the replay is.
+         * @description State of the replay.
          */
         get: operations["read_replay_api_replay_get"];
         /**
          * Change Replay
-         * @description Another speed, a halt, another place.
+         * @description Change speed or position of the replay, or pause it.
          */
         put: operations["change_replay_api_replay_put"];
         post?: never;
         /**
          * Stop Replay
-         * @description End it.
+         * @description Stop the replay.
          */
         delete: operations["stop_replay_api_replay_delete"];
         options?: never;
@@ -2913,7 +2916,7 @@ export interface paths {
         };
         /**
          * Read Sky
-         * @description Stars to a magnitude; Sun, Moon and, from a known place, the Earth: now or at a moment.
+         * @description Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given time.
          */
         get: operations["read_sky_api_sky_get"];
         put?: never;
@@ -2933,7 +2936,7 @@ export interface paths {
         };
         /**
          * Read Figures
-         * @description The constellations' lines, drawn between stars of our own table.
+         * @description Constellation lines between stars of our own table.
          */
         get: operations["read_figures_api_sky_figures_get"];
         put?: never;
@@ -2953,7 +2956,7 @@ export interface paths {
         };
         /**
          * List Profiles
-         * @description The camera profiles.
+         * @description Camera profiles.
          */
         get: operations["list_profiles_api_profiles_get"];
         put?: never;
@@ -2973,7 +2976,8 @@ export interface paths {
         };
         /**
          * Stored Recording
-         * @description The recording of frames (``3,5-9``), of one frame with its neighbours, or of a contact, calibration, analysis or campaign.
+         * @description Recording of frames (``3,5-9``), of one frame with its neighbours (``around``), or of a contact, calibration,
+         *     analysis or campaign.
          */
         get: operations["stored_recording_api_rerun_recording_rrd_get"];
         put?: never;
@@ -2993,8 +2997,8 @@ export interface paths {
         };
         /**
          * Live Recording
-         * @description A recording that goes on until the connection or the session ends. Pieces, each a whole .rrd after its length in four bytes,
-         *     little endian; a length of zero says that the server still lives.
+         * @description Live recording until the connection or the session ends. Sent in pieces: a length in four bytes, little-endian,
+         *     then a complete .rrd; a length of zero is a keep-alive.
          */
         get: operations["live_recording_api_rerun_live_get"];
         put?: never;
@@ -3014,7 +3018,7 @@ export interface paths {
         };
         /**
          * Viewer File
-         * @description One file of the viewer of the installed SDK.
+         * @description File of the viewer in the installed SDK.
          */
         get: operations["viewer_file_api_rerun__name__get"];
         put?: never;
@@ -3034,7 +3038,7 @@ export interface paths {
         };
         /**
          * Health
-         * @description Everything that can go wrong slowly.
+         * @description Health checks of slowly developing problems.
          */
         get: operations["health_api_admin_health_get"];
         put?: never;
@@ -3054,12 +3058,13 @@ export interface paths {
         };
         /**
          * Read Retention
-         * @description What may go, and when the disk is full.
+         * @description Retention policy, and the forecast of disk usage.
          */
         get: operations["read_retention_api_admin_retention_get"];
         /**
          * Choose Retention
-         * @description From the next run on; nothing goes at once, except captures beyond their size.
+         * @description Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at
+         *     once.
          */
         put: operations["choose_retention_api_admin_retention_put"];
         post?: never;
@@ -3080,7 +3085,7 @@ export interface paths {
         put?: never;
         /**
          * Preview Retention
-         * @description What a removal with these settings would take now; nothing is changed.
+         * @description What a removal with this policy would delete now. Nothing is changed.
          */
         post: operations["preview_retention_api_admin_retention_preview_post"];
         delete?: never;
@@ -3100,7 +3105,7 @@ export interface paths {
         put?: never;
         /**
          * Run Retention
-         * @description Remove now what may go; a job. 409 while the clock is in doubt, and where an unusual removal was not confirmed.
+         * @description Delete expired data now, as a job. 409 while the clock is in doubt, or if an unusual removal is not confirmed.
          */
         post: operations["run_retention_api_admin_retention_run_post"];
         delete?: never;
@@ -3120,7 +3125,7 @@ export interface paths {
         put?: never;
         /**
          * Confirm Clock
-         * @description A person has checked the server's date and time: retention and the rotation of backups continue.
+         * @description Confirm that a person has checked the server's date and time. Retention and backup rotation then continue.
          */
         post: operations["confirm_clock_api_admin_retention_confirm_clock_post"];
         delete?: never;
@@ -3138,13 +3143,13 @@ export interface paths {
         };
         /**
          * List Backups
-         * @description Newest first.
+         * @description Backups, newest first.
          */
         get: operations["list_backups_api_admin_backups_get"];
         put?: never;
         /**
          * Make Backup
-         * @description Make one while the server runs; a job. Putting it back is ``gss restore`` on the terminal.
+         * @description Make a backup while the server runs, as a job. To restore it, run ``gss restore`` in a terminal.
          */
         post: operations["make_backup_api_admin_backups_post"];
         delete?: never;
@@ -3162,7 +3167,7 @@ export interface paths {
         };
         /**
          * Download Backup
-         * @description One backup as a tar file that ``gss restore`` takes.
+         * @description Download a backup as a tar file for ``gss restore``.
          */
         get: operations["download_backup_api_admin_backups__name__file_get"];
         put?: never;
@@ -3184,7 +3189,7 @@ export interface paths {
         put?: never;
         /**
          * Check Store
-         * @description Is everything there that the record says, and whole? A job; its result is the report.
+         * @description Check, as a job, that all files on record are present and intact. The job's result is the report.
          */
         post: operations["check_store_api_admin_check_store_post"];
         delete?: never;
@@ -3203,7 +3208,7 @@ export interface paths {
         get?: never;
         /**
          * Favourite
-         * @description Retention never takes the pixels of a favourite.
+         * @description Mark a frame as favourite or not. Retention never deletes a favourite's pixels.
          */
         put: operations["favourite_api_frames__frame_id__favourite_put"];
         post?: never;
@@ -3222,7 +3227,8 @@ export interface paths {
         };
         /**
          * Stream
-         * @description Everything as it happens. Reconnect with ``Last-Event-ID`` and the recorded events since then come first.
+         * @description Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since
+         *     then first.
          */
         get: operations["stream_api_stream_get"];
         put?: never;
@@ -3242,7 +3248,7 @@ export interface paths {
         };
         /**
          * Metrics
-         * @description Figures in Prometheus' text form.
+         * @description Metrics in Prometheus text format.
          */
         get: operations["metrics_metrics_get"];
         put?: never;
@@ -3259,7 +3265,8 @@ export interface components {
     schemas: {
         /**
          * AbortOut
-         * @description ABORT left for the line at ``at``. ``command``: its record; null while the store cannot take it.
+         * @description Result of ABORT. ``at``: time it was passed to the line. ``command``: its record; null if the database could not
+         *     store it in time.
          */
         AbortOut: {
             /** Request Id */
@@ -3270,7 +3277,7 @@ export interface components {
         };
         /**
          * AlarmOut
-         * @description A value outside its limits, or a state of the link that wants attention.
+         * @description Value outside its limits, or a link state that needs attention.
          */
         AlarmOut: {
             /** Id */
@@ -3287,9 +3294,9 @@ export interface components {
         };
         /**
          * AlarmRow
-         * @description One alarm. raised: out and not seen; acked: out and seen; cleared: back in and not seen; closed: over.
-         *     ``level``: of the moment; ``worst``: since it was raised. packet "event": an event of the device, with how often it came as
-         *     its value; packet "link": loss of signal.
+         * @description Alarm. ``state``: raised (out of limits, not acknowledged), acked (out of limits, acknowledged), cleared (back in
+         *     limits, not acknowledged), closed. ``level``: current level; ``worst``: worst level since raised. Packet "event":
+         *     an event of the device, with its number of occurrences as the value; packet "link": loss of signal.
          */
         AlarmRow: {
             /** Id */
@@ -3346,8 +3353,8 @@ export interface components {
         };
         /**
          * AmbiguityOut
-         * @description HEALPix ring-order maps: other triangles per triangle of a field's brightest stars (``value``), other pairs per pair
-         *     (``pairs``); None outside the envelope.
+         * @description Ambiguity maps in HEALPix ring order: other triangles per triangle of a field's brightest stars (``value``),
+         *     other pairs per pair (``pairs``); null outside the envelope.
          */
         AmbiguityOut: {
             /** Nside */
@@ -3367,7 +3374,7 @@ export interface components {
         };
         /**
          * AnalysisDetailOut
-         * @description An analysis with its report, and its figures as the science names them (radians, seconds, pixels).
+         * @description Analysis with its report. ``figures``: results in radians, seconds and pixels.
          */
         AnalysisDetailOut: {
             /** Id */
@@ -3398,7 +3405,7 @@ export interface components {
         };
         /**
          * AnalysisOut
-         * @description One analysis. ``doubts``: notes of its report, ``severe``: those that say not to rely on it.
+         * @description Analysis. ``doubts``: number of notes in its report; ``severe``: number of notes that say not to rely on it.
          */
         AnalysisOut: {
             /** Id */
@@ -3442,7 +3449,7 @@ export interface components {
         };
         /**
          * ArrowsOut
-         * @description Little vectors over the detector, drawn ``scale`` times too long.
+         * @description Vectors over the detector, drawn enlarged by ``scale``.
          */
         ArrowsOut: {
             /**
@@ -3471,7 +3478,7 @@ export interface components {
         };
         /**
          * AttitudeOut
-         * @description Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null where not known).
+         * @description Boresight and roll in degrees; quaternion scalar-last, cam_from_icrs; sigma in arcseconds (null if unknown).
          */
         AttitudeOut: {
             /** Ra Deg */
@@ -3494,7 +3501,7 @@ export interface components {
         };
         /**
          * AttitudeSummaryOut
-         * @description How the sensor found its attitude; pointings are (ra, dec, roll) in degrees.
+         * @description Summary of the sensor's attitude solutions; pointings are (ra, dec, roll) in degrees.
          */
         AttitudeSummaryOut: {
             /** Iterations */
@@ -3520,7 +3527,7 @@ export interface components {
         };
         /**
          * AuditRowOut
-         * @description One line of the record.
+         * @description Row of the audit log.
          */
         AuditRowOut: {
             /** Seq */
@@ -3548,7 +3555,8 @@ export interface components {
         };
         /**
          * AuditVerdictOut
-         * @description Whether the record is whole; ``last_hash`` is worth noting elsewhere.
+         * @description Result of the audit log verification. ``problem``: empty if the log is intact; ``last_hash``: store it elsewhere
+         *     for a later check.
          */
         AuditVerdictOut: {
             /** Rows */
@@ -3560,8 +3568,8 @@ export interface components {
         };
         /**
          * AuthorityOut
-         * @description Who may command now, and who did before, newest first. ``mine``: the one who asks holds it; always false on the
-         *     stream, which does not know who listens.
+         * @description Holder of command authority and earlier holders, newest first. ``mine``: the caller holds it; always false on the
+         *     stream, which is shared by all listeners.
          */
         AuthorityOut: {
             /** Holder */
@@ -3575,7 +3583,7 @@ export interface components {
         };
         /**
          * BackupOut
-         * @description A backup. ``bytes``: of everything that it names; what backups share lies on the disk once.
+         * @description Backup. ``bytes``: of everything it refers to; content shared between backups is stored once on disk.
          */
         BackupOut: {
             /** Name */
@@ -3597,7 +3605,8 @@ export interface components {
         };
         /**
          * BaffleOut
-         * @description Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r).
+         * @description Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z,
+         *     r).
          */
         BaffleOut: {
             /**
@@ -3622,7 +3631,7 @@ export interface components {
         };
         /**
          * BankOut
-         * @description One flash bank as the device reports it, joined with what the ground knows of its content.
+         * @description Flash bank as reported by the device, with the stored catalogue it holds, if known.
          */
         BankOut: {
             /** Bank */
@@ -3648,7 +3657,7 @@ export interface components {
         };
         /**
          * BankPlanOut
-         * @description Something that will be in a bank, or become active there. ``at`` None: as soon as it has arrived.
+         * @description Planned upload to a bank or activation. ``at`` null: as soon as the transfer is complete.
          */
         BankPlanOut: {
             /** Bank */
@@ -3673,7 +3682,7 @@ export interface components {
         };
         /**
          * BankStayOut
-         * @description One bank in one state with one content. ``ended`` None: still so, as far as was told.
+         * @description Period in which a bank had one state and content. ``ended`` null: unchanged up to the last report, at ``told``.
          */
         BankStayOut: {
             /** Bank */
@@ -3707,7 +3716,7 @@ export interface components {
         };
         /**
          * BenchCentreIn
-         * @description The optical centre from places of one dot while the camera turns.
+         * @description Optical centre from positions of one dot while the camera is rotated.
          */
         BenchCentreIn: {
             /** Profile */
@@ -3735,7 +3744,8 @@ export interface components {
         };
         /**
          * BenchCheckerboardIn
-         * @description A camera from pictures of a checkerboard: inner corners across and down, side of a square.
+         * @description Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
+         *     a square.
          */
         BenchCheckerboardIn: {
             /** Profile */
@@ -3769,7 +3779,7 @@ export interface components {
         };
         /**
          * BenchDarkLawIn
-         * @description Dark current against temperature.
+         * @description Dark current as a function of temperature.
          */
         BenchDarkLawIn: {
             /** Profile */
@@ -3797,7 +3807,7 @@ export interface components {
         };
         /**
          * BenchFocalIn
-         * @description The focal length from pairs of stars.
+         * @description Focal length from pairs of stars.
          */
         BenchFocalIn: {
             /** Profile */
@@ -3824,7 +3834,7 @@ export interface components {
         };
         /**
          * BenchFocusIn
-         * @description The best focus: from pictures at several settings of the lens, or from widths measured already.
+         * @description Best focus, from pictures at several lens settings or from measured star widths.
          */
         BenchFocusIn: {
             /** Profile */
@@ -3868,7 +3878,7 @@ export interface components {
         };
         /**
          * BenchRadialIn
-         * @description The polynomial of lens aberration from stars round one near the centre.
+         * @description Lens distortion polynomial from stars around one near the centre.
          */
         BenchRadialIn: {
             /** Profile */
@@ -3898,7 +3908,7 @@ export interface components {
         };
         /**
          * BenchTiltIn
-         * @description The detector's tilt from places of two dots.
+         * @description Detector tilt from positions of two dots.
          */
         BenchTiltIn: {
             /** Profile */
@@ -3926,8 +3936,8 @@ export interface components {
         };
         /**
          * BodyOut
-         * @description Sun, Moon or, where the camera's place is known, the Earth. ``exclusion_deg``: angle that the boresight should keep from
-         *     the centre, from the limb for the Earth; ``radius_deg``: how large the body looks (0 where that does not matter).
+         * @description Sun, Moon or, if the camera's position is known, the Earth. ``exclusion_deg``: angle that the boresight should
+         *     keep from the centre, for the Earth from the limb; ``radius_deg``: apparent radius (0 if not relevant).
          */
         BodyOut: {
             /** Name */
@@ -3976,7 +3986,7 @@ export interface components {
         };
         /**
          * BreakIn
-         * @description Why command authority is taken from its holder.
+         * @description Reason for taking command authority from its holder.
          */
         BreakIn: {
             /** Reason */
@@ -3996,7 +4006,7 @@ export interface components {
         };
         /**
          * CalibrationDetailOut
-         * @description A version with everything that was found.
+         * @description Calibration with all its results.
          */
         CalibrationDetailOut: {
             /** Id */
@@ -4051,7 +4061,7 @@ export interface components {
         };
         /**
          * CalibrationDiffOut
-         * @description Two versions side by side; the geometry over the detector after the best common rotation.
+         * @description Comparison of two calibrations. Geometry differences are over the detector, after the best common rotation.
          */
         CalibrationDiffOut: {
             /** Older */
@@ -4069,7 +4079,8 @@ export interface components {
         };
         /**
          * CalibrationOut
-         * @description One version. ``in_use``: reruns take this camera. ``places``: where the sensor holds it, "a (active)".
+         * @description Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a,
+         *     active".
          */
         CalibrationOut: {
             /** Id */
@@ -4111,7 +4122,8 @@ export interface components {
         };
         /**
          * CameraOut
-         * @description Geometry behind a result; ``distortion``: model name and coefficients of Brown, RadialTilt … (docs/conventions.md).
+         * @description Camera geometry used for a result. ``distortion``: model name and coefficients of Brown, RadialTilt …
+         *     (docs/conventions.md).
          */
         CameraOut: {
             /** Columns */
@@ -4133,7 +4145,7 @@ export interface components {
         };
         /**
          * CaptureOut
-         * @description A file of the raw capture; gone when not ``present``.
+         * @description File of the raw capture; ``present`` is false if it was deleted.
          */
         CaptureOut: {
             /** File */
@@ -4145,7 +4157,7 @@ export interface components {
         };
         /**
          * CatalogueDetailOut
-         * @description A built catalogue with its request, manifest, maps and quality report.
+         * @description Stored catalogue with its request, manifest, maps and quality report.
          */
         CatalogueDetailOut: {
             /** Id */
@@ -4203,7 +4215,7 @@ export interface components {
         };
         /**
          * CatalogueDiffOut
-         * @description What would change on board. Numbers are whole; the lists hold at most the first 500 stars, brightest first.
+         * @description What would change on board. Counts are complete; the lists hold at most the first 500 stars, brightest first.
          */
         CatalogueDiffOut: {
             old: components["schemas"]["CatalogueRefOut"];
@@ -4238,13 +4250,13 @@ export interface components {
         };
         /**
          * CatalogueIn
-         * @description What the builder's five steps collect. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs none.
-         *
-         *     ``altitude_km``: with elements the node drifts through the days of use; without it its limits stay. ``body_from_cam``:
-         *     nine numbers by rows, in place of the law's own mounting, or ``mounting_deg``: three turns, about x, y and z in this order,
-         *     that bring the body's axes to the camera's. ``off_nadir_deg``: how far a target law looks aside. ``thinning``: the fields
-         *     of which ``brightest_per_field`` stay: circles, or upright frames of the camera's shape. ``reduced`` None: no reduced
-         *     catalogue, except where the format has one of its camera's frame.
+         * @description Build request. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs no orbit.
+         *     ``altitude_km``: with elements, the node drifts over the days of use; without it the node limits are fixed.
+         *     ``body_from_cam``: nine numbers by rows, replacing the law's own mounting. ``mounting_deg``: alternatively three
+         *     rotations, about x, y and z in this order, that take the body axes to the camera axes. ``off_nadir_deg``:
+         *     off-nadir angle of a target law. ``thinning``: shape of the fields that keep ``brightest_per_field`` stars:
+         *     circles, or upright frames of the camera's shape. ``reduced`` null: no reduced catalogue, unless the format
+         *     requires one; then with the camera's frame.
          */
         CatalogueIn: {
             /**
@@ -4458,7 +4470,7 @@ export interface components {
         };
         /**
          * CatalogueOut
-         * @description A built catalogue in the store.
+         * @description Stored catalogue.
          */
         CatalogueOut: {
             /** Id */
@@ -4490,7 +4502,7 @@ export interface components {
         };
         /**
          * CatalogueRefOut
-         * @description Which catalogue. ``epoch_jyear``: when its stars are where it has them.
+         * @description Reference to a catalogue. ``epoch_jyear``: epoch of its star positions.
          */
         CatalogueRefOut: {
             /** Id */
@@ -4535,8 +4547,9 @@ export interface components {
         };
         /**
          * ChainRecordOut
-         * @description Results of one chain and version over the stored frames; medians over the solved ones. ``solved_interval``: of the share of
-         *     frames, 95 % (Wilson); ``wrong_most``: the most that the share of wrong ones among ``judged`` solutions may be, likewise.
+         * @description Results of one version of a chain over the stored frames; medians are over solved frames. ``solved_interval``: 95
+         *     % interval (Wilson) of the solved share; ``wrong_most``: upper bound of the share of wrong solutions among
+         *     ``judged``, by the same method.
          */
         ChainRecordOut: {
             /** Chain */
@@ -4569,7 +4582,7 @@ export interface components {
         };
         /**
          * ChangeOut
-         * @description A value before and after.
+         * @description Value before and after.
          */
         ChangeOut: {
             /** Name */
@@ -4581,8 +4594,8 @@ export interface components {
         };
         /**
          * ChangedStarOut
-         * @description A star that is not as it was. ``moved_arcsec``, ``change_mag``: None where that is not the difference. Places are those of
-         *     the new catalogue, of the old one for a dropped star.
+         * @description Star that differs between two catalogues. ``moved_arcsec``, ``change_mag``: null if that value did not change.
+         *     Positions are from the new catalogue; for a dropped star, from the old one.
          */
         ChangedStarOut: {
             /** Hip */
@@ -4602,7 +4615,7 @@ export interface components {
         };
         /**
          * ChartStarOut
-         * @description A bright star.
+         * @description Bright star.
          */
         ChartStarOut: {
             /** Hip */
@@ -4618,9 +4631,9 @@ export interface components {
         };
         /**
          * CheckOut
-         * @description What would be sent, and what stands in the way. ``confirm_name``: what must be typed where the hazard is critical;
-         *     for SCHEDULE the name of the command it carries. ``authority``: who holds it. ``allowed``: nothing but the confirmation
-         *     is missing.
+         * @description Dry run: what would be sent, and what prevents it. ``confirm_name``: name to type if the hazard is critical; for
+         *     SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is
+         *     missing.
          */
         CheckOut: {
             /** Problems */
@@ -4690,7 +4703,7 @@ export interface components {
         };
         /**
          * CommandIn
-         * @description A command to check or to send. ``confirm`` must repeat the name of a critical command, and be "yes" for a warning one.
+         * @description Command to check or send. ``confirm``: the command's name for a critical command, "yes" for a warning one.
          */
         CommandIn: {
             /** Name */
@@ -4707,8 +4720,9 @@ export interface components {
         };
         /**
          * CommandOut
-         * @description A command as sent, with its life so far. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
-         *     ``needs_operator``: its fate is unknown and doing it twice would matter. ``can_retry``: the same id may be sent again.
+         * @description Command with its progress. ``result``: queued … completed, rejected, failed, unknown, resolved, withdrawn.
+         *     ``needs_operator``: its outcome is unknown and executing it twice would matter. ``can_retry``: it may be sent
+         *     again with the same id.
          */
         CommandOut: {
             /** Id */
@@ -4762,7 +4776,7 @@ export interface components {
         };
         /**
          * ComparisonOut
-         * @description On board against ground, arcseconds.
+         * @description On-board minus ground attitude, arcseconds.
          */
         ComparisonOut: {
             /** D Ra Arcsec */
@@ -4780,7 +4794,8 @@ export interface components {
         };
         /**
          * ConditionIn
-         * @description What telemetry must show before the command goes out: a value received after the step before, within ``wait_s``.
+         * @description Telemetry condition for sending the command: it must be met by a value received after the previous step, within
+         *     ``wait_s``.
          */
         ConditionIn: {
             /**
@@ -4805,7 +4820,7 @@ export interface components {
         };
         /**
          * ConditionOut
-         * @description A condition as kept.
+         * @description Stored condition.
          */
         ConditionOut: {
             /** Packet */
@@ -4824,7 +4839,7 @@ export interface components {
         };
         /**
          * ConfirmClockIn
-         * @description ``seen``: the server's time as it was shown to the person who checked it.
+         * @description Confirmation of the server clock. ``seen``: the server time that was shown to the person who checked it.
          */
         ConfirmClockIn: {
             /**
@@ -4835,7 +4850,7 @@ export interface components {
         };
         /**
          * ConfirmedIn
-         * @description The preview that was confirmed: of the policy in force, as of ``at``.
+         * @description Preview that was confirmed: of the policy in force, at time ``at``.
          */
         ConfirmedIn: {
             /**
@@ -4856,7 +4871,7 @@ export interface components {
         };
         /**
          * ContactCommandOut
-         * @description A command that went out.
+         * @description Command sent during a contact.
          */
         ContactCommandOut: {
             /** Id */
@@ -4876,8 +4891,8 @@ export interface components {
         };
         /**
          * ContactDetailOut
-         * @description Everything of one contact. ``counters``: of what was received, and packets and bytes sent; ``gaps``: spans of more than
-         *     three seconds without a good packet.
+         * @description All details of a contact. ``counters``: received data, and packets and bytes sent; ``gaps``: periods of more than
+         *     three seconds without a valid packet.
          */
         ContactDetailOut: {
             /** Id */
@@ -4934,7 +4949,7 @@ export interface components {
         };
         /**
          * ContactFrameOut
-         * @description A frame that came.
+         * @description Frame received during a contact.
          */
         ContactFrameOut: {
             /** Id */
@@ -4946,7 +4961,7 @@ export interface components {
         };
         /**
          * ContactNoteIn
-         * @description What an operator has to say about a contact; empty takes it away.
+         * @description Operator's note about a contact; an empty text deletes it.
          */
         ContactNoteIn: {
             /** Note */
@@ -4954,7 +4969,7 @@ export interface components {
         };
         /**
          * ContactOut
-         * @description A contact: from opening the line to closing it.
+         * @description Contact: from opening the line to closing it.
          */
         ContactOut: {
             /** Id */
@@ -4983,7 +4998,7 @@ export interface components {
         };
         /**
          * ContactSpanOut
-         * @description A contact, for a tick. ``ended`` None: it is still open.
+         * @description Contact on the timeline. ``ended`` null: still open.
          */
         ContactSpanOut: {
             /** Id */
@@ -4995,7 +5010,7 @@ export interface components {
         };
         /**
          * ContactTransferOut
-         * @description A transfer that was begun.
+         * @description Transfer started during a contact.
          */
         ContactTransferOut: {
             /** Id */
@@ -5017,7 +5032,7 @@ export interface components {
         };
         /**
          * CorrectionsIn
-         * @description What is done to the stars of the source. ``doubles``: how stars are treated that the camera cannot separate.
+         * @description Corrections applied to the source stars. ``doubles``: treatment of stars that the camera cannot separate.
          */
         CorrectionsIn: {
             /**
@@ -5083,7 +5098,7 @@ export interface components {
         };
         /**
          * CountersOut
-         * @description The line's counters since this contact was opened, and the framing in use.
+         * @description Counters of the line since this contact was opened, and the framing in use.
          */
         CountersOut: {
             /** Framing */
@@ -5093,7 +5108,7 @@ export interface components {
         };
         /**
          * CoverOut
-         * @description Is there a catalogue for the sky to come, in words.
+         * @description Whether the catalogues on board and planned cover the time ahead.
          */
         CoverOut: {
             /** State */
@@ -5105,7 +5120,8 @@ export interface components {
         };
         /**
          * CoverageOut
-         * @description Stars in a circle as large as a field round each HEALPix ring pixel. ``poorer``: circles that had three and have not.
+         * @description Number of stars in a field-sized circle around each HEALPix ring pixel. ``poorer``: circles that had at least
+         *     three stars and no longer have.
          */
         CoverageOut: {
             /** Nside */
@@ -5121,7 +5137,7 @@ export interface components {
         };
         /**
          * CurveOut
-         * @description Lines over one axis, labels with their units.
+         * @description Curve with one or more lines; axis labels include units.
          */
         CurveOut: {
             /** Key */
@@ -5167,7 +5183,7 @@ export interface components {
         };
         /**
          * DesignCameraOut
-         * @description A documents' camera as the design desk has it; the units are in the names of its fields.
+         * @description Documented camera as a starting point; units are in the field names.
          */
         DesignCameraOut: {
             /** Name */
@@ -5185,7 +5201,7 @@ export interface components {
         };
         /**
          * DesignCamerasOut
-         * @description Cameras to start from, and the limits of what can be edited.
+         * @description Cameras to start from, and the allowed ranges of the editable fields.
          */
         DesignCamerasOut: {
             /** Cameras */
@@ -5199,7 +5215,7 @@ export interface components {
         };
         /**
          * DesignFigureOut
-         * @description One number. ``paper``: what the camera's own document prints, with its place.
+         * @description Result value. ``paper``: the value in the camera's own document, with its source.
          */
         DesignFigureOut: {
             /** Group */
@@ -5221,9 +5237,9 @@ export interface components {
         };
         /**
          * DesignIn
-         * @description A documents' camera and what is changed in it; null leaves a field as the profile has it. ``mag_limit`` null: what the
-         *     radiometry allows. ``sky``: whole, or along an orbit with a pointing law and its limits, degrees. ``pointings``: of the full
-         *     count.
+         * @description Documented camera and changes to it; null keeps the profile's value. ``mag_limit`` null: derived from the
+         *     radiometry. ``sky``: whole, or along an orbit with a pointing law and its limits in degrees. ``pointings``: of
+         *     the full count.
          */
         DesignIn: {
             /**
@@ -5341,7 +5357,8 @@ export interface components {
         };
         /**
          * DesignOut
-         * @description A design report. ``looks``: pointings behind curves and accuracy; ``full`` false: the quick look, without lens trade.
+         * @description Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the
+         *     lens trade.
          */
         DesignOut: {
             /** Profile */
@@ -5382,7 +5399,7 @@ export interface components {
         };
         /**
          * DetectorCalibrationIn
-         * @description Calibrate the detector from dark frames and pairs of flat fields.
+         * @description Detector calibration from dark frames and pairs of flat fields.
          */
         DetectorCalibrationIn: {
             /**
@@ -5412,7 +5429,7 @@ export interface components {
         };
         /**
          * DeviceRefOut
-         * @description A device whose banks are on record.
+         * @description Device with recorded banks.
          */
         DeviceRefOut: {
             /** Id */
@@ -5436,8 +5453,8 @@ export interface components {
         };
         /**
          * DirectionCountersOut
-         * @description Everything counted in one direction. Of what is sent the ground knows bytes and good; ``device_good`` and ``device_bad``
-         *     are the device's own counts of what it received, as its housekeeping told last.
+         * @description Counters of one direction. For sent data the ground counts only bytes and good; ``device_good`` and
+         *     ``device_bad`` are the device's own counts of received frames, from its latest housekeeping.
          */
         DirectionCountersOut: {
             /** Bytes */
@@ -5469,7 +5486,7 @@ export interface components {
         };
         /**
          * DirectionOut
-         * @description One direction of the line.
+         * @description State of one direction of the line.
          */
         DirectionOut: {
             /**
@@ -5490,7 +5507,7 @@ export interface components {
         };
         /**
          * DocumentedIn
-         * @description The camera whose documented values are used again.
+         * @description Camera whose documented values are to be used again.
          */
         DocumentedIn: {
             /** Profile */
@@ -5498,7 +5515,7 @@ export interface components {
         };
         /**
          * DownloadIn
-         * @description Bring a frame from a slot of the device's image memory.
+         * @description Image memory slot to download.
          */
         DownloadIn: {
             /** Slot */
@@ -5512,8 +5529,8 @@ export interface components {
         };
         /**
          * EntryOut
-         * @description One row of the device's table. ``at`` is None while the clocks are not correlated; ``command`` is None where the bytes
-         *     are not of our dictionary, then ``hex`` is all there is.
+         * @description Row of the device's schedule. ``at``: null while the clocks are not correlated; ``command``: null if the bytes
+         *     are not in this dictionary; then only ``hex`` is meaningful.
          */
         EntryOut: {
             /** Schedule Id */
@@ -5549,8 +5566,9 @@ export interface components {
         };
         /**
          * EnvelopeOut
-         * @description HEALPix ring-order fraction of time in the field, 0 where never. ``sweep``: the field on its way, with its
-         *     ``boresights``, over one orbit or the validity; [] for the whole sky and for catalogues of older versions.
+         * @description Envelope: fraction of time in the field of view, HEALPix ring order, 0 where never. ``sweep``: field outlines
+         *     along the orbit, with their ``boresights``, over one orbit or the validity; [] for the whole sky and for
+         *     catalogues of older versions.
          */
         EnvelopeOut: {
             /** Nside */
@@ -5591,7 +5609,7 @@ export interface components {
         };
         /**
          * EventOut
-         * @description One event. ``seq`` only grows; the stream can be resumed after any of them.
+         * @description Event. ``seq`` only increases; the stream can be resumed after any event.
          */
         EventOut: {
             /** Seq */
@@ -5611,7 +5629,7 @@ export interface components {
         };
         /**
          * ExperimentOut
-         * @description An experiment of a document that can be rerun; ``trials`` by default.
+         * @description Experiment from a document that can be rerun. ``trials``: default number.
          */
         ExperimentOut: {
             /** Name */
@@ -5623,7 +5641,7 @@ export interface components {
         };
         /**
          * ExperimentsIn
-         * @description Which to run. The job's result holds one record each: columns, rows, conditions, notes, series.
+         * @description Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series.
          */
         ExperimentsIn: {
             /** Names */
@@ -5638,7 +5656,7 @@ export interface components {
         };
         /**
          * FacetsOut
-         * @description What occurs in the history, for the menus of its filter.
+         * @description Values that occur in the history, for the filter menus.
          */
         FacetsOut: {
             /** Names */
@@ -5652,7 +5670,7 @@ export interface components {
         };
         /**
          * FactOut
-         * @description One figure.
+         * @description One measured value.
          */
         FactOut: {
             /** Label */
@@ -5666,7 +5684,7 @@ export interface components {
         };
         /**
          * FavouriteIn
-         * @description Should retention leave this frame alone?
+         * @description Whether retention must keep this frame.
          */
         FavouriteIn: {
             /** Favourite */
@@ -5674,7 +5692,7 @@ export interface components {
         };
         /**
          * FieldCountOut
-         * @description Pointings with 0, 1, 2 … stars; the boresight of the first with the fewest.
+         * @description Number of pointings with 0, 1, 2 … stars, and the boresight of the first with the fewest.
          */
         FieldCountOut: {
             /** Pointings */
@@ -5731,7 +5749,7 @@ export interface components {
         };
         /**
          * FieldLimitOut
-         * @description What a field of a camera takes.
+         * @description Allowed range of a camera field.
          */
         FieldLimitOut: {
             /** Min */
@@ -5743,7 +5761,7 @@ export interface components {
         };
         /**
          * FigureOut
-         * @description A constellation. ``lines``: rows of (right ascension, declination) in degrees, each joined with the next.
+         * @description Constellation. ``lines``: polylines of (right ascension, declination) in degrees.
          */
         FigureOut: {
             /** Name */
@@ -5756,8 +5774,8 @@ export interface components {
         };
         /**
          * ForecastOut
-         * @description What is on the disk and how it grows. ``bytes_per_day`` null: too young to say; ``full_in_days`` null: that, or it does not
-         *     grow.
+         * @description Disk usage and its growth. ``bytes_per_day`` null: not enough data yet; ``full_in_days`` null: not enough data,
+         *     or no growth.
          */
         ForecastOut: {
             /** Database Bytes */
@@ -5783,7 +5801,7 @@ export interface components {
         };
         /**
          * FrameAnalysisIn
-         * @description An analysis of stored frames; ``commanded_deg_s`` for a slew, ``other_*`` for two cameras.
+         * @description Analysis of stored frames. ``commanded_deg_s``: commanded rate of a slew; ``other_*``: second camera.
          */
         FrameAnalysisIn: {
             /**
@@ -5817,7 +5835,7 @@ export interface components {
         };
         /**
          * FrameDetailOut
-         * @description A frame with its solutions (newest first) and the comparison of the two that matter.
+         * @description Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result.
          */
         FrameDetailOut: {
             /** Id */
@@ -5895,10 +5913,9 @@ export interface components {
         };
         /**
          * FrameOut
-         * @description One frame in the store, with its operational ground result (``verdict`` to ``attitude``).
-         *
-         *     ``part``: empty, thumbnail, region or star_windows; ``held``: rectangles (first column, first row,
-         *     columns, rows) with real pixels where only a part was asked for, empty otherwise.
+         * @description Stored frame with its operational ground result (``verdict`` to ``attitude``). ``part``: empty, thumbnail, region
+         *     or star_windows; ``held``: rectangles (first column, first row, columns, rows) with real pixels if only a part
+         *     was downloaded, empty otherwise.
          */
         FrameOut: {
             /** Id */
@@ -5970,7 +5987,7 @@ export interface components {
         };
         /**
          * FramePage
-         * @description A page of the frame list, newest first. ``modes``: of all stored frames, for a filter.
+         * @description Page of the frame list, newest first. ``modes``: of all stored frames, for a filter.
          */
         FramePage: {
             /** Total */
@@ -5982,7 +5999,7 @@ export interface components {
         };
         /**
          * FrameRegionOut
-         * @description A rectangle of the detector.
+         * @description Rectangle of the detector.
          */
         FrameRegionOut: {
             /** Col Px */
@@ -5996,7 +6013,7 @@ export interface components {
         };
         /**
          * FrameReplayOut
-         * @description All stages in the order of the work. ``text``: "equal", or the first difference.
+         * @description All stages in processing order. ``text``: "equal", or the first difference.
          */
         FrameReplayOut: {
             /** Frame Id */
@@ -6008,7 +6025,7 @@ export interface components {
         };
         /**
          * FrameUploadIn
-         * @description Send a stored frame into image memory, and have it solved on board.
+         * @description Image memory slot to upload a stored frame to. ``solve``: have it solved on board.
          */
         FrameUploadIn: {
             /** Slot */
@@ -6021,7 +6038,7 @@ export interface components {
         };
         /**
          * FunnelOut
-         * @description One line of the funnel of counts.
+         * @description Row of the selection funnel.
          */
         FunnelOut: {
             /** Label */
@@ -6036,7 +6053,7 @@ export interface components {
         };
         /**
          * GapOut
-         * @description A gap of the 1 Hz record. ``missing``: housekeeping packets.
+         * @description Gap in the 1 Hz record. ``missing``: number of housekeeping packets.
          */
         GapOut: {
             /** Start */
@@ -6052,7 +6069,7 @@ export interface components {
         };
         /**
          * GivenLimitsOut
-         * @description Limits as the dictionary (with the set in force) has them.
+         * @description Limits from the dictionary, including the limit set in force.
          */
         GivenLimitsOut: {
             /** Watch */
@@ -6075,7 +6092,7 @@ export interface components {
         };
         /**
          * GoOnIn
-         * @description How a failed run goes on: ``skip`` is the reason for passing the step that failed, "" tries it again.
+         * @description How to continue a failed run. ``skip``: reason for skipping the failed step; "" retries it.
          */
         GoOnIn: {
             /** Confirm */
@@ -6088,7 +6105,7 @@ export interface components {
         };
         /**
          * GridLineOut
-         * @description One line of the RA/Dec grid across the frame, as pixel points.
+         * @description Line of the RA/Dec grid across the frame, as pixel points.
          */
         GridLineOut: {
             /** Label */
@@ -6101,7 +6118,7 @@ export interface components {
         };
         /**
          * HealthCheckOut
-         * @description One thing that was looked at. ``state``: ok, watch, warning, critical, unknown.
+         * @description Result of one health check. ``state``: ok, watch, warning, critical or unknown.
          */
         HealthCheckOut: {
             /** Name */
@@ -6115,7 +6132,7 @@ export interface components {
         };
         /**
          * HealthOut
-         * @description Everything that was looked at, and the worst state.
+         * @description All health checks and the worst state.
          */
         HealthOut: {
             /** State */
@@ -6125,7 +6142,7 @@ export interface components {
         };
         /**
          * HistogramOut
-         * @description Counts of pixel values, and a stretch that shows stars.
+         * @description Histogram of pixel values, and a stretch that shows stars.
          */
         HistogramOut: {
             /** Edges */
@@ -6139,7 +6156,7 @@ export interface components {
         };
         /**
          * HistoryOut
-         * @description History of several fields over one span; ``t`` are Unix seconds.
+         * @description History of several fields over one time range; ``t`` are Unix seconds.
          */
         HistoryOut: {
             /** Start */
@@ -6151,9 +6168,9 @@ export interface components {
         };
         /**
          * JobOut
-         * @description A job. ``state``: queued, running, done, failed, cancelled. ``attempts``: servers that died over it since it last came
-         *     further. ``can_start_again``: it has ended, and its stored request is enough to do it anew. ``user``: who started it and may
-         *     end it, beside all who have ``permission``.
+         * @description Job. ``state``: queued, running, done, failed or cancelled. ``attempts``: number of server crashes while it ran,
+         *     since its last progress. ``can_start_again``: it has ended, and its stored request is sufficient to repeat it.
+         *     ``user``: who started it and may cancel it, in addition to users with ``permission``.
          */
         JobOut: {
             /** Id */
@@ -6189,7 +6206,7 @@ export interface components {
         };
         /**
          * LatestOut
-         * @description All fields.
+         * @description Latest values of all fields.
          */
         LatestOut: {
             /** Values */
@@ -6197,7 +6214,7 @@ export interface components {
         };
         /**
          * LevelOut
-         * @description A marked value.
+         * @description Marked value on an axis.
          */
         LevelOut: {
             /** Value */
@@ -6209,7 +6226,8 @@ export interface components {
         };
         /**
          * LifetimeOut
-         * @description Share of the fields inside the envelope by days after the end of validity. ``days`` None: longer than was looked at.
+         * @description Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span
+         *     examined.
          */
         LifetimeOut: {
             /** Threshold */
@@ -6225,7 +6243,7 @@ export interface components {
         };
         /**
          * LimitIn
-         * @description An operator's own limits: [low, high] of each level, null for none. ``persistence`` null: as the dictionary says.
+         * @description Operator's limits: [low, high] of each level, null for none. ``persistence`` null: from the dictionary.
          */
         LimitIn: {
             /**
@@ -6262,7 +6280,7 @@ export interface components {
         };
         /**
          * LimitOut
-         * @description Limits in force for one field. ``origin``: dictionary, set (of the chosen limit set) or operator.
+         * @description Limits in force for one field. ``origin``: dictionary, set (the selected limit set) or operator.
          */
         LimitOut: {
             /** Key */
@@ -6311,7 +6329,7 @@ export interface components {
         };
         /**
          * LimitSetIn
-         * @description Which limit set is to be in force.
+         * @description Limit set to put in force.
          */
         LimitSetIn: {
             /** Name */
@@ -6334,7 +6352,7 @@ export interface components {
         };
         /**
          * LimitsOut
-         * @description The set in force, and the limits of everything that can have some.
+         * @description Limit set in force, and the limits of every field that can have some.
          */
         LimitsOut: {
             /** Set */
@@ -6346,7 +6364,7 @@ export interface components {
         };
         /**
          * LineOut
-         * @description A line of a curve; null is a gap.
+         * @description Line of a curve; null is a gap.
          */
         LineOut: {
             /** Label */
@@ -6358,7 +6376,7 @@ export interface components {
         };
         /**
          * LinkCheckBody
-         * @description A one-time link that somebody opened.
+         * @description One-time link to check.
          */
         LinkCheckBody: {
             /**
@@ -6371,7 +6389,7 @@ export interface components {
         };
         /**
          * LinkOpenIn
-         * @description Where the device is: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port.
+         * @description Address of the device: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port.
          */
         LinkOpenIn: {
             /** Url */
@@ -6379,7 +6397,7 @@ export interface components {
         };
         /**
          * LinkOut
-         * @description Everything of the header bar.
+         * @description Contents of the header bar.
          */
         LinkOut: {
             /** Device */
@@ -6424,7 +6442,7 @@ export interface components {
         };
         /**
          * LinkedUserOut
-         * @description A user with a one-time link, relative to this server, that is shown once: hand it over.
+         * @description User with a one-time password link, relative to this server. The link is shown only once; pass it to the user.
          */
         LinkedUserOut: {
             user: components["schemas"]["UserOut"];
@@ -6435,7 +6453,7 @@ export interface components {
         };
         /**
          * MarkOut
-         * @description A point that a document prints.
+         * @description Point printed in a document.
          */
         MarkOut: {
             /** X */
@@ -6449,7 +6467,7 @@ export interface components {
         };
         /**
          * NewTokenOut
-         * @description A token with its key, which is shown once.
+         * @description New API token with its key, which is shown only once.
          */
         NewTokenOut: {
             token: components["schemas"]["TokenOut"];
@@ -6458,7 +6476,7 @@ export interface components {
         };
         /**
          * NoteIn
-         * @description A word for the record.
+         * @description Note for the record.
          */
         NoteIn: {
             /**
@@ -6469,7 +6487,7 @@ export interface components {
         };
         /**
          * NoteOut
-         * @description What the reader should know and do.
+         * @description Note to the reader, with what to do about it.
          */
         NoteOut: {
             /** Text */
@@ -6483,7 +6501,7 @@ export interface components {
         };
         /**
          * OccultationIn
-         * @description What hides the sky. Angles in degrees from the boresight; None: the camera's own baffle.
+         * @description Occultation of the sky. Angles in degrees from the boresight; null: the camera's own baffle.
          */
         OccultationIn: {
             /**
@@ -6513,7 +6531,7 @@ export interface components {
         };
         /**
          * OnBoardTableOut
-         * @description A table bank as the device reports it; ``table_id``: what the store knows under the same hash.
+         * @description Table bank as reported by the device. ``table_id``: stored table with the same hash.
          */
         OnBoardTableOut: {
             /** Table */
@@ -6541,7 +6559,7 @@ export interface components {
         };
         /**
          * PacketOut
-         * @description One stored packet with all its values and lists.
+         * @description Stored packet with all its values and lists.
          */
         PacketOut: {
             /** Id */
@@ -6563,7 +6581,7 @@ export interface components {
         };
         /**
          * PasswordBody
-         * @description Another password for oneself.
+         * @description Change of the caller's own password.
          */
         PasswordBody: {
             /**
@@ -6579,7 +6597,7 @@ export interface components {
         };
         /**
          * PasswordLinkBody
-         * @description A password by a one-time link.
+         * @description New password, set with a one-time link.
          */
         PasswordLinkBody: {
             /** Token */
@@ -6592,7 +6610,7 @@ export interface components {
         };
         /**
          * PictureOut
-         * @description A grey picture of the detector, a PNG file in base64.
+         * @description Greyscale picture of the detector, a PNG file in base64.
          */
         PictureOut: {
             /**
@@ -6609,7 +6627,7 @@ export interface components {
         };
         /**
          * PinIn
-         * @description Which stored solution of the frame becomes its operational ground result.
+         * @description Stored solution that becomes the frame's operational ground result.
          */
         PinIn: {
             /** Solution Id */
@@ -6617,7 +6635,7 @@ export interface components {
         };
         /**
          * PixelsOut
-         * @description A rectangle of raw values for the pixel inspector.
+         * @description Rectangle of raw values for the pixel inspector.
          */
         PixelsOut: {
             /** Col */
@@ -6633,7 +6651,7 @@ export interface components {
         };
         /**
          * PlotOut
-         * @description Axes with series. ``time``: x are Unix seconds.
+         * @description Axes with series. ``time``: x values are Unix seconds.
          */
         PlotOut: {
             /**
@@ -6658,7 +6676,7 @@ export interface components {
         };
         /**
          * PreconditionOut
-         * @description One condition on the device's state, with the value that decides it now.
+         * @description Precondition on the device's state, with the current value of the field it tests.
          */
         PreconditionOut: {
             /** Text */
@@ -6670,7 +6688,7 @@ export interface components {
         };
         /**
          * PredictedOut
-         * @description A catalogue star that the attitude puts on the detector.
+         * @description Catalogue star that falls on the detector at the solved attitude.
          */
         PredictedOut: {
             /** Hip */
@@ -6688,7 +6706,8 @@ export interface components {
         };
         /**
          * PreviewOut
-         * @description The builder's answer while parameters change. ``bank_source``: whose bank ``bank_bytes`` is.
+         * @description Preview of a build while parameters change. ``bank_source``: origin of ``bank_bytes``: request (asked), sensor,
+         *     or default (usual).
          */
         PreviewOut: {
             /** Stars */
@@ -6715,7 +6734,8 @@ export interface components {
         };
         /**
          * ProblemOut
-         * @description Every error: what happened, what was expected, what came, what to try, and an id that is in the server's log.
+         * @description Error response: what happened, what was expected, what was received, what to do next, and an id that is also in
+         *     the server's log.
          */
         ProblemOut: {
             /** Id */
@@ -6740,7 +6760,7 @@ export interface components {
         };
         /**
          * ProfileOut
-         * @description A camera profile.
+         * @description Camera profile.
          */
         ProfileOut: {
             /** Name */
@@ -6767,7 +6787,7 @@ export interface components {
         };
         /**
          * QualityOut
-         * @description How well the kept stars fill the fields. ``searched``: fields that were looked at for the worst one.
+         * @description How well the kept stars fill the fields. ``searched``: number of fields examined to find the worst one.
          */
         QualityOut: {
             /** Pointings */
@@ -6813,7 +6833,7 @@ export interface components {
         };
         /**
          * RecordOut
-         * @description Is the housekeeping of a contact whole? ``late``: spans in which all came, but late.
+         * @description Completeness of a contact's housekeeping. ``late``: periods in which all packets arrived, but late.
          */
         RecordOut: {
             /** Contact Id */
@@ -6833,7 +6853,8 @@ export interface components {
         };
         /**
          * ReducedIn
-         * @description The frame of a reduced catalogue: the ``brightest`` of every upright frame of that size, ``step_deg`` apart.
+         * @description Frame of a reduced catalogue: it keeps the ``brightest`` stars of every upright frame of this size; frames are
+         *     ``step_deg`` apart.
          */
         ReducedIn: {
             /** Width Deg */
@@ -6853,7 +6874,7 @@ export interface components {
         };
         /**
          * RegionIn
-         * @description A rectangle of the detector.
+         * @description Rectangle of the detector.
          */
         RegionIn: {
             /** Col Px */
@@ -6867,7 +6888,7 @@ export interface components {
         };
         /**
          * RegionOut
-         * @description A detected region; ``rejected`` is empty for a star.
+         * @description Detected region. ``rejected``: reason, empty for a star.
          */
         RegionOut: {
             /** Col Min */
@@ -6887,8 +6908,8 @@ export interface components {
         };
         /**
          * RemovalOut
-         * @description What a removal would take as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays;
-         *     ``unusual``: why a person must confirm it, empty where it may run.
+         * @description What a removal at ``at`` would delete. ``frames_bytes``: of their pixels; ``to_thin``: packets to be thinned to
+         *     one per minute; ``unusual``: why a person must confirm it, empty if it may run.
          */
         RemovalOut: {
             /** At */
@@ -6908,7 +6929,8 @@ export interface components {
         };
         /**
          * ReplayChangeIn
-         * @description What is to be another; what is not given stays. ``speed`` null: as fast as possible. ``at``: go there.
+         * @description Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
+         *     this time.
          */
         ReplayChangeIn: {
             /** Speed */
@@ -6920,7 +6942,7 @@ export interface components {
         };
         /**
          * ReplayIn
-         * @description How fast (null: as fast as possible), and from when on.
+         * @description Speed (null: as fast as possible) and start time of a replay.
          */
         ReplayIn: {
             /**
@@ -6933,7 +6955,7 @@ export interface components {
         };
         /**
          * ReplayOut
-         * @description Where the replay is. ``speed`` null: as fast as possible.
+         * @description State of the replay. ``speed`` null: as fast as possible.
          */
         ReplayOut: {
             /**
@@ -6968,8 +6990,8 @@ export interface components {
         };
         /**
          * ReplayStageOut
-         * @description One stage. ``difference``: in words, empty where there is none; ``difference_px`` on the detector, ``difference_arcsec`` on
-         *     the sky, null where that has no meaning.
+         * @description One stage. ``difference``: as text, empty if none; ``difference_px`` on the detector, ``difference_arcsec`` on
+         *     the sky, null if not applicable.
          */
         ReplayStageOut: {
             /** Name */
@@ -6992,7 +7014,7 @@ export interface components {
         };
         /**
          * ReportOut
-         * @description The pass report. ``quality``: (Unix seconds, share of damaged packets).
+         * @description Pass report. ``quality``: (Unix seconds, share of damaged packets).
          */
         ReportOut: {
             contact: components["schemas"]["ContactDetailOut"];
@@ -7013,7 +7035,7 @@ export interface components {
         };
         /**
          * ReportViewOut
-         * @description The whole.
+         * @description Complete report.
          */
         ReportViewOut: {
             /** Title */
@@ -7027,8 +7049,8 @@ export interface components {
         };
         /**
          * ReprocessIn
-         * @description Frames by id, or all that the filters leave. ``profile``: camera of frames that have none. ``again``: also those that
-         *     this chain and version have solved.
+         * @description Frames to reprocess, by id or by filter. ``profile``: camera for frames that have none. ``again``: include frames
+         *     that this version of the chain has already solved.
          */
         ReprocessIn: {
             /** Chain */
@@ -7052,7 +7074,7 @@ export interface components {
         };
         /**
          * ResolveIn
-         * @description How an operator settles an unknown command.
+         * @description Note that settles an unknown command.
          */
         ResolveIn: {
             /** Note */
@@ -7060,7 +7082,7 @@ export interface components {
         };
         /**
          * RetentionIn
-         * @description 0 keeps for ever.
+         * @description Retention policy; 0 keeps data for ever.
          */
         RetentionIn: {
             /**
@@ -7114,7 +7136,8 @@ export interface components {
         };
         /**
          * RetentionOut
-         * @description What is in force, and what follows. ``waiting``: what the last removal would have taken, where it waits for confirmation.
+         * @description Retention policy in force, with its forecast. ``waiting``: what the last removal would have deleted, if it waits
+         *     for confirmation.
          */
         RetentionOut: {
             /**
@@ -7174,7 +7197,7 @@ export interface components {
         };
         /**
          * RunIn
-         * @description The names that confirm the hazardous steps.
+         * @description Names that confirm the hazardous steps.
          */
         RunIn: {
             /** Confirm */
@@ -7182,14 +7205,14 @@ export interface components {
         };
         /**
          * RunRetentionIn
-         * @description ``confirmed``: needed where the preview says that the removal is unusual.
+         * @description Request to run retention. ``confirmed``: required if the preview reports the removal as unusual.
          */
         RunRetentionIn: {
             confirmed?: components["schemas"]["ConfirmedIn"] | null;
         };
         /**
          * RunStepOut
-         * @description A step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command.
+         * @description Step of a run. ``state``: waiting, delay, condition, sending, stopped, skipped, or the result of its command.
          */
         RunStepOut: {
             /** Command */
@@ -7212,7 +7235,7 @@ export interface components {
         };
         /**
          * ScheduleCheckIn
-         * @description A command for later: its moment either in UTC or on the device's clock.
+         * @description Command to schedule, at a time in UTC or on the device's clock.
          */
         ScheduleCheckIn: {
             /** Command */
@@ -7228,7 +7251,7 @@ export interface components {
         };
         /**
          * ScheduleCheckOut
-         * @description What SCHEDULE would carry, what is wrong with it, and what to think of.
+         * @description Dry run of SCHEDULE: its content, its problems and its warnings.
          */
         ScheduleCheckOut: {
             /** Problems */
@@ -7259,7 +7282,7 @@ export interface components {
         };
         /**
          * ScheduleIn
-         * @description The same, confirmed.
+         * @description Command to schedule, with its confirmation.
          */
         ScheduleIn: {
             /** Command */
@@ -7280,7 +7303,7 @@ export interface components {
         };
         /**
          * ScheduleOut
-         * @description The table by time. ``told``: when the device last listed it; ``complete``: nothing of that list was lost.
+         * @description Schedule ordered by time. ``told``: when the device last listed it; ``complete``: no part of that list was lost.
          */
         ScheduleOut: {
             /** Entries */
@@ -7293,7 +7316,7 @@ export interface components {
         };
         /**
          * ScreenedStarOut
-         * @description A star of the screening list; ``companions``: others in its ring.
+         * @description Star on the screening list. ``companions``: other stars in its ring.
          */
         ScreenedStarOut: {
             /** Hip */
@@ -7307,9 +7330,9 @@ export interface components {
         };
         /**
          * ScreeningIn
-         * @description Which stars are on the screening list. ``action``: off, list (names them), drop. Marks: close doubles, variables, stars
-         *     that move fast. More than ``most_companions`` stars in the ring at ``arc_deg`` ± ``tolerance_deg`` put a star on it, and so
-         *     do more than ``most_false`` expected false triples.
+         * @description Rules of the screening list. ``action``: off, list (only name the stars) or drop. Reasons: close doubles,
+         *     variables, high proper motion. A star is also listed if the ring at ``arc_deg`` ± ``tolerance_deg`` holds more
+         *     than ``most_companions`` stars, or if more than ``most_false`` false triples are expected.
          */
         ScreeningIn: {
             /**
@@ -7350,8 +7373,8 @@ export interface components {
         };
         /**
          * ScreeningOut
-         * @description The screening list over the envelope: how many stars by reason, the ring's figures, stars by chance in the patch of a third
-         *     one, and the brightest that are on it.
+         * @description Screening list over the envelope: star counts by reason, ring statistics, expected chance stars in the patch of a
+         *     third star (``third``), and the brightest listed stars.
          */
         ScreeningOut: {
             /** Action */
@@ -7371,7 +7394,7 @@ export interface components {
         };
         /**
          * SectionOut
-         * @description A heading with what belongs to it.
+         * @description Section of a report.
          */
         SectionOut: {
             /** Title */
@@ -7387,8 +7410,8 @@ export interface components {
         };
         /**
          * SessionOut
-         * @description Who is signed in with this browser or token. ``csrf`` goes into the header X-GSS of every change. ``expires``: when the
-         *     session ends if nothing is asked until then.
+         * @description Caller of this session or token. ``csrf``: value of the header X-GSS that every change must carry. ``expires``:
+         *     end of the session if no further request is made.
          */
         SessionOut: {
             /** Signed In */
@@ -7423,7 +7446,7 @@ export interface components {
         };
         /**
          * SetUpBody
-         * @description The first admin, by the link that the server printed.
+         * @description First admin, created with the link that the server printed.
          */
         SetUpBody: {
             /** Token */
@@ -7438,7 +7461,7 @@ export interface components {
         };
         /**
          * ShelveIn
-         * @description For how long an alarm is not to be shown, and why.
+         * @description How long to shelve an alarm, and why.
          */
         ShelveIn: {
             /** Minutes */
@@ -7448,7 +7471,7 @@ export interface components {
         };
         /**
          * SignInBody
-         * @description Name and password.
+         * @description User name and password.
          */
         SignInBody: {
             /** Name */
@@ -7461,7 +7484,7 @@ export interface components {
         };
         /**
          * SignInOut
-         * @description One session. ``own``: the one that asks.
+         * @description Open session. ``own``: the session that sent this request.
          */
         SignInOut: {
             /** Id */
@@ -7485,7 +7508,7 @@ export interface components {
         };
         /**
          * SizesOut
-         * @description Bytes of every part of the image against the bank.
+         * @description Bytes of each part of the image, and of the bank.
          */
         SizesOut: {
             /** By Part */
@@ -7497,7 +7520,8 @@ export interface components {
         };
         /**
          * SkyOut
-         * @description Stars and bodies of a chart. ``place``: how the camera's place is known; without one it is empty and there is no Earth.
+         * @description Stars and bodies of a chart. ``place``: how the camera's position is known; empty if it is not, and the Earth is
+         *     then omitted.
          */
         SkyOut: {
             /** Utc */
@@ -7511,7 +7535,7 @@ export interface components {
         };
         /**
          * SkyStarOut
-         * @description A star of the map. ``state``: kept, thinned, rejected, outside.
+         * @description Star on the map. ``state``: kept, thinned, rejected or outside.
          */
         SkyStarOut: {
             /** Hip */
@@ -7527,8 +7551,8 @@ export interface components {
         };
         /**
          * SolutionDetailOut
-         * @description A result with everything the overlays draw. ``aberration_arcsec``: the largest shift that was taken out, null: none.
-         *     ``versions``: which code ran, by name.
+         * @description Solution with all overlay data. ``aberration_arcsec``: largest aberration shift removed, null: none.
+         *     ``versions``: versions of the code that ran, by name.
          */
         SolutionDetailOut: {
             /** Id */
@@ -7618,8 +7642,9 @@ export interface components {
         };
         /**
          * SolutionOut
-         * @description One chain's (or the device's) result on one frame. ``camera_name``: camera profile that was assumed, "field of view" or
-         *     "blind"; empty where an older version stored it. ``operational``: this is the frame's ground result wherever one is shown.
+         * @description Result of a chain or of the device for one frame. ``camera_name``: camera profile that was assumed, "field of
+         *     view" or "blind"; empty if stored by an older version. ``operational``: this is the frame's ground result
+         *     wherever one is shown.
          */
         SolutionOut: {
             /** Id */
@@ -7683,7 +7708,8 @@ export interface components {
         };
         /**
          * SolveIn
-         * @description Run a chain on a stored frame. Give ``profile`` or ``fov_deg``, or neither for what the frame says (else blind).
+         * @description Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else
+         *     blind).
          */
         SolveIn: {
             /**
@@ -7708,7 +7734,7 @@ export interface components {
         };
         /**
          * SpanOut
-         * @description A span without a good packet, and why.
+         * @description Period without a valid packet, and its cause.
          */
         SpanOut: {
             /** Start */
@@ -7722,7 +7748,7 @@ export interface components {
         };
         /**
          * StackCheckOut
-         * @description Dry run of a stack. ``confirm``: the names to type before it runs.
+         * @description Dry run of a stack. ``confirm``: names to type before it runs.
          */
         StackCheckOut: {
             /** Steps */
@@ -7740,7 +7766,7 @@ export interface components {
         };
         /**
          * StackFileIn
-         * @description An exported stack.
+         * @description Exported stack.
          */
         StackFileIn: {
             /** Name */
@@ -7770,7 +7796,7 @@ export interface components {
         };
         /**
          * StackFileOut
-         * @description A stack for another installation; ``dictionary``: hash of the one that it was written with.
+         * @description Stack for export to another installation. ``dictionary``: hash of the dictionary it was written with.
          */
         StackFileOut: {
             /** Format */
@@ -7788,7 +7814,7 @@ export interface components {
         };
         /**
          * StackIn
-         * @description A stack to keep.
+         * @description Stack to store.
          */
         StackIn: {
             /** Name */
@@ -7803,7 +7829,7 @@ export interface components {
         };
         /**
          * StackOut
-         * @description A stack.
+         * @description Stored stack.
          */
         StackOut: {
             /** Id */
@@ -7821,7 +7847,7 @@ export interface components {
         };
         /**
          * StackRunOut
-         * @description A run. ``step``: index of the present or last one.
+         * @description Run of a stack. ``step``: index of the current or last step.
          */
         StackRunOut: {
             /** Id */
@@ -7850,7 +7876,7 @@ export interface components {
         };
         /**
          * StageOut
-         * @description One point of the stage lights.
+         * @description One stage of a command.
          */
         StageOut: {
             /**
@@ -7868,7 +7894,8 @@ export interface components {
         };
         /**
          * StarCalibrationIn
-         * @description Calibrate from frames of stars. ``profile`` "": a camera that nobody described. ``fov_deg``: its width, where known.
+         * @description Calibration from star frames. ``profile``: "" for a camera without a profile. ``fov_deg``: width of the field of
+         *     view, if known.
          */
         StarCalibrationIn: {
             /**
@@ -7919,7 +7946,7 @@ export interface components {
         };
         /**
          * StarListOut
-         * @description A star list that somebody brought, with what was read and what was dropped.
+         * @description Imported star list, with a report of the rows read and dropped.
          */
         StarListOut: {
             /** Id */
@@ -7953,7 +7980,7 @@ export interface components {
         };
         /**
          * StarOut
-         * @description A centroid, with its match where there is one. ``dx/dy_arcsec``: measured − predicted.
+         * @description Centroid, with its matched star if any. ``dx/dy_arcsec``: measured − predicted.
          */
         StarOut: {
             /** Index */
@@ -7987,7 +8014,7 @@ export interface components {
         };
         /**
          * StepCheckOut
-         * @description Dry run of one step. ``within_s``: its waiting and the windows of its reports.
+         * @description Dry run of one step. ``within_s``: maximum duration, from its wait and its report windows.
          */
         StepCheckOut: {
             /** Index */
@@ -8047,7 +8074,7 @@ export interface components {
         };
         /**
          * StepOut
-         * @description A step as kept, with all arguments.
+         * @description Stored step, with all arguments.
          */
         StepOut: {
             /** Command */
@@ -8064,7 +8091,7 @@ export interface components {
         };
         /**
          * StepsIn
-         * @description Steps to try dry.
+         * @description Steps for a dry run.
          */
         StepsIn: {
             /** Steps */
@@ -8072,7 +8099,7 @@ export interface components {
         };
         /**
          * TableDefaultsOut
-         * @description What a new table holds before anybody changes it.
+         * @description Default values of a new table.
          */
         TableDefaultsOut: {
             /** Kind */
@@ -8086,7 +8113,7 @@ export interface components {
         };
         /**
          * TableDetailOut
-         * @description A table with its values.
+         * @description Stored table with its values.
          */
         TableDetailOut: {
             /** Id */
@@ -8116,7 +8143,7 @@ export interface components {
         };
         /**
          * TableIn
-         * @description A new table: the camera's own values with ``content`` in their place; triplets need content.catalogue_id.
+         * @description New table: the camera's own values, overridden by ``content``; triplets need content.catalogue_id.
          */
         TableIn: {
             /**
@@ -8138,7 +8165,7 @@ export interface components {
         };
         /**
          * TableOut
-         * @description One table in the store.
+         * @description Stored table.
          */
         TableOut: {
             /** Id */
@@ -8164,7 +8191,7 @@ export interface components {
         };
         /**
          * TablePlaceOut
-         * @description Where the device holds a table.
+         * @description Table bank of the device that holds a table.
          */
         TablePlaceOut: {
             /** Bank */
@@ -8176,7 +8203,7 @@ export interface components {
         };
         /**
          * TableUploadIn
-         * @description An inactive table bank.
+         * @description Inactive table bank to send to.
          */
         TableUploadIn: {
             /** Bank */
@@ -8184,7 +8211,7 @@ export interface components {
         };
         /**
          * TableViewOut
-         * @description Columns and rows of text.
+         * @description Table of text cells.
          */
         TableViewOut: {
             /** Title */
@@ -8196,7 +8223,7 @@ export interface components {
         };
         /**
          * TelemetryAnalysisIn
-         * @description Performance from the attitudes of a contact.
+         * @description Performance analysis of the attitudes of a contact.
          */
         TelemetryAnalysisIn: {
             /**
@@ -8214,7 +8241,7 @@ export interface components {
         };
         /**
          * TenureOut
-         * @description One holder, from taking to the end.
+         * @description One holder of command authority, from taking to losing it.
          */
         TenureOut: {
             /** Holder */
@@ -8230,7 +8257,7 @@ export interface components {
         };
         /**
          * TimelineOut
-         * @description Which catalogue is, was and will be in which bank of a device.
+         * @description Past, current and planned catalogues in each bank of a device.
          */
         TimelineOut: {
             device: components["schemas"]["DeviceRefOut"];
@@ -8252,7 +8279,7 @@ export interface components {
         };
         /**
          * TokenIn
-         * @description A new token. ``scopes``: permissions of the role that it keeps; none keeps all.
+         * @description New API token. ``scopes``: permissions of the role that the token keeps; empty keeps all.
          */
         TokenIn: {
             /** Name */
@@ -8272,7 +8299,7 @@ export interface components {
         };
         /**
          * TokenOut
-         * @description A program's key, without the key.
+         * @description API token, without its key.
          */
         TokenOut: {
             /** Id */
@@ -8296,7 +8323,7 @@ export interface components {
         };
         /**
          * TradeRowOut
-         * @description A camera's line in a table; accuracies are medians, 1σ, one axis.
+         * @description Camera in a trade table; accuracies are medians, 1σ, one axis.
          */
         TradeRowOut: {
             /** Name */
@@ -8330,8 +8357,8 @@ export interface components {
         };
         /**
          * TransferIn
-         * @description Bring something down. Image kinds take ``slot``, the others ``bank``; ``region`` with region, ``side_px`` with
-         *     star_windows.
+         * @description Download request. Image kinds need ``slot``, the others ``bank``; kind region needs ``region``, kind star_windows
+         *     ``side_px``.
          */
         TransferIn: {
             /**
@@ -8349,7 +8376,7 @@ export interface components {
         };
         /**
          * TransferOptionsOut
-         * @description What was asked for beside kind and target.
+         * @description Options of a transfer other than kind and target.
          */
         TransferOptionsOut: {
             region?: components["schemas"]["FrameRegionOut"] | null;
@@ -8360,8 +8387,8 @@ export interface components {
         };
         /**
          * TransferOut
-         * @description One transfer. ``stored``: ranges of chunks that the receiving side says it stored, first and last inclusive. ``slot``:
-         *     number of the image memory or bank on the wire. ``can_…``: what may be ordered now.
+         * @description Transfer. ``stored``: ranges of chunks that the receiver reports as stored, first and last inclusive. ``slot``:
+         *     number of the image memory slot or bank on the wire. ``can_…``: actions possible now.
          */
         TransferOut: {
             /** Id */
@@ -8452,7 +8479,7 @@ export interface components {
         };
         /**
          * UploadIn
-         * @description Send a catalogue to an inactive bank; verify by read-back and commit follow by themselves.
+         * @description Inactive bank to send a catalogue to; read-back verification and commit follow automatically.
          */
         UploadIn: {
             /** Bank */
@@ -8460,7 +8487,7 @@ export interface components {
         };
         /**
          * UprightOut
-         * @description A place on the x axis.
+         * @description Vertical marker on the x axis.
          */
         UprightOut: {
             /** Label */
@@ -8470,7 +8497,7 @@ export interface components {
         };
         /**
          * UserChangeIn
-         * @description Another role, on or off; what is not given stays.
+         * @description Changed role or state of a user; null leaves a value unchanged.
          */
         UserChangeIn: {
             /** Role */
@@ -8480,7 +8507,7 @@ export interface components {
         };
         /**
          * UserIn
-         * @description A new user.
+         * @description New user.
          */
         UserIn: {
             /** Name */
@@ -8493,7 +8520,7 @@ export interface components {
         };
         /**
          * UserOut
-         * @description Somebody.
+         * @description User account.
          */
         UserOut: {
             /** Id */
@@ -8516,7 +8543,7 @@ export interface components {
         /**
          * ValueOut
          * @description Latest value of one field. ``state`` already includes persistence and staleness; the page never computes it.
-         *     ``sample_state``: of this sample alone. ``raw_text``: as on the wire, in hexadecimal.
+         *     ``sample_state``: of this sample alone. ``raw_text``: raw value in hexadecimal.
          */
         ValueOut: {
             /** Name */
@@ -8563,7 +8590,7 @@ export interface components {
         };
         /**
          * VolumesOut
-         * @description How much came and went.
+         * @description Data volumes received and sent.
          */
         VolumesOut: {
             /** Rx Bytes */
@@ -8577,7 +8604,8 @@ export interface components {
         };
         /**
          * WandererOut
-         * @description The Sun, or a body that comes into the envelope on ``share`` of the days; RA and Dec in degrees from first to last.
+         * @description The Sun, or a body that enters the envelope on ``share`` of the days. ``way``: RA and Dec in degrees from first
+         *     to last day.
          */
         WandererOut: {
             /** Name */
@@ -8611,7 +8639,7 @@ export interface components {
         };
         /**
          * SeriesOut
-         * @description Numbers of a plot.
+         * @description Data series of a plot.
          */
         gss__api__schemas__reports__SeriesOut: {
             /** Label */
@@ -8628,7 +8656,7 @@ export interface components {
         };
         /**
          * ClockOut
-         * @description The device's clock at a moment of UTC, how well that is known, and from how much.
+         * @description Device clock at a UTC time, with its uncertainty and the number and span of samples behind it.
          */
         gss__api__schemas__schedule__ClockOut: {
             /** Device S */
@@ -8646,7 +8674,7 @@ export interface components {
         };
         /**
          * ChoiceOut
-         * @description What a number of a series means.
+         * @description Meaning of a number in a series.
          */
         gss__api__schemas__telemetry__ChoiceOut: {
             /** Name */
@@ -8656,8 +8684,8 @@ export interface components {
         };
         /**
          * SeriesOut
-         * @description History of one field, thinned to at most the asked number of points (min and max of each bin kept).
-         *     ``choices``: words of an enumeration or a yes/no value, whose numbers are in ``y``.
+         * @description History of one field, thinned to at most the requested number of points (minimum and maximum of each bin are
+         *     kept). ``choices``: names of an enumeration or a yes/no value, whose numbers are in ``y``.
          */
         gss__api__schemas__telemetry__SeriesOut: {
             /** Name */
@@ -8686,7 +8714,7 @@ export interface components {
         };
         /**
          * ClockOut
-         * @description The server's clock and the last trusted time. ``doubt``: why nothing is deleted; empty where the clock is plausible.
+         * @description Server clock and the last trusted time. ``doubt``: why nothing is deleted; empty if the clock is plausible.
          */
         gss__api__schemas__upkeep__ClockOut: {
             /** Now */
