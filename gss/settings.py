@@ -1,4 +1,4 @@
-"""Every setting, in one place, from GSS_* environment variables. Read by the command line and the wiring only."""
+"""All settings, from GSS_* environment variables. Read only by the command line and the wiring."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 class Settings(BaseSettings):
-    """What can be set. The defaults run everything on one machine."""
+    """Server settings. The defaults run everything on one machine."""
 
     model_config = SettingsConfigDict(env_prefix="GSS_", extra="ignore")
 
@@ -123,15 +123,15 @@ class Settings(BaseSettings):
 
     @property
     def database_url(self) -> str:
-        """The database in force."""
+        """Effective database URL."""
         return self.database or f"sqlite:///{(self.data / 'gss.db').resolve()}"
 
     @property
     def backups_folder(self) -> Path:
-        """Where backups are, in force."""
+        """Effective folder of the backups."""
         return Path(self.backups) if self.backups else self.data / "backups"
 
     @property
     def blobs_url(self) -> str:
-        """The blob store in force."""
+        """Effective URL of the blob store."""
         return self.blobs or str((self.data / "blobs").resolve())

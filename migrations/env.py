@@ -1,4 +1,4 @@
-"""Alembic's entry: online migrations, all in one transaction; SQLite alters tables by copying them (batch)."""
+"""Alembic's entry point: online migrations, all in one transaction; SQLite alters tables by copying them (batch)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gss.store.models import Base, UtcDateTime
 
 
 def render_item(kind: str, item: Any, _context: Any) -> str | bool:
-    """A migration must not depend on today's code: our own type is written as the plain one below it."""
+    """Render our own column type as the plain type below it, because a migration must not depend on current code."""
     return "sa.DateTime()" if kind == "type" and isinstance(item, UtcDateTime) else False
 
 

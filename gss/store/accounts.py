@@ -1,4 +1,4 @@
-"""Users, sign-ins, tokens and one-time links."""
+"""Users, sessions, API tokens and one-time links."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from gss.store.models import ApiToken, OneTimeLink, SignIn, User
 
 
 def any_user(session: Session) -> bool:
-    """Is there anybody, with a password or not?"""
+    """True if there is any user, with or without a password."""
     return bool(session.scalar(select(exists().where(User.id > 0))))
 
 
 def users(session: Session) -> list[User]:
-    """By name."""
+    """Return all users, by name."""
     return list(session.scalars(select(User).order_by(User.name)))
 
 
 def user(session: Session, user_id: int) -> User:
-    """The user of that id."""
+    """Return the user with that id; NotFound if there is none."""
     row = session.get(User, user_id)
     if row is None:
         raise NotFound("no such user", got=str(user_id))
@@ -34,19 +34,20 @@ def user(session: Session, user_id: int) -> User:
 
 
 def user_named(session: Session, name: str) -> User | None:
-    """The user of that name, whatever its letters' case. Compared here: SQLite knows the case of ASCII letters only."""
+    """Return the user with that name, ignoring case. Compared in Python, because SQLite ignores the case of ASCII
+    letters only."""
     key = name_key(name)
     alike = [row for row in users(session) if name_key(row.name) == key]
     return next((row for row in alike if row.name == name), alike[0] if alike else None)
 
 
 def name_key(name: str) -> str:
-    """What two names have in common that are taken for the same."""
+    """Return the normalized form under which two names count as the same."""
     return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
 
 
 def add_user(session: Session, row: User) -> User:
-    """Store a new user; Conflict where the name is taken, also by one who was made at the same moment."""
+    """Store a new user; Conflict if the name is taken, also by a user created concurrently."""
     if user_named(session, row.name) is None:
         session.add(row)
         try:
@@ -58,21 +59,21 @@ def add_user(session: Session, row: User) -> User:
 
 
 def enabled_admins(session: Session) -> int:
-    """How many can still run this server."""
+    """Return the number of enabled admins."""
     return session.scalar(select(func.count()).where(User.role == "admin", User.enabled.is_(True))) or 0
 
 
-# --- sign-ins -----------------------------------------------------------------------------------------------------
+# --- sessions -----------------------------------------------------------------------------------------------------
 
 
 def sign_in_of(session: Session, key_hash: str) -> tuple[SignIn, User] | None:
-    """The session of that key and its user."""
+    """Return the session with that key and its user."""
     row = session.execute(select(SignIn, User).join(User).where(SignIn.key_hash == key_hash)).first()
     return None if row is None else (row[0], row[1])
 
 
 def sign_in(session: Session, sign_in_id: int) -> tuple[SignIn, User]:
-    """The session of that id and its user."""
+    """Return the session with that id and its user; NotFound if there is none."""
     row = session.execute(select(SignIn, User).join(User).where(SignIn.id == sign_in_id)).first()
     if row is None:
         raise NotFound("no such session", got=str(sign_in_id))
@@ -80,7 +81,7 @@ def sign_in(session: Session, sign_in_id: int) -> tuple[SignIn, User]:
 
 
 def open_sign_ins(session: Session, now: datetime) -> list[tuple[SignIn, User]]:
-    """Those that have not ended, the last seen first."""
+    """Return the open sessions and their users, last seen first."""
     query = select(SignIn, User).join(User).where(SignIn.ended.is_(None), SignIn.expires > now)
     return [(row[0], row[1]) for row in session.execute(query.order_by(SignIn.last_seen.desc()))]
 
@@ -92,17 +93,17 @@ def end_sign_ins(session: Session, user_id: int, now: datetime, reason: str) -> 
 
 
 def seen(session: Session, sign_in_id: int, at: datetime) -> None:
-    """Something was asked with this session."""
+    """Record the time of the latest request with this session."""
     session.execute(update(SignIn).where(SignIn.id == sign_in_id).values(last_seen=at))
 
 
 def used(session: Session, token_id: int, at: datetime) -> None:
-    """Something was asked with this token."""
+    """Record the time of the latest request with this token."""
     session.execute(update(ApiToken).where(ApiToken.id == token_id).values(last_used=at))
 
 
 def signed_in_from(session: Session, user_id: int, address: str, since: datetime) -> bool:
-    """Has this user signed in from there before?"""
+    """True if this user has signed in from that address since ``since``."""
     found = exists().where(SignIn.user_id == user_id, SignIn.address == address, SignIn.created >= since)
     return bool(session.scalar(select(found)))
 
@@ -111,14 +112,14 @@ def signed_in_from(session: Session, user_id: int, address: str, since: datetime
 
 
 def token_of(session: Session, key_hash: str) -> tuple[ApiToken, User | None] | None:
-    """The token of that key and who made it."""
+    """Return the token with that key, and its creator."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
     row = session.execute(query.where(ApiToken.key_hash == key_hash)).first()
     return None if row is None else (row[0], row[1])
 
 
 def token(session: Session, token_id: int) -> tuple[ApiToken, User | None]:
-    """The token of that id and who made it."""
+    """Return the token with that id, and its creator; NotFound if there is none."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
     row = session.execute(query.where(ApiToken.id == token_id)).first()
     if row is None:
@@ -127,18 +128,18 @@ def token(session: Session, token_id: int) -> tuple[ApiToken, User | None]:
 
 
 def tokens(session: Session) -> list[ApiToken]:
-    """Newest first."""
+    """Return all tokens, newest first."""
     return list(session.scalars(select(ApiToken).order_by(ApiToken.id.desc())))
 
 
 def tokens_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[ApiToken]:
-    """Those made under a name in a time that were not revoked yet."""
+    """Return unrevoked tokens created by a user name in a time range."""
     made = (ApiToken.created_by == maker, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
     return list(session.scalars(select(ApiToken).where(*made)))
 
 
 def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, User | None] | None:
-    """The token of that name that can still be used."""
+    """Return the valid token with that name, and its creator; None if there is none."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
     living = (ApiToken.name == name, ApiToken.revoked.is_(None), ApiToken.expires > now)
     row = session.execute(query.where(*living).order_by(ApiToken.id.desc())).first()
@@ -151,24 +152,24 @@ def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, 
 def add_link(
     session: Session, kind: str, user_id: int | None, key_hash: str, created: datetime, expires: datetime
 ) -> None:
-    """A fresh link."""
+    """Store a new one-time link."""
     session.add(OneTimeLink(kind=kind, user_id=user_id, key_hash=key_hash, created=created, expires=expires, used=None))
     session.flush()
 
 
 def void_links(session: Session, kind: str, user_id: int | None, now: datetime) -> None:
-    """Links of that kind (of that user) can no longer be used."""
+    """Invalidate all unused links of that kind and user."""
     unused = (OneTimeLink.kind == kind, OneTimeLink.user_id == user_id, OneTimeLink.used.is_(None))
     session.execute(update(OneTimeLink).where(*unused).values(used=now))
 
 
 def fresh_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
-    """The link of that key while it can be used."""
+    """Return the link with that key if it is still valid, else None."""
     return session.scalar(select(OneTimeLink).where(*_fresh(kind, key_hash, now)))
 
 
 def take_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
-    """Use a link up: of two who try at the same time one gets it. None where it is used, too old or none."""
+    """Use up a link atomically: of two concurrent requests only one gets it. None if it is used, expired or unknown."""
     fresh = update(OneTimeLink).where(*_fresh(kind, key_hash, now)).values(used=now).returning(OneTimeLink.id)
     taken = session.execute(fresh).scalar()
     return None if taken is None else session.get(OneTimeLink, taken)

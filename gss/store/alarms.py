@@ -1,4 +1,4 @@
-"""Alarms: the open ones, the past ones."""
+"""Open and closed alarms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add(session: Session, alarm: Alarm) -> Alarm:
 
 
 def get(session: Session, alarm_id: int) -> Alarm:
-    """The alarm of that id."""
+    """Return the alarm with that id; NotFound if there is none."""
     row = session.get(Alarm, alarm_id)
     if row is None:
         raise NotFound("no such alarm", got=str(alarm_id))
@@ -27,17 +27,17 @@ def get(session: Session, alarm_id: int) -> Alarm:
 
 
 def still_open(session: Session) -> list[Alarm]:
-    """Alarms that are not closed, oldest first."""
+    """Return alarms that are not closed, oldest first."""
     return list(session.scalars(select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)))
 
 
 def newest(session: Session, limit: int) -> list[Alarm]:
-    """Newest first, closed ones too."""
+    """Return the newest alarms first, including closed ones."""
     return list(session.scalars(select(Alarm).order_by(Alarm.id.desc()).limit(limit)))
 
 
 def between(session: Session, start: datetime, end: datetime) -> list[Alarm]:
-    """Alarms that were open at some time of a span, oldest first."""
+    """Return alarms that were open at any time in a range, oldest first."""
     query = (
         select(Alarm).where(Alarm.raised <= end, Alarm.closed.is_(None) | (Alarm.closed >= start)).order_by(Alarm.id)
     )

@@ -1,4 +1,4 @@
-"""The audit record: rows are added and read, never changed."""
+"""The audit log: rows are added and read, never changed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GUARDS = {
     "sqlite": ("audit_no_update", "audit_no_delete", "audit_no_replace"),
     "postgresql": ("audit_no_change", "audit_no_truncate"),
 }
-"""Triggers that refuse to change the record, made by migration 0004."""
+"""Triggers that prevent changes to the audit log, created by migration 0004."""
 IN_FORCE = {
     "sqlite": "SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'audit' AND sql LIKE '%RAISE(ABORT%'"
     " AND (sql NOT LIKE '% WHEN %' OR name = 'audit_no_replace')",
@@ -29,7 +29,8 @@ IN_FORCE = {
 
 @dataclass(frozen=True)
 class AuditFilter:
-    """Which rows: of one who, action (its beginning), result; "" is any. From ``since`` on, before ``until``."""
+    """Filter for audit rows by user, action prefix and result; "" matches all. ``since`` is inclusive, ``until``
+    exclusive."""
 
     who: str = ""
     action: str = ""
@@ -38,7 +39,7 @@ class AuditFilter:
     until: datetime | None = None
 
     def apply(self, query: Select[Any]) -> Select[Any]:
-        """The query with its conditions."""
+        """Return the query with the filter's conditions."""
         if self.who:
             query = query.where(AuditRow.who == self.who)
         if self.action:
@@ -53,16 +54,16 @@ class AuditFilter:
 
 
 def last(session: Session) -> AuditRow | None:
-    """The newest row."""
+    """Return the newest row."""
     return session.scalar(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))
 
 
 class PlaceTaken(Exception):
-    """Another row took this one's place in the chain meanwhile; this one is not stored."""
+    """Another row took this position in the hash chain concurrently; this row is not stored."""
 
 
 def add(session: Session, row: AuditRow) -> None:
-    """Append a row, or PlaceTaken."""
+    """Append a row; PlaceTaken if its position in the chain is taken."""
     session.add(row)
     try:
         session.flush()
@@ -71,22 +72,22 @@ def add(session: Session, row: AuditRow) -> None:
 
 
 def page(session: Session, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
-    """Newest first, those below ``before``."""
+    """Return a page of matching rows, newest first, with numbers below ``before``."""
     return paging.newest(session, wanted.apply(select(AuditRow)), AuditRow.seq, limit, before)
 
 
 def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
-    """All that fit, oldest first, read in batches."""
+    """Yield all matching rows, oldest first, read in batches."""
     return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)
 
 
 def before_the_first(session: Session) -> int:
-    """Rows that somebody put where the chain does not begin yet."""
+    """Return the number of rows inserted before the start of the chain."""
     return session.scalar(select(func.count()).select_from(AuditRow).where(AuditRow.seq < 1)) or 0
 
 
 def missing_guards(session: Session) -> list[str]:
-    """Which of the triggers that refuse changes are gone, switched off, or refuse nothing."""
+    """Return the protective triggers that are missing, disabled or ineffective."""
     kind = session.get_bind().dialect.name
     there = set(session.scalars(text(IN_FORCE[kind])))
     return [name for name in GUARDS[kind] if name not in there]

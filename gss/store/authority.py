@@ -1,4 +1,4 @@
-"""Who held command authority, and who does."""
+"""Holders of command authority, current and past."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gss.store.models import Authority
 
 
 def holder(session: Session) -> Authority | None:
-    """The open row; None while nobody holds it."""
+    """Return the open row; None if no user holds authority."""
     return session.scalar(select(Authority).where(Authority.ended.is_(None)).order_by(Authority.id.desc()).limit(1))
 
 
 def take(session: Session, user: str, at: datetime) -> Authority:
-    """A new open row."""
+    """Store a new open row."""
     row = Authority(holder=user, taken=at, ended=None, ended_by="", reason="")
     session.add(row)
     session.flush()
@@ -30,5 +30,5 @@ def end(session: Session, row: Authority, at: datetime, by: str, reason: str) ->
 
 
 def newest(session: Session, limit: int) -> list[Authority]:
-    """Newest first."""
+    """Return the newest rows first."""
     return list(session.scalars(select(Authority).order_by(Authority.id.desc()).limit(limit)))

@@ -1,4 +1,4 @@
-"""What was in which bank of which device, and when."""
+"""Content of each device bank over time."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def add(session: Session, row: BankHistory) -> BankHistory:
 
 
 def still_so(session: Session, device_id: int) -> list[BankHistory]:
-    """What each bank of a device holds now, as far as the ground knows; by bank."""
+    """Return the current content of each bank of a device, as far as known on the ground; by bank."""
     query = select(BankHistory).where(BankHistory.device_id == device_id, BankHistory.ended.is_(None))
     return list(session.scalars(query.order_by(BankHistory.bank, BankHistory.id)))
 
 
 def between(session: Session, device_id: int, start: datetime, end: datetime) -> list[BankHistory]:
-    """What was so at some time of a span, by bank, then by time."""
+    """Return bank contents at any time in a range, by bank, then by time."""
     query = select(BankHistory).where(
         BankHistory.device_id == device_id,
         BankHistory.began <= end,
@@ -34,7 +34,7 @@ def between(session: Session, device_id: int, start: datetime, end: datetime) ->
 
 
 def contacts_between(session: Session, device_id: int, start: datetime, end: datetime) -> list[Contact]:
-    """Contacts with a device at some time of a span, in order."""
+    """Return contacts with a device at any time in a range, in order."""
     query = select(Contact).where(
         Contact.device_id == device_id, Contact.started <= end, Contact.ended.is_(None) | (Contact.ended >= start)
     )
@@ -42,12 +42,12 @@ def contacts_between(session: Session, device_id: int, start: datetime, end: dat
 
 
 def devices(session: Session) -> list[Device]:
-    """Devices whose banks are on record, the one that answered last first."""
+    """Return devices with recorded banks, the one that responded last first."""
     known = select(BankHistory.device_id).distinct()
     return list(session.scalars(select(Device).where(Device.id.in_(known)).order_by(Device.last_seen.desc())))
 
 
 def device_of_contact(session: Session, contact_id: int) -> int | None:
-    """Id of the device of a contact, None before it said who it is."""
+    """Return the device id of a contact; None until the device has identified itself."""
     contact = session.get(Contact, contact_id)
     return None if contact is None else contact.device_id

@@ -1,5 +1,5 @@
-"""Pixels and images of flash, kept under the hash of their content: the same bytes are stored once, and no name
-that a person chose ever reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``)."""
+"""Content-addressed storage of pixels and flash images: bytes are stored under their hash, so equal content is stored
+once and no user-chosen name reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fsspec.implementations.local import LocalFileSystem
 from gss.domain.errors import BadInput, CorruptData, GssError, NotFound, StoreDown
 
 TIMEOUT_S = 20.0
-"""An object store that is silent for so long is down."""
+"""An object store that does not respond within this time counts as down."""
 ATTEMPTS = 2
 
 
@@ -23,7 +23,8 @@ class BlobStore:
     """Content-addressed bytes under an fsspec URL (a folder by default).
 
     An object store's credentials, region and endpoint come from the environment (``AWS_ACCESS_KEY_ID``,
-    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL: that one is shown and logged.
+    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL, which is shown and
+    logged.
     """
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
@@ -40,16 +41,15 @@ class BlobStore:
         self._root = str(root).rstrip("/")
         self._is_folder = isinstance(self._fs, LocalFileSystem)
         if hasattr(self._fs, "retries"):
-            self._fs.retries = (
-                ATTEMPTS  # s3fs tries each request again itself; five times would hold a page for minutes
-            )
+            self._fs.retries = ATTEMPTS  # s3fs retries each request; its default of five would block a page for minutes
         if self._is_folder:
             self._fs.makedirs(self._root, exist_ok=True)
         else:
             self._reach_bucket()
 
     def _reach_bucket(self) -> None:
-        """A wrong address is told at the start and not with the first frame; a bucket is never made by us."""
+        """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never
+        created."""
         bucket = self._root.partition("/")[0]
         with self._reached():
             there = bool(self._fs.exists(bucket))
@@ -61,26 +61,28 @@ class BlobStore:
             )
 
     def put(self, data: bytes | memoryview) -> str:
-        """Keep ``data``; its SHA-256 in hex is the key."""
+        """Store ``data`` and return its key, the SHA-256 in hex."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
         with self._reached():
             if not self._is_folder:
-                # Writing an object is atomic, and the same bytes again cost no more than reading them to compare.
+                # Writing an object is atomic, and writing the same bytes again costs no more than reading them to
+                # compare.
                 self._fs.pipe_file(path, bytes(data))
             elif not self._holds(path, data):
                 self._write(path, data)
         return key
 
     def _holds(self, path: str, data: bytes | memoryview) -> bool:
-        """Is it there, and undamaged? A file that rotted is healed by the next copy of its content."""
+        """True if the file exists and is intact. A damaged file is replaced by the next copy of its content."""
         if not self._fs.exists(path) or self._fs.size(path) != len(data):
             return False
         with self._fs.open(path, "rb") as file:
             return bool(file.read() == data)
 
     def _write(self, path: str, data: bytes | memoryview) -> None:
-        """Under a name of its own first: two requests may bring the same bytes at once, and a crash leaves no half file."""
+        """Write to a temporary name, then rename: two requests may write the same bytes at once, and a crash must not
+        leave a partial file."""
         self._fs.makedirs(path.rsplit("/", 1)[0], exist_ok=True)
         temporary = f"{path}.{uuid.uuid4().hex[:8]}.part"
         with self._fs.open(temporary, "wb") as file:
@@ -88,7 +90,7 @@ class BlobStore:
         self._fs.mv(temporary, path)
 
     def get(self, key: str) -> bytes:
-        """The bytes of a key, checked against it."""
+        """Return the bytes of a key, verified against it. NotFound if missing, CorruptData if damaged."""
         try:
             with self._reached():
                 data: bytes = self._fs.cat_file(self._path(key))
@@ -101,12 +103,12 @@ class BlobStore:
         return data
 
     def exists(self, key: str) -> bool:
-        """Is there anything under that key? Its content is not looked at."""
+        """True if the key exists. Its content is not read."""
         with self._reached():
             return bool(self._fs.exists(self._path(key)))
 
     def size(self, key: str) -> int:
-        """Bytes under a key, as the store says without reading them."""
+        """Return the size in bytes from the store's metadata. NotFound if missing."""
         try:
             with self._reached():
                 return int(self._fs.size(self._path(key)))
@@ -114,7 +116,7 @@ class BlobStore:
             raise _missing(key) from None
 
     def delete(self, key: str) -> None:
-        """Forget a key; nothing happens where it is gone already."""
+        """Delete a key; no error if it does not exist."""
         try:
             with self._reached():
                 self._fs.rm_file(self._path(key))
@@ -122,7 +124,8 @@ class BlobStore:
             return
 
     def keys(self) -> Iterator[str]:
-        """Every key, in order; the names of one part in 256 are in memory at a time. Half-written files have no key."""
+        """Yield every key, in order; only 1/256 of the names are in memory at a time. Partially written files have no
+        key."""
         try:
             with self._reached():
                 parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in self._fs.ls(self._root, detail=False)]
@@ -138,7 +141,7 @@ class BlobStore:
 
     @contextmanager
     def _reached(self) -> Iterator[None]:
-        """What the store cannot do becomes StoreDown; a missing object stays what it is."""
+        """Convert storage errors to StoreDown; a missing object stays FileNotFoundError."""
         try:
             yield
         except (FileNotFoundError, GssError):
@@ -148,7 +151,7 @@ class BlobStore:
                 "look at disk space and permissions" if self._is_folder else "look at the store, its network and rights"
             )
             raise StoreDown("the bytes cannot be stored or read now", got=str(error)[:300], hint=hint) from error
-        except Exception as error:  # each object store's client brings families of its own
+        except Exception as error:  # each object store's client has its own exception classes
             if self._is_folder:
                 raise
             text = f"{type(error).__name__}: {error}"[:300]
@@ -165,7 +168,8 @@ def _missing(key: str) -> NotFound:
 
 
 def _options(url: str, timeout_s: float) -> dict[str, Any]:
-    """No listing is remembered: other processes write too. A store that is silent must not hold a request for minutes."""
+    """Return the fsspec options: no listing cache, because other processes write too; short timeouts, so that an
+    unresponsive store does not block a request for minutes."""
     if not url.startswith(("s3://", "s3a://")):
         return {}
     waits = {"connect_timeout": min(5.0, timeout_s), "read_timeout": timeout_s, "retries": {"total_max_attempts": 1}}

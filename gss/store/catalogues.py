@@ -17,7 +17,7 @@ def add(session: Session, catalogue: Catalogue) -> Catalogue:
 
 
 def get(session: Session, catalogue_id: int) -> Catalogue:
-    """The catalogue of that id."""
+    """Return the catalogue with that id; NotFound if there is none."""
     row = session.get(Catalogue, catalogue_id)
     if row is None:
         raise NotFound("no such catalogue", got=str(catalogue_id))
@@ -25,12 +25,12 @@ def get(session: Session, catalogue_id: int) -> Catalogue:
 
 
 def by_sha256(session: Session, sha256: str) -> Catalogue | None:
-    """The newest catalogue with that image hash; a prefix of 8 or more digits is enough."""
+    """Return the newest catalogue with that image hash; a prefix of 8 or more digits is sufficient."""
     return session.scalar(
         select(Catalogue).where(Catalogue.sha256.startswith(sha256)).order_by(Catalogue.id.desc()).limit(1)
     )
 
 
 def newest(session: Session, limit: int) -> list[Catalogue]:
-    """Newest first."""
+    """Return the newest catalogues first."""
     return list(session.scalars(select(Catalogue).order_by(Catalogue.id.desc()).limit(limit)))

@@ -1,4 +1,4 @@
-"""What an operator has chosen for the installation, by name."""
+"""Settings that operators change at run time, by name."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from gss.store.models import Choice
 
 
 def read(session: Session, prefix: str) -> list[Choice]:
-    """All choices whose name begins so, by name."""
+    """Return all choices whose name starts with ``prefix``, by name."""
     return list(
         session.scalars(select(Choice).where(Choice.name.startswith(prefix, autoescape=True)).order_by(Choice.name))
     )
 
 
 def write(session: Session, name: str, value: dict[str, Any], now: datetime, user: str) -> Choice:
-    """Choose, in place of what was chosen before."""
+    """Store a choice, replacing an earlier one."""
     return session.merge(Choice(name=name, value=value, changed=now, user=user))
 
 
 def forget(session: Session, name: str) -> bool:
-    """Take a choice back; False where there was none."""
+    """Delete a choice; False if there was none."""
     row = session.get(Choice, name)
     if row is None:
         return False

@@ -21,8 +21,8 @@ OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
 
 @dataclass(frozen=True)
 class Filter:
-    """Which commands. ``start`` ≤ created < ``end``; ``text`` anywhere in name, arguments, detail, note or values; None, ""
-    and () leave out nothing."""
+    """Filter for commands. ``start`` ≤ created < ``end``; ``text`` anywhere in name, arguments, detail, note or values;
+    None, "" and () match all."""
 
     start: datetime | None = None
     end: datetime | None = None
@@ -35,7 +35,7 @@ class Filter:
     text: str = ""
 
     def apply(self, query: Select[Any]) -> Select[Any]:
-        """The query with these conditions."""
+        """Return the query with the filter's conditions."""
         conditions: list[Any] = []
         if self.start is not None:
             conditions.append(Command.created >= self.start)
@@ -72,7 +72,7 @@ def add(
     source: str,
     run_id: int | None = None,
 ) -> Command:
-    """A command that has just been queued."""
+    """Store a newly queued command."""
     row = Command(
         contact_id=contact_id,
         request_id=request_id,
@@ -96,7 +96,7 @@ def add(
 
 
 def get(session: Session, command_id: int) -> Command:
-    """The command of that id."""
+    """Return the command with that id; NotFound if there is none."""
     row = session.get(Command, command_id)
     if row is None:
         raise NotFound("no such command", got=str(command_id))
@@ -104,50 +104,50 @@ def get(session: Session, command_id: int) -> Command:
 
 
 def by_request(session: Session, request_id: int) -> Command | None:
-    """The newest command that used that request id."""
+    """Return the newest command that used that request id."""
     return session.scalar(select(Command).where(Command.request_id == request_id).order_by(Command.id.desc()).limit(1))
 
 
 def newest(session: Session, limit: int, contact_id: int | None = None) -> list[Command]:
-    """Newest commands first."""
+    """Return the newest commands first."""
     return page(session, Filter(contact_id=contact_id), limit)
 
 
 def page(session: Session, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
-    """Newest first, those with an id below ``before``."""
+    """Return a page of matching commands, newest first, with ids below ``before``."""
     return paging.newest(session, wanted.apply(select(Command)), Command.id, limit, before)
 
 
 def every(session: Session, wanted: Filter) -> Iterator[Command]:
-    """All that fit, oldest first, read in batches."""
+    """Yield all matching commands, oldest first, read in batches."""
     return paging.every(session, wanted.apply(select(Command)), Command.id)
 
 
 def facets(session: Session) -> dict[str, list[str]]:
-    """What has occurred: names, users, results, sources, each sorted."""
+    """Return the names, users, results and sources that occur, each sorted."""
     columns = {"names": Command.name, "users": Command.user, "results": Command.result, "sources": Command.source}
     return {key: sorted(session.scalars(select(column).distinct())) for key, column in columns.items()}
 
 
 def of_unknown_fate(session: Session, limit: int) -> list[Command]:
-    """Commands of which nobody knows whether they ran, newest first."""
+    """Return commands with an unknown result, newest first."""
     return page(session, Filter(results=("unknown",)), limit)
 
 
 def last_request_id(session: Session) -> int:
-    """Largest request id that may have been used; 0 before the first."""
+    """Return the largest request id that may have been used; 0 if none."""
     floor = session.get(Choice, USED_IDS)
     used = session.scalar(select(func.max(Command.request_id))) or 0
     return max(used, int(floor.value["upto"]) if floor else 0)
 
 
 def skip_request_ids(session: Session, number: int, now: datetime) -> None:
-    """Count so many more as used: a record that was put back does not know what was sent after it was made, and the device
-    answers an id that it remembers with the old result."""
+    """Mark the next ``number`` request ids as used. A restored database does not know what was sent after the backup,
+    and the device answers an id it remembers with the old result."""
     upto = min(last_request_id(session) + number, LARGEST_ID)
     session.merge(Choice(name=USED_IDS, value={"upto": upto}, changed=now, user="gss restore"))
 
 
 def left_in_flight(session: Session) -> list[Command]:
-    """Commands whose fate was open when the server stopped."""
+    """Return commands without a final result when the server stopped."""
     return list(session.scalars(select(Command).where(Command.result.in_(OPEN_RESULTS))))

@@ -1,4 +1,4 @@
-"""Tables for the sensor and tables read back from it."""
+"""Tables made for the device or read back from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add(session: Session, table: DeviceTable) -> DeviceTable:
 
 
 def get(session: Session, table_id: int) -> DeviceTable:
-    """The table of that id."""
+    """Return the table with that id; NotFound if there is none."""
     row = session.get(DeviceTable, table_id)
     if row is None:
         raise NotFound("no such table", got=str(table_id))
@@ -25,12 +25,12 @@ def get(session: Session, table_id: int) -> DeviceTable:
 
 
 def by_sha256(session: Session, kind: str, sha256: str) -> DeviceTable | None:
-    """The newest table of that kind and content."""
+    """Return the newest table of that kind and content."""
     query = select(DeviceTable).where(DeviceTable.kind == kind, DeviceTable.sha256 == sha256)
     return session.scalar(query.order_by(DeviceTable.id.desc()).limit(1))
 
 
 def newest(session: Session, limit: int, kind: str = "") -> list[DeviceTable]:
-    """Newest first."""
+    """Return the newest tables first."""
     query = select(DeviceTable).where(DeviceTable.kind == kind) if kind else select(DeviceTable)
     return list(session.scalars(query.order_by(DeviceTable.id.desc()).limit(limit)))

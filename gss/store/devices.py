@@ -23,7 +23,7 @@ def remember(
     simulated: bool,
     dictionary_hash: str,
 ) -> Device:
-    """The device of that name, created or brought up to date."""
+    """Create or update the device with that name, and return it."""
     device = session.scalar(select(Device).where(Device.name == name))
     if device is None:
         device = Device(name=name, first_seen=now)
@@ -35,23 +35,23 @@ def remember(
 
 
 def open_contact(session: Session, url: str, now: datetime, capture: str, *, contact_id: int | None = None) -> Contact:
-    """Add a contact on that address, with a reserved number or the next one."""
+    """Store a contact on that address, with a reserved id or the next one."""
     contact = Contact(id=contact_id, url=url, started=now, capture=capture)
     session.add(contact)
     session.flush()
     if contact_id is not None and session.get_bind().dialect.name == "postgresql":
-        # PostgreSQL's sequence does not notice numbers that were given.
+        # PostgreSQL's sequence is not advanced by explicit ids.
         session.execute(select(func.setval(func.pg_get_serial_sequence("contacts", "id"), contact_id)))
     return contact
 
 
 def last_contact_id(session: Session) -> int:
-    """The highest number of a contact; 0 before the first."""
+    """Return the highest contact id; 0 if there is none."""
     return session.scalar(select(func.max(Contact.id))) or 0
 
 
 def had_contact(session: Session, url: str) -> bool:
-    """Was a line open on that address before?"""
+    """True if a line was opened on that address before."""
     return bool(session.scalar(select(exists().where(Contact.url == url))))
 
 
@@ -66,18 +66,18 @@ def update_contact(
     note: str | None = None,
     ended: datetime | None = None,
 ) -> None:
-    """Set what is given."""
+    """Update the given columns of a contact."""
     contact = session.get_one(Contact, contact_id)
     given = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
     for name, value in given.items():
         if value is not None:
             setattr(contact, name, value)
-    if ended is not None:  # a clock that was set back meanwhile must not end it before its beginning
+    if ended is not None:  # the clock may have been set back: a contact must not end before its start
         contact.ended = max(ended, contact.started)
 
 
 def close_left_open(session: Session, now: datetime) -> None:
-    """End contacts that a crash left open, at the last packet that was stored of them."""
+    """End contacts that a crash left open, at their last stored packet."""
     for contact in session.scalars(select(Contact).where(Contact.ended.is_(None))):
         last = session.scalar(
             select(func.max(TelemetryPacket.received)).where(TelemetryPacket.contact_id == contact.id)
@@ -86,7 +86,7 @@ def close_left_open(session: Session, now: datetime) -> None:
 
 
 def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
-    """Newest contacts with their device and the numbers of frames and commands."""
+    """Return the newest contacts first, with their device and the numbers of frames and commands."""
     frames = select(func.count(Frame.id)).where(Frame.contact_id == Contact.id).scalar_subquery()
     commands = select(func.count(Command.id)).where(Command.contact_id == Contact.id).scalar_subquery()
     query = (
@@ -100,12 +100,12 @@ def list_contacts(session: Session, limit: int, offset: int = 0) -> list[tuple[C
 
 
 def count_contacts(session: Session) -> int:
-    """How many there are."""
+    """Return the number of contacts."""
     return session.scalar(select(func.count(Contact.id))) or 0
 
 
 def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | None]:
-    """A contact and who it was with."""
+    """Return a contact and its device; NotFound if there is none."""
     row = session.get(Contact, contact_id)
     if row is None:
         raise NotFound("no such contact", got=str(contact_id))
@@ -113,33 +113,33 @@ def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | No
 
 
 def frames_of(session: Session, contact_id: int) -> list[Frame]:
-    """Frames that came in a contact, oldest first."""
+    """Return frames received during a contact, oldest first."""
     return list(session.scalars(select(Frame).where(Frame.contact_id == contact_id).order_by(Frame.id)))
 
 
 def commands_of(session: Session, contact_id: int) -> list[Command]:
-    """Commands of a contact, oldest first."""
+    """Return commands of a contact, oldest first."""
     return list(session.scalars(select(Command).where(Command.contact_id == contact_id).order_by(Command.id)))
 
 
 def transfers_of(session: Session, contact_id: int) -> list[Transfer]:
-    """Transfers that were begun in a contact, oldest first."""
+    """Return transfers started during a contact, oldest first."""
     return list(session.scalars(select(Transfer).where(Transfer.contact_id == contact_id).order_by(Transfer.id)))
 
 
 def events_between(session: Session, start: datetime, end: datetime, kinds: Sequence[str] = ()) -> list[Event]:
-    """Recorded events of a span, oldest first, of some kinds or of all."""
+    """Return events in a time range, oldest first. ``kinds``: only these; empty for all."""
     query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq)
     return list(session.scalars(query.where(Event.kind.in_(kinds)) if kinds else query))
 
 
 def clock_jumps(session: Session, start: datetime, end: datetime) -> list[Event]:
-    """Jumps of the server's clock in a span, oldest first."""
+    """Return jumps of the server clock in a time range, oldest first."""
     query = select(Event).where(Event.kind == "clock", Event.at >= start, Event.at <= end)
     return list(session.scalars(query.order_by(Event.seq)))
 
 
 def closing(session: Session, contact_id: int) -> Event | None:
-    """The event that told why a contact's line was closed."""
+    """Return the event that recorded why a contact's line was closed."""
     query = select(Event).where(Event.kind == "link", Event.text.startswith("line closed")).order_by(Event.seq.desc())
     return next((e for e in session.scalars(query.limit(2000)) if e.data.get("contact_id") == contact_id), None)

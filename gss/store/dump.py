@@ -1,7 +1,7 @@
-"""A consistent copy of a database that is in use, and the way back.
+"""Consistent copy of a database in use, and its restore.
 
-SQLite: ``VACUUM INTO`` copies one moment's state while others go on reading and writing. PostgreSQL: its own ``pg_dump`` and
-``psql``; their absence is said, and the password goes to them by the environment, never by the command line.
+SQLite: ``VACUUM INTO`` copies a snapshot while others continue to read and write. PostgreSQL: its own ``pg_dump`` and
+``psql``, with an error if they are not installed; the password is passed in the environment, never on the command line.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gss.domain.errors import Conflict, CorruptData, NotFound, StoreDown
 from gss.store.engine import open_engine
 
 LOOK_EVERY = 10_000
-"""Steps of SQLite's machine between two looks whether somebody cancelled."""
+"""Steps of SQLite's virtual machine between two checks for cancellation."""
 SQLITE, POSTGRES = "sqlite", "postgresql"
 FROM_QUERY = (
     "PGHOST",
@@ -35,18 +35,18 @@ FROM_QUERY = (
 
 
 def kind_of(url: str) -> str:
-    """Which of the two a URL names."""
+    """Return the kind of database that a URL names."""
     return SQLITE if url.startswith("sqlite") else POSTGRES
 
 
 def dump(url: str, file: Path, cancelled: Callable[[], bool] = lambda: False) -> None:
-    """Copy the database into a new file; StoreDown where it or the disk does not let us. What was written is removed then."""
+    """Copy the database to a new file. StoreDown if the database or the disk fails; the partial file is then deleted."""
     try:
         if kind_of(url) == SQLITE:
             _copy_sqlite(Path(make_url(url).database or ""), file, cancelled)
         else:
             _run("pg_dump", url, ["--no-owner", "--no-privileges", "--file", str(file)])
-    except BaseException:  # also Ctrl-C: half a copy must not be left
+    except BaseException:  # includes Ctrl-C: no partial copy may be left
         file.unlink(missing_ok=True)
         raise
 
@@ -71,7 +71,7 @@ def _copy_sqlite(source: Path, file: Path, cancelled: Callable[[], bool]) -> Non
 
 
 def load(url: str, file: Path) -> None:
-    """Fill an empty PostgreSQL database from a dump; Conflict where there are tables already."""
+    """Restore a dump into an empty PostgreSQL database; Conflict if it has tables."""
     engine = open_engine(url)
     try:
         tables = inspect(engine).get_table_names()
@@ -100,7 +100,7 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
 
 
 def _environment(url: URL) -> dict[str, str]:
-    """As libpq's programs take it; what the URL's query says of socket and encryption holds for them too."""
+    """Return the libpq environment variables, including socket and encryption options from the URL's query."""
     parts: dict[str, object] = {name: url.query.get(name.removeprefix("PG").lower()) for name in FROM_QUERY}
     told = {
         "PGHOST": url.host,

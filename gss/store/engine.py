@@ -1,4 +1,4 @@
-"""The database: opening it, bringing it to the newest schema, one transaction at a time."""
+"""The database: connection, schema migration and transactions."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
 
 
 def open_engine(url: str) -> Engine:
-    """Engine for an SQLite or PostgreSQL URL. SQLite gets write-ahead logging, so that readers never wait for the writer."""
+    """Return an engine for an SQLite or PostgreSQL URL. SQLite uses write-ahead logging, so that readers never wait for
+    the writer. BadInput if the URL cannot be used."""
     try:
         if not url.startswith("sqlite"):
             return create_engine(url, pool_pre_ping=True)
     except (ArgumentError, NoSuchModuleError, ImportError) as error:
-        # The text of the error may hold the URL, and that one a password.
+        # The error text may contain the URL, and thereby a password.
         raise BadInput(
             "the database's URL cannot be used",
             expected="postgresql+psycopg://user:password@host/database, or sqlite:///file",
@@ -53,8 +54,9 @@ def _tune_sqlite(connection: Any, _record: Any) -> None:
 
 
 def open_for_migration(url: str) -> Engine:
-    """An engine whose transactions hold changes of the schema too: a server that is killed half-way leaves the old schema, whole.
-    SQLite's tables are altered by copying them, which its own watch over references would take for removals."""
+    """Return an engine whose transactions include schema changes: if the server is killed midway, the old schema stays
+    intact. SQLite alters a table by copying it, which its foreign key checks would treat as deletions, so they are
+    off."""
     engine = open_engine(url)
     if url.startswith("sqlite"):
         event.listen(engine, "connect", _hold_schema)
@@ -63,7 +65,7 @@ def open_for_migration(url: str) -> Engine:
 
 
 def _hold_schema(connection: Any, _record: Any) -> None:
-    connection.isolation_level = None  # the driver would end the transaction before each change of the schema
+    connection.isolation_level = None  # otherwise the driver commits before each schema change
     connection.execute("PRAGMA foreign_keys=OFF")
 
 
@@ -72,7 +74,7 @@ def _begin(connection: Connection) -> None:
 
 
 def migration_config(url: str) -> Config:
-    """Where the migrations are, and on what."""
+    """Return Alembic's configuration: the folder of the migrations, and the URL."""
     config = Config()
     config.set_main_option("script_location", str(SHIPPED if SHIPPED.is_dir() else CHECKOUT))
     config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
@@ -80,13 +82,13 @@ def migration_config(url: str) -> Config:
 
 
 def known_schemas() -> list[str]:
-    """Names of all schemas that this version knows, oldest first."""
+    """Return the revisions of all schemas that this version knows, oldest first."""
     return [step.revision for step in ScriptDirectory.from_config(migration_config("")).walk_revisions()][::-1]
 
 
 def migrate(url: str) -> None:
-    """Upgrade the database to the newest schema; nothing happens where it is there already. CorruptData where its file is damaged:
-    a server does not go on with half a record."""
+    """Upgrade the database to the newest schema, if needed. CorruptData if its file is damaged or its schema is newer;
+    StoreDown if PostgreSQL cannot be used."""
     config = migration_config(url)
     _check_pages(url)
     try:
@@ -108,7 +110,8 @@ def migrate(url: str) -> None:
 
 
 def _check_pages(url: str) -> None:
-    """Look at an SQLite file's pages before anything is written, where that takes no more than a second or two."""
+    """Check an SQLite file's pages before anything is written, if the file is small enough to take only a second or
+    two."""
     path = Path(make_url(url).database or "")
     if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
         return
@@ -122,13 +125,13 @@ def _check_pages(url: str) -> None:
 
 
 def is_large(engine: Engine) -> bool:
-    """Is it an SQLite file that was not looked at before the start, because that would take too long?"""
+    """True if this is an SQLite file too large for the check at startup."""
     path = Path(engine.url.database or "")
     return engine.dialect.name == "sqlite" and path.is_file() and path.stat().st_size > QUICK_CHECK_BYTES
 
 
 def damaged_pages(engine: Engine) -> str:
-    """What is wrong with the pages of an SQLite file; "" where nothing is. StoreDown where it cannot be read now."""
+    """Return what is wrong with the pages of an SQLite file; "" if nothing is. StoreDown if it cannot be read now."""
     try:
         with engine.connect() as connection:
             found = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
@@ -142,13 +145,13 @@ def damaged_pages(engine: Engine) -> str:
 
 
 SERVER_LOCK = 0x6773_7301
-"""Key of PostgreSQL's advisory lock that a server holds while it runs."""
+"""Key of the PostgreSQL advisory lock that a server holds while it runs."""
 
 
 @contextmanager
 def sole_server(url: str) -> Iterator[None]:
-    """While it is entered no other server runs on this database, whatever its data folder; Conflict where one does. A server that
-    dies gives the lock back."""
+    """Hold an exclusive lock on this database, whatever the data folder; Conflict if another server holds it. The lock
+    is released if the server dies."""
     if url.startswith("sqlite"):
         with _sole_file(make_url(url).database or ""):
             yield
@@ -170,7 +173,8 @@ def sole_server(url: str) -> Iterator[None]:
 
 @contextmanager
 def _sole_file(name: str) -> Iterator[None]:
-    """The same for SQLite's file, by the lock of a file beside it: SQLite itself uses locks of its own."""
+    """Hold the lock for an SQLite file, as a lock on a separate file beside it: SQLite uses its own locks on the
+    database file."""
     if not name or name == ":memory:":
         yield
         return
@@ -194,7 +198,7 @@ def _second_server(got: str = "") -> Conflict:
 
 
 def _is_damage(error: DatabaseError) -> bool:
-    """SQLite's own words for a page that cannot be; its other errors have classes of their own."""
+    """True if SQLite reports a damaged page; its other errors have their own classes."""
     return type(error.orig).__name__ == "DatabaseError" and any(
         words in str(error.orig) for words in ("malformed", "not a database")
     )
@@ -206,12 +210,13 @@ class Database:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self.damage = ""
-        """What the database said when it met a damaged page; "" while it has met none."""
+        """Last error about a damaged page; "" if there was none."""
         self._sessions = sessionmaker(engine, expire_on_commit=False)
 
     @contextmanager
     def unit_of_work(self) -> Iterator[Session]:
-        """A session that commits at the end, or rolls back when something is raised."""
+        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the
+        database fails."""
         try:
             with self._sessions.begin() as session:
                 yield session
@@ -227,5 +232,5 @@ class Database:
             raise CorruptData("the database is damaged", got=self.damage, hint=DAMAGED_HINT) from error
 
     def close(self) -> None:
-        """Give back all connections."""
+        """Close all connections."""
         self.engine.dispose()

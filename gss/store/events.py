@@ -1,4 +1,4 @@
-"""The record of events."""
+"""Recorded events."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def add(session: Session, at: datetime, kind: str, severity: str, text: str, dat
 
 
 def after(session: Session, seq: int, limit: int) -> list[Event]:
-    """Events after ``seq``, oldest first."""
+    """Return events after ``seq``, oldest first."""
     return list(session.scalars(select(Event).where(Event.seq > seq).order_by(Event.seq).limit(limit)))
 
 
 def between(session: Session, start: datetime, end: datetime, limit: int) -> list[Event]:
-    """The newest ``limit`` events of a span, oldest first."""
+    """Return the newest ``limit`` events of a time range, oldest first."""
     found = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq.desc()).limit(limit)
     return list(session.scalars(found))[::-1]
 
 
 def last_seq(session: Session) -> int:
-    """The newest event's number; 0 before the first."""
+    """Return the newest event's number; 0 if there is none."""
     return session.scalar(select(func.max(Event.seq))) or 0

@@ -1,4 +1,4 @@
-"""Everything of a span of time, a block of rows at a time: for exports that are larger than memory."""
+"""All rows of a time range, in blocks, for exports larger than memory."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gss.store.models import Command, Event, Frame, Solution, TelemetryPacket
 
 BLOCK_ROWS = 4000
 SOLUTION_ROWS = 500
-"""Solutions carry what overlays draw."""
+"""Fewer than for other rows, because solutions include overlay data."""
 
 
 def packet_names(database: Database) -> list[str]:
-    """Names of the packets that are stored, by a look-up in the index each."""
+    """Return the names of the stored packets, with one index lookup per name."""
     names: list[str] = []
     while True:
         query = select(TelemetryPacket.packet).where(TelemetryPacket.packet > (names[-1] if names else ""))
@@ -30,26 +30,26 @@ def packet_names(database: Database) -> list[str]:
 
 
 def telemetry(database: Database, packet: str, start: datetime, end: datetime) -> Iterator[list[Any]]:
-    """Rows (received, id, contact_id, device_time_s, request_id, values) of a packet."""
+    """Yield blocks of (received, id, contact_id, device_time_s, request_id, values) of a packet."""
     row = TelemetryPacket
     query = select(row.received, row.id, row.contact_id, row.device_time_s, row.request_id, row.values)
     return _blocks(database, query.where(row.packet == packet), row.received, row.id, start, end, BLOCK_ROWS)
 
 
 def solutions(database: Database, start: datetime, end: datetime) -> Iterator[list[Any]]:
-    """(created, id, Frame, Solution) of all solutions."""
+    """Yield blocks of (created, id, Frame, Solution)."""
     query = select(Solution.created, Solution.id, Frame, Solution).join(Frame, Frame.id == Solution.frame_id)
     return _blocks(database, query, Solution.created, Solution.id, start, end, SOLUTION_ROWS)
 
 
 def commands(database: Database, start: datetime, end: datetime) -> Iterator[list[Any]]:
-    """(created, id, Command) of all commands."""
+    """Yield blocks of (created, id, Command)."""
     query = select(Command.created, Command.id, Command)
     return _blocks(database, query, Command.created, Command.id, start, end, BLOCK_ROWS)
 
 
 def events(database: Database, start: datetime, end: datetime) -> Iterator[list[Any]]:
-    """(at, seq, Event) of the record."""
+    """Yield blocks of (at, seq, Event)."""
     return _blocks(database, select(Event.at, Event.seq, Event), Event.at, Event.seq, start, end, BLOCK_ROWS)
 
 
@@ -62,7 +62,7 @@ def _blocks(
     end: datetime,
     block: int,
 ) -> Iterator[list[Any]]:
-    """``start`` is in the span, ``end`` is not. No transaction stays open between two blocks."""
+    """Yield blocks of rows from ``start`` (inclusive) to ``end`` (exclusive). No transaction stays open between blocks."""
     at, last = start, -1
     while True:
         later = or_(moment > at, (moment == at) & (key > last))

@@ -22,7 +22,7 @@ def add(session: Session, frame: Frame) -> Frame:
 
 
 def get(session: Session, frame_id: int) -> Frame:
-    """The frame of that id."""
+    """Return the frame with that id; NotFound if there is none."""
     row = session.get(Frame, frame_id)
     if row is None:
         raise NotFound(
@@ -32,7 +32,7 @@ def get(session: Session, frame_id: int) -> Frame:
 
 
 def latest(session: Session) -> Frame | None:
-    """The frame received last."""
+    """Return the frame received last."""
     return session.scalar(select(Frame).order_by(Frame.id.desc()).limit(1))
 
 
@@ -50,8 +50,9 @@ def page(
     least_stars: int | None = None,
     most_stars: int | None = None,
 ) -> tuple[int, list[Frame]]:
-    """Total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars are those of the operational
-    ground solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved where there is none yet."""
+    """Return the total and one page of frames, newest first; ``start`` ≤ taken < ``end``. ``outcome`` and stars refer
+    to the operational ground solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved if there is
+    no such solution yet."""
     query = select(Frame)
     for column, wanted in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
         if wanted is not None:
@@ -79,20 +80,20 @@ def page(
 
 
 def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
-    """A frame's number with those of as many before and after it."""
+    """Return a frame's id with up to ``each_side`` ids before and after it."""
     before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)
     after = select(Frame.id).where(Frame.id > frame_id).order_by(Frame.id).limit(each_side)
     return sorted([*session.scalars(before), *session.scalars(after)])
 
 
 def ids_of_contact(session: Session, contact_id: int, most: int) -> list[int]:
-    """Numbers of the newest frames of a contact, in order."""
+    """Return the ids of the newest frames of a contact, in ascending order."""
     newest = select(Frame.id).where(Frame.contact_id == contact_id).order_by(Frame.id.desc()).limit(most)
     return sorted(session.scalars(newest))
 
 
 def ids_solved(session: Session, chain: str, start: datetime, end: datetime, most: int) -> list[int]:
-    """Numbers of frames on which a chain ran on the ground in a span of time, in order."""
+    """Return the ids of frames that a chain processed on the ground in a time range, in ascending order."""
     solved = select(Solution.frame_id).where(Solution.created >= start, Solution.created <= end)
     return sorted(
         session.scalars(solved.where(Solution.origin == "ground", Solution.chain == chain).distinct().limit(most))
@@ -100,12 +101,12 @@ def ids_solved(session: Session, chain: str, start: datetime, end: datetime, mos
 
 
 def ids_there(session: Session, ids: Sequence[int]) -> list[int]:
-    """Those of the numbers that frames have, in order."""
+    """Return those of the ids that exist, in ascending order."""
     return sorted(session.scalars(select(Frame.id).where(Frame.id.in_(ids))))
 
 
 def modes(session: Session) -> list[str]:
-    """The modes in which stored frames were taken."""
+    """Return the modes of stored frames."""
     return sorted(m for m in session.scalars(select(Frame.mode).distinct()) if m)
 
 
@@ -117,12 +118,12 @@ def add_solution(session: Session, solution: Solution) -> Solution:
 
 
 def add_solutions(session: Session, rows: list[dict[str, Any]]) -> None:
-    """Store many solutions, given as their columns."""
+    """Store many solutions, given as column values."""
     session.execute(insert(Solution), rows)
 
 
 def get_solution(session: Session, solution_id: int) -> Solution:
-    """The solution of that id."""
+    """Return the solution with that id; NotFound if there is none."""
     row = session.get(Solution, solution_id)
     if row is None:
         raise NotFound("no such solution", got=str(solution_id))
@@ -130,26 +131,26 @@ def get_solution(session: Session, solution_id: int) -> Solution:
 
 
 def solutions_of(session: Session, frame_id: int) -> list[Solution]:
-    """All solutions of a frame, newest first."""
+    """Return all solutions of a frame, newest first."""
     return list(session.scalars(select(Solution).where(Solution.frame_id == frame_id).order_by(Solution.id.desc())))
 
 
 def newest_solution(session: Session, frame_id: int, origin: str) -> Solution | None:
-    """The newest solution of a frame from that origin."""
+    """Return the newest solution of a frame from that origin."""
     query = select(Solution).where(Solution.frame_id == frame_id, Solution.origin == origin)
     return session.scalar(query.order_by(Solution.id.desc()).limit(1))
 
 
 def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[int, Solution]:
-    """The operational ground solution of each frame that has one, in one query."""
+    """Return the operational ground solution of each frame that has one, in one query."""
     query = select(Solution).where(Solution.frame_id.in_(frame_ids), Solution.operational)
     return {row.frame_id: row for row in session.scalars(query)}
 
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
-    """Make the oldest solution of ``chain`` with the frame's camera operational, for frames without an operational solution.
-
-    Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
+    """For frames without an operational solution, make the oldest solution of ``chain`` with the frame's camera
+    operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other
+    writers."""
     _lock(session, frame_ids)
     pinned = select(Solution.frame_id).where(Solution.operational)
     oldest = (
@@ -166,7 +167,7 @@ def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
 
 
 def pin(session: Session, frame_id: int, solution_id: int) -> None:
-    """Make a solution the operational one of its frame, in place of another."""
+    """Make a solution the operational one of its frame, replacing any other."""
     _lock(session, [frame_id])
     mine = update(Solution).where(Solution.frame_id == frame_id)
     session.execute(mine.where(Solution.operational).values(operational=False))
@@ -174,13 +175,13 @@ def pin(session: Session, frame_id: int, solution_id: int) -> None:
 
 
 def _lock(session: Session, frame_ids: Sequence[int]) -> None:
-    """PostgreSQL: wait for other transactions that pin solutions of these frames. SQLite has one writer anyway."""
+    """On PostgreSQL, wait for other transactions that pin solutions of these frames. SQLite has a single writer."""
     if session.get_bind().dialect.name != "sqlite":
         session.execute(select(Frame.id).where(Frame.id.in_(frame_ids)).order_by(Frame.id).with_for_update())
 
 
 def solved_by(session: Session, chain: str, version: str) -> set[int]:
-    """Frames on which this chain and version ran on the ground."""
+    """Return the frames that this version of a chain has processed on the ground."""
     query = select(Solution.frame_id).where(
         Solution.origin == "ground", Solution.chain == chain, Solution.version == version, Solution.replay.is_(None)
     )
@@ -188,7 +189,7 @@ def solved_by(session: Session, chain: str, version: str) -> set[int]:
 
 
 class Outcome(NamedTuple):
-    """The figures of a solution that comparisons need, without its overlays."""
+    """Columns of a solution needed for comparisons, without its overlays."""
 
     frame_id: int
     chain: str
@@ -201,7 +202,7 @@ class Outcome(NamedTuple):
 
 
 def newest_by_chain(session: Session) -> list[Outcome]:
-    """The newest ground result of each frame, chain and version."""
+    """Return the newest ground result of each frame, chain and version."""
     newest = (
         select(func.max(Solution.id))
         .where(Solution.origin == "ground", Solution.replay.is_(None))
@@ -212,7 +213,7 @@ def newest_by_chain(session: Session) -> list[Outcome]:
 
 
 def results(session: Session, chain: str = "") -> list[tuple[Frame, Solution]]:
-    """Frames with their results, oldest result first, without overlays."""
+    """Return frames with their solutions, oldest solution first, without overlays."""
     query = select(Frame, Solution).join(Solution, Solution.frame_id == Frame.id).options(defer(Solution.detail))
     if chain:
         query = query.where(Solution.chain == chain)

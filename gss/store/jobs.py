@@ -1,4 +1,4 @@
-"""Jobs."""
+"""Background jobs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add(session: Session, job: Job) -> Job:
 
 
 def get(session: Session, job_id: int) -> Job:
-    """The job of that id."""
+    """Return the job with that id; NotFound if there is none."""
     row = session.get(Job, job_id)
     if row is None:
         raise NotFound("no such job", got=str(job_id))
@@ -27,16 +27,16 @@ def get(session: Session, job_id: int) -> Job:
 
 
 def newest(session: Session, limit: int) -> list[Job]:
-    """Newest first."""
+    """Return the newest jobs first."""
     return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
 
 
 def keep(session: Session, job_id: int, checkpoint: dict[str, Any]) -> None:
-    """Where the job goes on. It came further: deaths before no longer count against it."""
+    """Store a job's checkpoint. It has made progress, so earlier crashes no longer count."""
     row = get(session, job_id)
     row.checkpoint, row.attempts = checkpoint, 0
 
 
 def unfinished(session: Session) -> list[Job]:
-    """Jobs that the last server left open."""
+    """Return jobs that the last server run left unfinished."""
     return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))

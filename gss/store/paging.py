@@ -1,4 +1,4 @@
-"""A long table, a piece at a time; ``number`` is the column that orders it and never changes."""
+"""Read a long table in pages; ``number`` is the column that orders it and never changes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ BATCH = 500
 def newest(
     session: Session, query: Select[Row], number: InstrumentedAttribute[int], limit: int, before: int | None
 ) -> list[Row]:
-    """Newest first, those numbered below ``before``."""
+    """Return the newest rows first, with numbers below ``before``."""
     query = query.order_by(number.desc()).limit(limit)
     return list(session.scalars(query if before is None else query.where(number < before)))
 
 
 def every(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
-    """All, oldest first, read in batches; what was read is forgotten, so that no record is too long for the memory."""
+    """Yield all rows, oldest first, read in batches. Rows are expunged after use, so that memory use is bounded."""
     seen = 0
     while rows := list(session.scalars(query.where(number > seen).order_by(number).limit(BATCH))):
         yield from rows

@@ -1,4 +1,4 @@
-"""Rollups of telemetry: an hour of a field per row, and a row without a field that says that the hour is done."""
+"""Telemetry rollups: one row per field and hour, and one row without a field that marks the hour as complete."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from gss.store.models import TelemetryPacket, TelemetryRollup
 
 HOUR_S = 3600
 DONE = ""
-"""Field of the row that says that an hour is done."""
+"""Field of the row that marks an hour as complete."""
 
 
 def start_of(hour: int) -> datetime:
-    """The moment at which an hour, counted from 1970, begins."""
+    """Return the start of an hour, counted from 1970."""
     return datetime.fromtimestamp(hour * HOUR_S, UTC)
 
 
 def hour_of(moment: datetime) -> int:
-    """The hour of a moment."""
+    """Return the hour of a time, counted from 1970."""
     return int(moment.timestamp() // HOUR_S)
 
 
 def done_hours(session: Session, packet: str, first: int, last: int) -> list[int]:
-    """Hours of a span that are done, both ends included, in order."""
+    """Return the completed hours of a range, both ends included, in order."""
     key = TelemetryRollup
     query = select(key.hour).where(key.packet == packet, key.field == DONE, key.hour.between(first, last))
     return list(session.scalars(query.order_by(key.hour)))
 
 
 def newest_hour(session: Session, packet: str) -> int | None:
-    """The newest hour of a packet that is done."""
+    """Return the newest completed hour of a packet."""
     key = TelemetryRollup
     return session.scalar(select(func.max(key.hour)).where(key.packet == packet, key.field == DONE))
 
@@ -42,7 +42,7 @@ def newest_hour(session: Session, packet: str) -> int | None:
 def of_fields(
     session: Session, packet: str, fields: Sequence[str], first: int, last: int
 ) -> Iterator[tuple[int, str, bytes]]:
-    """(hour, field, data) of some fields in a span of hours, hour by hour."""
+    """Yield (hour, field, data) of some fields in a range of hours, hour by hour."""
     key = TelemetryRollup
     query = select(key.hour, key.field, key.data).where(key.packet == packet, key.field.in_(fields))
     for hour, field, data in session.execute(query.where(key.hour.between(first, last)).order_by(key.hour)):
@@ -50,13 +50,13 @@ def of_fields(
 
 
 def next_received(session: Session, packet: str, at: datetime) -> datetime | None:
-    """When the first packet of a kind came at or after a moment."""
+    """Return when the first packet of a kind was received at or after a time."""
     row = TelemetryPacket
     return session.scalar(select(func.min(row.received)).where(row.packet == packet, row.received >= at))
 
 
 def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime, dict[str, Any]]]:
-    """(received, values) of an hour, oldest first."""
+    """Return (received, values) of an hour, oldest first."""
     row = TelemetryPacket
     query = (
         select(row.received, row.values)
@@ -67,7 +67,8 @@ def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime,
 
 
 def keep(session: Session, packet: str, hour: int, data: Mapping[str, bytes], read: int) -> bool:
-    """Store an hour, in place of what was; False, and nothing is stored, where other packets came since ``read`` were read."""
+    """Store an hour, replacing earlier data. If more packets arrived since ``read`` packets were read, roll back and
+    return False."""
     key, row = TelemetryRollup, TelemetryPacket
     session.execute(delete(key).where(key.packet == packet, key.field.in_([DONE, *data]), key.hour == hour))
     rows = [{"packet": packet, "field": field, "hour": hour, "data": packed} for field, packed in data.items()]
@@ -81,6 +82,6 @@ def keep(session: Session, packet: str, hour: int, data: Mapping[str, bytes], re
 
 
 def undo(session: Session, packets: Iterable[str], hour: int) -> None:
-    """An hour is not done any more: packets came late."""
+    """Mark an hour as incomplete again, because packets arrived late."""
     key = TelemetryRollup
     session.execute(delete(key).where(key.packet.in_(list(packets)), key.field == DONE, key.hour == hour))

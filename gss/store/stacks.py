@@ -1,4 +1,4 @@
-"""Stacks of commands and their runs."""
+"""Command stacks and their runs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ UNDER_WAY = ("running", "paused")
 
 
 def every(session: Session) -> list[Stack]:
-    """By name."""
+    """Return all stacks, by name."""
     return list(session.scalars(select(Stack).order_by(Stack.name)))
 
 
 def get(session: Session, stack_id: int) -> Stack:
-    """The stack of that id."""
+    """Return the stack with that id; NotFound if there is none."""
     row = session.get(Stack, stack_id)
     if row is None:
         raise NotFound("no such stack", got=str(stack_id))
@@ -25,7 +25,7 @@ def get(session: Session, stack_id: int) -> Stack:
 
 
 def named(session: Session, name: str) -> Stack | None:
-    """The stack of that name."""
+    """Return the stack with that name."""
     return session.scalar(select(Stack).where(Stack.name == name))
 
 
@@ -36,14 +36,14 @@ def add(session: Session, row: Stack | StackRun) -> None:
 
 
 def delete(session: Session, stack_id: int) -> None:
-    """Forget a stack; its runs stay on the record."""
+    """Delete a stack; its runs stay on record."""
     row = get(session, stack_id)
     session.execute(update(StackRun).where(StackRun.stack_id == stack_id).values(stack_id=None))
     session.delete(row)
 
 
 def get_run(session: Session, run_id: int) -> StackRun:
-    """The run of that id."""
+    """Return the run with that id; NotFound if there is none."""
     row = session.get(StackRun, run_id)
     if row is None:
         raise NotFound("no such run of a stack", got=str(run_id))
@@ -51,10 +51,10 @@ def get_run(session: Session, run_id: int) -> StackRun:
 
 
 def newest_runs(session: Session, limit: int) -> list[StackRun]:
-    """Newest first."""
+    """Return the newest runs first."""
     return list(session.scalars(select(StackRun).order_by(StackRun.id.desc()).limit(limit)))
 
 
 def left_under_way(session: Session) -> list[StackRun]:
-    """Runs that the last server did not end."""
+    """Return runs that the last server run left unfinished."""
     return list(session.scalars(select(StackRun).where(StackRun.state.in_(UNDER_WAY))))

@@ -1,4 +1,4 @@
-"""Star lists that people brought."""
+"""Imported star lists."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add(session: Session, row: StarList) -> StarList:
 
 
 def get(session: Session, list_id: int) -> StarList:
-    """The list of that id."""
+    """Return the list with that id; NotFound if there is none."""
     row = session.get(StarList, list_id)
     if row is None:
         raise NotFound("no such star list", got=str(list_id), hint="upload it first")
@@ -25,5 +25,5 @@ def get(session: Session, list_id: int) -> StarList:
 
 
 def newest(session: Session, limit: int) -> list[StarList]:
-    """Newest first."""
+    """Return the newest lists first."""
     return list(session.scalars(select(StarList).order_by(StarList.id.desc()).limit(limit)))

@@ -1,4 +1,4 @@
-"""Calibrations and analyses: kept for good, newest first."""
+"""Calibrations and analyses; never deleted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def add_calibration(session: Session, row: Calibration) -> Calibration:
 
 
 def calibration(session: Session, calibration_id: int) -> Calibration:
-    """The calibration of that id."""
+    """Return the calibration with that id; NotFound if there is none."""
     row = session.get(Calibration, calibration_id)
     if row is None:
         raise NotFound("no such calibration", got=str(calibration_id))
@@ -25,7 +25,7 @@ def calibration(session: Session, calibration_id: int) -> Calibration:
 
 
 def calibrations(session: Session, limit: int, profile: str = "") -> list[Calibration]:
-    """Newest first; of one camera where it is named."""
+    """Return the newest calibrations first. ``profile``: only this camera."""
     query = select(Calibration).where(Calibration.profile == profile) if profile else select(Calibration)
     return list(session.scalars(query.order_by(Calibration.id.desc()).limit(limit)))
 
@@ -38,7 +38,7 @@ def add_analysis(session: Session, row: Analysis) -> Analysis:
 
 
 def analysis(session: Session, analysis_id: int) -> Analysis:
-    """The analysis of that id."""
+    """Return the analysis with that id; NotFound if there is none."""
     row = session.get(Analysis, analysis_id)
     if row is None:
         raise NotFound("no such analysis", got=str(analysis_id))
@@ -46,6 +46,6 @@ def analysis(session: Session, analysis_id: int) -> Analysis:
 
 
 def analyses(session: Session, limit: int, kind: str = "") -> list[Analysis]:
-    """Newest first; of one kind where it is named."""
+    """Return the newest analyses first. ``kind``: only this kind."""
     query = select(Analysis).where(Analysis.kind == kind) if kind else select(Analysis)
     return list(session.scalars(query.order_by(Analysis.id.desc()).limit(limit)))

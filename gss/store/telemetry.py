@@ -1,4 +1,4 @@
-"""Telemetry packets: batches in, blocks of a span out."""
+"""Telemetry packets: stored in batches, read in blocks of a time range."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BLOCK_ROWS = 4000
 
 
 class Row(NamedTuple):
-    """One packet of a span. ``values``: of the names asked for, in their order."""
+    """One packet. ``values``: of the requested names, in their order."""
 
     received: datetime
     id: int
@@ -33,7 +33,7 @@ def add_batch(session: Session, packets: Sequence[TelemetryPacket]) -> None:
 
 
 def add_many(session: Session, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Store packets that nobody wants back as objects: columns by name, one statement for all of them."""
+    """Store packets given as column values, in one statement, without creating objects."""
     session.execute(insert(TelemetryPacket.__table__), rows)  # type: ignore[arg-type]  # a FromClause by its type
 
 
@@ -48,8 +48,8 @@ def rows(
     unsolicited: bool = False,
     block: int = BLOCK_ROWS,
 ) -> Iterator[Row]:
-    """The packets of a span, oldest first, both ends included; never more than ``block`` of them in memory, and no
-    transaction stays open between two blocks."""
+    """Yield the packets of a time range, oldest first, both ends included. At most ``block`` of them are in memory, and
+    no transaction stays open between blocks."""
     columns = [_value(name) for name in names]
     query = (
         select(
@@ -81,15 +81,15 @@ def rows(
 
 
 def _value(name: str) -> ColumnElement[Any]:
-    """A field of a packet's values. Both databases have the operator, and it leaves a number's digits as they were stored; the
-    function that SQLAlchemy's index uses on SQLite gives fifteen of them."""
+    """Return the column expression for a field of a packet's values. Both databases have the operator, which keeps all
+    digits of a number; the function that SQLAlchemy uses on SQLite keeps only fifteen."""
     if sqlite3.sqlite_version_info < (3, 38):
         return TelemetryPacket.values[name]
     return TelemetryPacket.values.op("->", return_type=JSON())(literal(name, String()))
 
 
 def newest(session: Session, packet: str, limit: int) -> list[TelemetryPacket]:
-    """Newest packets of one kind first."""
+    """Return the newest packets of one kind first."""
     query = (
         select(TelemetryPacket)
         .where(TelemetryPacket.packet == packet)
@@ -108,7 +108,7 @@ def page(
     before_id: int | None,
     contact_id: int | None = None,
 ) -> list[TelemetryPacket]:
-    """Packets newest first, a page at a time: ``before_id`` is the last id of the page before."""
+    """Return a page of packets, newest first; ``before_id`` is the last id of the previous page."""
     query = select(TelemetryPacket).order_by(TelemetryPacket.id.desc()).limit(limit)
     wanted = (
         (TelemetryPacket.packet, packet, "__eq__"),
@@ -124,7 +124,7 @@ def page(
 
 
 def counts(session: Session, contact_id: int) -> dict[str, int]:
-    """Number of stored packets of each kind of a contact."""
+    """Return the number of stored packets of each kind for a contact."""
     query = (
         select(TelemetryPacket.packet, func.count(TelemetryPacket.id))
         .where(TelemetryPacket.contact_id == contact_id)

@@ -1,4 +1,4 @@
-"""Transfers."""
+"""Uploads and downloads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add(session: Session, transfer: Transfer) -> Transfer:
 
 
 def get(session: Session, transfer_id: int) -> Transfer:
-    """The transfer of that id."""
+    """Return the transfer with that id; NotFound if there is none."""
     row = session.get(Transfer, transfer_id)
     if row is None:
         raise NotFound("no such transfer", got=str(transfer_id))
@@ -27,17 +27,18 @@ def get(session: Session, transfer_id: int) -> Transfer:
 
 
 def newest(session: Session, limit: int) -> list[Transfer]:
-    """Newest first."""
+    """Return the newest transfers first."""
     return list(session.scalars(select(Transfer).order_by(Transfer.id.desc()).limit(limit)))
 
 
 def unfinished(session: Session) -> list[Transfer]:
-    """Transfers that the last server left open, oldest first."""
+    """Return transfers that the last server run left unfinished, oldest first."""
     return list(session.scalars(select(Transfer).where(Transfer.state.not_in(ENDED)).order_by(Transfer.id)))
 
 
 def mark_active(session: Session, kind: str, sha256: str) -> list[Transfer]:
-    """The newest upload that brought this content is active, every other one of its kind committed; the rows that changed."""
+    """Mark the newest upload with this content as active and all others of its kind as committed. Returns the changed
+    rows."""
     of_kind = select(Transfer).where(Transfer.direction == "up", Transfer.kind == kind)
     brought = of_kind.where(Transfer.state.in_(("committed", "active")), Transfer.sha256 == sha256)
     newest = session.scalar(brought.order_by(Transfer.id.desc()).limit(1))

@@ -1,4 +1,4 @@
-"""What upkeep asks of the tables: which bytes are still needed, how much there is, what is old enough to go."""
+"""Queries for maintenance: referenced blobs, stored amounts, and rows old enough to be deleted."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PIXEL_BYTES = {"|u1": 1, "|i1": 1, "<u2": 2, "<i2": 2, "<f4": 4, "<f8": 8}
 
 @dataclass(frozen=True)
 class Reference:
-    """Bytes that something needs. ``size``: what they must be long, None where nobody says."""
+    """Reference to a blob. ``size``: its expected size, None if unknown."""
 
     sha256: str
     by: str
@@ -46,7 +46,7 @@ class Reference:
 
 
 def references(session: Session) -> Iterator[Reference]:
-    """Everything that the rows say is kept as bytes."""
+    """Yield every blob reference in the database."""
     frames = select(Frame.id, Frame.sha256, Frame.dtype, Frame.columns * Frame.rows)
     for row_id, sha256, dtype, pixels in session.execute(frames.where(Frame.pixels_removed.is_(None))):
         yield Reference(sha256, f"frame {row_id}", pixels * PIXEL_BYTES[dtype] if dtype in PIXEL_BYTES else None)
@@ -65,7 +65,7 @@ def references(session: Session) -> Iterator[Reference]:
 
 
 def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
-    """Those of some bytes, of removed frames, that another row needs."""
+    """Return those blobs of deleted frames that another row still references."""
     needed: set[str] = set()
     for model in (Catalogue, DeviceTable, StarList):
         needed |= set(session.scalars(select(model.sha256).where(model.sha256.in_(keys))))
@@ -81,7 +81,7 @@ def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
 
 @dataclass(frozen=True)
 class Pixels:
-    """Pixels that are there: of which frame, since when, how many bytes."""
+    """Stored pixels: their frame, time of receipt and size in bytes."""
 
     frame_id: int
     sha256: str
@@ -90,7 +90,7 @@ class Pixels:
 
 
 def pixels_held(session: Session) -> Iterator[Pixels]:
-    """Every frame that has pixels and is no favourite, oldest first."""
+    """Yield every frame that has pixels and is not a favourite, oldest first."""
     columns = (Frame.id, Frame.sha256, Frame.received, Frame.dtype, Frame.columns * Frame.rows)
     query = select(*columns).where(Frame.pixels_removed.is_(None), Frame.favourite.is_(False)).order_by(Frame.id)
     for row_id, sha256, received, dtype, pixels in session.execute(query.execution_options(yield_per=BATCH)):
@@ -98,7 +98,7 @@ def pixels_held(session: Session) -> Iterator[Pixels]:
 
 
 def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, int]:
-    """(frames with pixels, their bytes), of those received since then."""
+    """Return (frames with pixels, their bytes), for those received since ``since``."""
     query = select(Frame.dtype, func.count(), func.sum(Frame.columns * Frame.rows))
     query = query.where(Frame.pixels_removed.is_(None)).group_by(Frame.dtype)
     if since is not None:
@@ -108,7 +108,7 @@ def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, i
 
 
 def used_by_studies(session: Session) -> set[int]:
-    """Frames that a calibration or an analysis was made from: it can be checked only while they have their pixels."""
+    """Return frames used by a calibration or an analysis, which can be verified only while the pixels exist."""
     used: set[int] = set()
     for model in (Calibration, Analysis):
         for request in session.scalars(select(model.request)):
@@ -126,20 +126,21 @@ def _numbers(values: Iterable[Any]) -> Iterator[int]:
 
 
 def remove_pixels(session: Session, frame_ids: Sequence[int], at: datetime) -> None:
-    """Say of these frames that their pixels have gone; everything else of them stays."""
+    """Mark the pixels of these frames as deleted; all other data of the frames stays."""
     session.execute(update(Frame).where(Frame.id.in_(frame_ids)).values(pixels_removed=at))
 
 
 @dataclass(frozen=True)
 class Amounts:
-    """How much is stored of frames (with pixels), frames_bytes, packets and events; ``arrived``: of it since the last removal."""
+    """Stored amounts of frames (with pixels), frames_bytes, packets and events. ``arrived``: the part stored since the
+    last removal."""
 
     held: dict[str, int]
     arrived: dict[str, int]
 
 
 def amounts(session: Session, last: datetime | None) -> Amounts:
-    """Stored amounts by kind. ``last``: the last removal; None: nothing counts as arrived since."""
+    """Return the stored amounts. ``last``: time of the last removal; None: nothing counts as arrived since."""
     return Amounts(_amounts(session, None), _amounts(session, last) if last else dict.fromkeys(AMOUNTS, 0))
 
 
@@ -155,7 +156,7 @@ def _amounts(session: Session, since: datetime | None) -> dict[str, int]:
 
 
 def newest_row(session: Session) -> datetime | None:
-    """Time of the newest of the rows that were stored last, of everything that is received or recorded; None in an empty store."""
+    """Return the latest time among the newest rows of all tables of received or recorded data; None if they are empty."""
     columns = (
         (Event.at, Event.seq),
         (TelemetryPacket.received, TelemetryPacket.id),
@@ -170,7 +171,7 @@ def newest_row(session: Session) -> datetime | None:
 
 
 def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:
-    """Retention never takes a favourite's pixels."""
+    """Mark a frame as favourite or not; retention never deletes a favourite's pixels."""
     session.execute(update(Frame).where(Frame.id == frame_id).values(favourite=favourite))
 
 
@@ -178,12 +179,12 @@ def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:
 
 
 def packet_kinds(session: Session) -> list[str]:
-    """Names of the packets that are stored."""
+    """Return the names of stored packets."""
     return sorted(session.scalars(select(TelemetryPacket.packet).distinct()))
 
 
 def count_packets(session: Session, before: datetime | None = None, since: datetime | None = None) -> int:
-    """Stored packets of a span."""
+    """Return the number of stored packets in a time range."""
     query = select(func.count()).select_from(TelemetryPacket)
     if before is not None:
         query = query.where(TelemetryPacket.received < before)
@@ -193,7 +194,7 @@ def count_packets(session: Session, before: datetime | None = None, since: datet
 
 
 def remove_packets(session: Session, packet: str, before: datetime, limit: int = BATCH) -> int:
-    """Remove the oldest packets of one kind, so many at once; how many went."""
+    """Delete the oldest packets of one kind, at most ``limit``. Returns the number deleted."""
     old = select(TelemetryPacket.id).where(TelemetryPacket.packet == packet, TelemetryPacket.received < before)
     ids = list(session.scalars(old.order_by(TelemetryPacket.received).limit(limit)))
     _remove(session, ids)
@@ -203,8 +204,8 @@ def remove_packets(session: Session, packet: str, before: datetime, limit: int =
 def thin_packets(
     session: Session, packet: str, after: datetime | None, before: datetime, every_s: float, limit: int = BATCH
 ) -> tuple[int, datetime | None]:
-    """Of the packets that the device sent by itself keep the first of each ``every_s``; (removed, how far this came), None where
-    the end was reached."""
+    """Of unsolicited packets keep the first in each ``every_s``. Returns the number deleted and the time to continue
+    from, None at the end of the range."""
     rows = select(TelemetryPacket.id, TelemetryPacket.received).where(
         TelemetryPacket.packet == packet, TelemetryPacket.request_id == 0, TelemetryPacket.received < before
     )
@@ -220,7 +221,7 @@ def thin_packets(
         else:
             last, kept = bucket, received
     _remove(session, gone)
-    # The next look begins with the one that was kept: what follows in its minute goes too.
+    # The next call starts at the packet that was kept, so that later ones in the same interval are deleted too.
     return len(gone), kept if len(found) == limit else None
 
 
@@ -230,23 +231,23 @@ def _remove(session: Session, ids: Sequence[int]) -> None:
 
 
 def count_events(session: Session, before: datetime) -> int:
-    """Lines of the record from before."""
+    """Return the number of events before a time."""
     return session.scalar(select(func.count()).select_from(Event).where(Event.at < before)) or 0
 
 
 def remove_events(session: Session, before: datetime, limit: int = BATCH) -> int:
-    """Remove the oldest lines of the record, so many at once; how many went."""
+    """Delete the oldest events, at most ``limit``. Returns the number deleted."""
     ids = list(session.scalars(select(Event.seq).where(Event.at < before).order_by(Event.at).limit(limit)))
     if ids:
         session.execute(delete(Event).where(Event.seq.in_(ids)))
     return len(ids)
 
 
-# --- the whole --------------------------------------------------------------------------------------------------
+# --- whole database ---------------------------------------------------------------------------------------------
 
 
 def database_bytes(session: Session) -> int:
-    """Bytes that the database uses; pages that were freed and wait to be used again do not count."""
+    """Return the bytes used by the database, without free pages."""
     if session.get_bind().dialect.name == "sqlite":
         pages, free, size = (session.scalar(text(f"PRAGMA {p}")) for p in ("page_count", "freelist_count", "page_size"))
         return (int(pages) - int(free)) * int(size)
@@ -254,21 +255,21 @@ def database_bytes(session: Session) -> int:
 
 
 def row_counts(session: Session) -> dict[str, int]:
-    """Rows of each table that there is."""
+    """Return the number of rows of each existing table."""
     there = set(inspect(session.connection()).get_table_names())
     tables = [t for t in Base.metadata.sorted_tables if t.name in there]
     return {t.name: session.scalar(select(func.count()).select_from(t)) or 0 for t in tables}
 
 
 def schema_version(session: Session) -> str:
-    """The migration that the database is at; "" without any."""
+    """Return the schema revision of the database; "" if there is none."""
     if "alembic_version" not in inspect(session.connection()).get_table_names():
         return ""
     return str(session.scalar(text("SELECT version_num FROM alembic_version")) or "")
 
 
 def integrity_problems(session: Session, most: int = 20) -> list[str]:
-    """What the database itself finds wrong with its file; PostgreSQL watches over that itself."""
+    """Return problems that SQLite's integrity check finds. Empty for PostgreSQL, which monitors its own files."""
     if session.get_bind().dialect.name != "sqlite":
         return []
     found = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({most})"))]
@@ -276,7 +277,7 @@ def integrity_problems(session: Session, most: int = 20) -> list[str]:
 
 
 def broken_links(session: Session, most: int = 20) -> list[str]:
-    """Rows that name a row of another table which is not there."""
+    """Return rows that reference a missing row of another table."""
     if session.get_bind().dialect.name == "sqlite":
         rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(most)
         return [f"{row[0]} row {row[1]} names a missing row of {row[2]}" for row in rows]
@@ -292,7 +293,7 @@ def broken_links(session: Session, most: int = 20) -> list[str]:
 
 
 def states(session: Session) -> Iterator[tuple[str, str, int]]:
-    """(commands | transfers | jobs | alarms, state, how many rows)."""
+    """Yield (commands | transfers | jobs | alarms, state, number of rows)."""
     pairs: tuple[tuple[str, Any], ...] = (
         ("commands", Command.result),
         ("transfers", Transfer.state),
@@ -305,13 +306,13 @@ def states(session: Session) -> Iterator[tuple[str, str, int]]:
 
 
 def oldest(session: Session) -> tuple[datetime | None, datetime | None, datetime | None]:
-    """When the oldest frame with pixels, the oldest packet, and the oldest line of the record came."""
+    """Return the times of the oldest frame with pixels, the oldest packet and the oldest event."""
     frame = session.scalar(select(func.min(Frame.received)).where(Frame.pixels_removed.is_(None)))
     return frame, session.scalar(select(func.min(TelemetryPacket.received))), session.scalar(select(func.min(Event.at)))
 
 
 def frame_count(session: Session) -> int:
-    """Stored frames, with pixels or without."""
+    """Return the number of stored frames, with or without pixels."""
     return session.scalar(select(func.count()).select_from(Frame)) or 0
 
 
@@ -319,7 +320,7 @@ def frame_count(session: Session) -> int:
 
 
 def close_keys(session: Session, now: datetime, reason: str) -> None:
-    """Every sign-in, one-time link and token is worth nothing from now on; users and passwords stay."""
+    """Invalidate every session, one-time link and token; users and passwords stay."""
     session.execute(update(SignIn).where(SignIn.ended.is_(None)).values(ended=now, end_reason=reason))
     session.execute(update(OneTimeLink).where(OneTimeLink.used.is_(None)).values(used=now))
     session.execute(update(ApiToken).where(ApiToken.revoked.is_(None)).values(revoked=now))

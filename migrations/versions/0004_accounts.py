@@ -1,4 +1,4 @@
-"""Users, sign-ins, tokens, one-time links, and the audit record that only grows"""
+"""Users, sessions, tokens, one-time links, and the append-only audit log"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ depends_on = None
 
 WORDS = "the audit record is append-only"
 SQLITE = "CREATE TRIGGER audit_no_{event} BEFORE {EVENT} ON audit BEGIN SELECT RAISE(ABORT, '{words}'); END"
-SQLITE_REPLACE = (  # INSERT OR REPLACE would remove a row without asking the trigger on DELETE
+SQLITE_REPLACE = (  # INSERT OR REPLACE would delete a row without firing the DELETE trigger
     "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit "
     "WHEN EXISTS (SELECT 1 FROM audit WHERE seq = NEW.seq OR previous = NEW.previous) "
     "BEGIN SELECT RAISE(ABORT, '{words}'); END"

@@ -1,4 +1,4 @@
-"""Upkeep: where jobs go on, frames without pixels"""
+"""Upkeep: job checkpoints, frames without pixels"""
 
 from __future__ import annotations
 

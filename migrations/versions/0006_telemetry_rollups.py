@@ -1,4 +1,4 @@
-"""Telemetry rollups: extremes of every ten seconds, an hour of a field per row"""
+"""Telemetry rollups: extremes of every ten seconds, one row per field and hour"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables, by aggregate. Importing this room is what makes all of them known."""
+"""The database tables, by aggregate. Importing this package registers all of them."""
 
 from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, User
 from gss.store.models.base import Base, UtcDateTime

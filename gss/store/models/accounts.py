@@ -1,4 +1,4 @@
-"""Who may use this server, and the record of what everybody did. Of every secret only the hash is kept."""
+"""Users, sessions, tokens, one-time links and the audit log. Secrets are stored only as hashes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.store.models.base import Base
 
 
 class User(Base):
-    """Somebody. ``password_hash`` is "" until the one-time link was used."""
+    """User account. ``password_hash`` is "" until the one-time link was used."""
 
     __tablename__ = "users"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -27,7 +27,7 @@ class User(Base):
 
 
 class SignIn(Base):
-    """One session in a browser. ``expires``: its end whatever happens; it ends earlier where nothing was asked for long."""
+    """Session in a browser. ``expires``: latest end; it ends earlier after a period without requests."""
 
     __tablename__ = "sign_ins"
     __table_args__ = (Index("ix_sign_ins_user_id_ended", "user_id", "ended"),)
@@ -44,7 +44,7 @@ class SignIn(Base):
 
 
 class ApiToken(Base):
-    """A program's key. ``scopes``: permissions of the role that it keeps; empty keeps all of them."""
+    """API token. ``scopes``: permissions of the role that it keeps; empty keeps all of them."""
 
     __tablename__ = "api_tokens"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -61,7 +61,7 @@ class ApiToken(Base):
 
 
 class OneTimeLink(Base):
-    """A link that works once. ``kind``: setup (no user yet) or password (of ``user_id``)."""
+    """One-time link. ``kind``: setup (no user yet) or password (of ``user_id``)."""
 
     __tablename__ = "one_time_links"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -74,8 +74,8 @@ class OneTimeLink(Base):
 
 
 class AuditRow(Base):
-    """One line of the record; triggers refuse to change or remove it. ``hash`` covers all of it and ``previous``, the hash
-    of the line before: two lines can never follow the same one."""
+    """Row of the audit log; triggers prevent changes and deletion. ``hash`` covers the row and ``previous``, the hash
+    of the row before. ``previous`` is unique, so that two rows cannot follow the same one."""
 
     __tablename__ = "audit"
     __table_args__ = (Index("ix_audit_who_seq", "who", "seq"), Index("ix_audit_action_seq", "action", "seq"))

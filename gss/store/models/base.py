@@ -1,4 +1,4 @@
-"""What all tables share. Times are UTC without zone in the database (SQLite has none) and with zone in Python."""
+"""Base of all tables. Times are UTC without zone in the database (SQLite has none) and with zone in Python."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sqlalchemy.orm import DeclarativeBase
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A moment in UTC; refuses a datetime without a zone, so that local time cannot creep in."""
+    """UTC time; rejects a datetime without a zone, so that local time is never stored."""
 
     impl = DateTime
     cache_ok = True
@@ -27,7 +27,7 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 
 class Base(DeclarativeBase):
-    """Common ground of all tables; constraint names are fixed so that migrations can find them."""
+    """Declarative base of all tables; constraint names are fixed so that migrations can find them."""
 
     metadata = MetaData(
         naming_convention={

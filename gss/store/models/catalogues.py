@@ -1,4 +1,4 @@
-"""What is made for the sensor."""
+"""Catalogues, device tables, bank history and star lists."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.store.models.base import Base
 
 
 class Catalogue(Base):
-    """A built sub-catalogue: request, manifest, report; the image is a blob."""
+    """Built sub-catalogue: request, manifest and report; the image is a blob."""
 
     __tablename__ = "catalogues"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -33,7 +33,7 @@ class Catalogue(Base):
 
 
 class DeviceTable(Base):
-    """Something for the sensor that is no catalogue: triplets, calibration, parameters. The bytes are a blob by hash."""
+    """Device table other than a catalogue: triplets, calibration or parameters. The bytes are a blob, by hash."""
 
     __tablename__ = "device_tables"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -49,8 +49,8 @@ class DeviceTable(Base):
 
 
 class BankHistory(Base):
-    """One bank of a device in one state with one content, from when the device said so; ``ended`` None: still so.
-    ``told``: when the device last confirmed it."""
+    """Period in which a device bank had one state and content, from the device's first report; ``ended`` None:
+    unchanged. ``told``: when the device last confirmed it."""
 
     __tablename__ = "bank_history"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -70,7 +70,7 @@ class BankHistory(Base):
 
 
 class StarList(Base):
-    """A star list that somebody brought: the file as it came is a blob, ``report`` says what was read and what was dropped."""
+    """Imported star list: the original file is a blob, ``report`` states what was read and what was dropped."""
 
     __tablename__ = "star_lists"
     id: Mapped[int] = mapped_column(primary_key=True)

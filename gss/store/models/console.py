@@ -1,4 +1,4 @@
-"""What people at the console do: alarms, choices, authority, stacks, long work."""
+"""Operations at the console: alarms, choices, authority, stacks, jobs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from gss.store.models.base import Base
 
 
 class Alarm(Base):
-    """A limit that was left, from its first sample until it is back and an operator has seen it. Never deleted."""
+    """Limit violation, from its first sample until the value is back and an operator has acknowledged it. Never
+    deleted."""
 
     __tablename__ = "alarms"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -34,7 +35,7 @@ class Alarm(Base):
 
 
 class Choice(Base):
-    """What an operator has chosen for the installation, by name: the limit set in force, changed limits."""
+    """Setting changed by an operator, by name: the limit set in force, changed limits."""
 
     __tablename__ = "choices"
     name: Mapped[str] = mapped_column(String(60), primary_key=True)
@@ -44,7 +45,7 @@ class Choice(Base):
 
 
 class Authority(Base):
-    """Who may command, from taking to releasing. The open row, if any, is the holder."""
+    """Holder of command authority, from taking to releasing. The open row, if any, is the current holder."""
 
     __tablename__ = "authorities"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -68,7 +69,7 @@ class Stack(Base):
 
 
 class StackRun(Base):
-    """One run of a stack: the steps as they were then, and how far it came."""
+    """Run of a stack: a copy of its steps, and the progress."""
 
     __tablename__ = "stack_runs"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -84,8 +85,8 @@ class StackRun(Base):
 
 
 class Job(Base):
-    """Long work with progress. ``checkpoint``: where it goes on after a crash, in its own kind's words; ``attempts``: servers that
-    died over it since it last came further."""
+    """Background job. ``checkpoint``: where it resumes after a crash, in a format of its kind; ``attempts``: server
+    crashes while it ran, since its last progress."""
 
     __tablename__ = "jobs"
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -1,4 +1,4 @@
-"""Images and what chains made of them."""
+"""Frames and their solutions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gss.store.models.base import Base
 
 
 class Frame(Base):
-    """An image: what it is and where its pixels are kept. Pixels are little-endian, row by row. ``pixels_removed``: when retention
-    took them; ``favourite``: it never does."""
+    """Frame: its metadata and the hash of its pixels. Pixels are little-endian, row by row. ``pixels_removed``: when
+    retention deleted them; ``favourite``: retention never does."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -42,9 +42,9 @@ class Frame(Base):
 
 
 class Solution(Base):
-    """One result on one frame. ``detail`` holds what the overlays draw. ``operational``: the frame's ground result wherever one is
-    shown; at most one per frame. ``camera_name``: camera profile that was assumed, "field of view" or "blind"; empty in rows
-    written before version 0007 of the schema."""
+    """Result of one chain or of the device for one frame. ``detail`` holds the overlay data. ``operational``: the
+    frame's ground result wherever one is shown; at most one per frame. ``camera_name``: camera profile that was
+    assumed, "field of view" or "blind"; empty in rows written before version 0007 of the schema."""
 
     __tablename__ = "solutions"
     __table_args__ = (

@@ -1,4 +1,4 @@
-"""The line: who answered, what was said, what was sent."""
+"""The line: devices, contacts, commands, telemetry, transfers and events."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.store.models.base import Base
 
 
 class Device(Base):
-    """A sensor that once said hello."""
+    """Sensor that has identified itself at least once."""
 
     __tablename__ = "devices"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -26,7 +26,7 @@ class Device(Base):
 
 
 class Contact(Base):
-    """From opening the line to closing it."""
+    """Contact, from opening the line to closing it."""
 
     __tablename__ = "contacts"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -42,12 +42,12 @@ class Contact(Base):
 
 
 class Command(Base):
-    """A command as drafted, with its bytes and its fate."""
+    """Command with its arguments and result."""
 
     __tablename__ = "commands"
     id: Mapped[int] = mapped_column(primary_key=True)
     contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
-    request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # 32 bits unsigned on the wire
+    request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # unsigned 32-bit on the wire
     name: Mapped[str] = mapped_column(String(60))
     arguments: Mapped[dict[str, Any]]
     user: Mapped[str] = mapped_column(String(60))
@@ -67,7 +67,7 @@ class Command(Base):
 
 
 class CommandStage(Base):
-    """One report in a command's life."""
+    """One reported stage of a command."""
 
     __tablename__ = "command_stages"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -78,7 +78,7 @@ class CommandStage(Base):
 
 
 class TelemetryPacket(Base):
-    """One decoded packet, engineering values by field name."""
+    """Decoded packet, with engineering values by field name."""
 
     __tablename__ = "telemetry_packets"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -92,7 +92,8 @@ class TelemetryPacket(Base):
 
 
 class TelemetryRollup(Base):
-    """An hour of a field as the extremes of every ten seconds. ``hour``: since 1970; ``field`` empty: the hour is done."""
+    """One hour of a field as the extremes of every ten seconds. ``hour``: since 1970; ``field`` empty: marks the hour
+    as complete."""
 
     __tablename__ = "telemetry_rollups"
     packet: Mapped[str] = mapped_column(String(40), primary_key=True)
@@ -102,7 +103,7 @@ class TelemetryRollup(Base):
 
 
 class Transfer(Base):
-    """A file on its way up or down."""
+    """Upload or download of a file."""
 
     __tablename__ = "transfers"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -128,7 +129,7 @@ class Transfer(Base):
 
 
 class Event(Base):
-    """Something worth a line in the record. ``seq`` only grows."""
+    """Recorded event. ``seq`` only increases."""
 
     __tablename__ = "events"
     seq: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

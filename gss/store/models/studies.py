@@ -1,4 +1,4 @@
-"""Calibrations of a camera and analyses of a night: versions that are kept, compared and used again."""
+"""Calibrations and analyses, kept for comparison and reuse."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.store.models.base import Base
 
 
 class Calibration(Base):
-    """One version of a camera. ``request``: frames and options it was made from; ``result``: camera, uncertainties, maps."""
+    """Camera calibration. ``request``: frames and options it was made from; ``result``: camera, uncertainties, maps."""
 
     __tablename__ = "calibrations"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -30,7 +30,7 @@ class Calibration(Base):
 
 
 class Analysis(Base):
-    """One analysis of frames or telemetry: what was asked and the figures of its report page."""
+    """Analysis of frames or telemetry: the request, and the figures of its report page."""
 
     __tablename__ = "analyses"
     id: Mapped[int] = mapped_column(primary_key=True)
