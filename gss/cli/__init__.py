@@ -1,6 +1,6 @@
 """The command line: parse, call, print. One file per group of commands, each with ``register(subparsers)``.
 
-A command's function takes the parsed arguments and returns the exit code: 0 done, 2 bad input, 3 no solution.
+A command's function takes the parsed arguments and returns the exit code: 0 done, 1 failed, 2 bad input, 3 no solution.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ COMMANDS = {
     "token": ("token", "manage keys for programs"),
     "audit": ("audit", "export or verify the audit log"),
 }
-"""Module and summary of each command. A command's module is imported only when the command is used."""
+"""Module and summary of each command. A module is imported only when its command is used."""
 BAD_INPUT_EXIT = 2
 FAILED_EXIT = 1
 
 
 class Commands:
-    """The commands of a parser; each is added with its summary."""
+    """Subparsers of the commands; each is added with its summary."""
 
     def __init__(self, parser: argparse.ArgumentParser) -> None:
         self._subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
-        """The parser of a command of ``COMMANDS``."""
+        """Return the parser of a command of ``COMMANDS``."""
         return self._subparsers.add_parser(name, help=COMMANDS[name][1], **options)
 
 
 def parser_of(*modules: str) -> argparse.ArgumentParser:
-    """A parser of the commands of these modules; without any, of all names and summaries but no arguments."""
+    """Return a parser for the commands of these modules; without any, for all names and summaries but no arguments."""
     parser = argparse.ArgumentParser(prog="gss", description="Ground-support system for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
     commands = Commands(parser)
@@ -68,12 +68,12 @@ def parser_of(*modules: str) -> argparse.ArgumentParser:
 
 
 def whole_parser() -> argparse.ArgumentParser:
-    """The parser of all commands, in the order of ``COMMANDS``."""
+    """Return the parser of all commands, in the order of ``COMMANDS``."""
     return parser_of(*dict.fromkeys(module for module, _ in COMMANDS.values()))
 
 
 def _parser_for(argv: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser that the first word needs."""
+    """Return the parser for the command in the first argument."""
     first = argv[0] if argv else ""
     return parser_of(COMMANDS[first][0]) if first in COMMANDS else parser_of()
 
@@ -94,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gss: a setting cannot be used: {words}. Try: docs/settings.md, gss serve --help", file=sys.stderr)
         return BAD_INPUT_EXIT
     except BrokenPipeError:
-        # The reader has gone, as `| head` does. Nothing may be written any more, not even at the end.
+        # The reader has closed the pipe, as `| head` does. Redirect the output, so that the flush at exit does not
+        # fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED_EXIT
     except OSError as error:

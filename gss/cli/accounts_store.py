@@ -1,4 +1,4 @@
-"""What the shell needs of a store to speak of users: the database, nothing of the server. It may run meanwhile."""
+"""Database access for commands that manage accounts. The server may run at the same time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Desk:
-    """Accounts and record of a store; ``who`` is how the shell's user is called there."""
+    """Accounts and audit log of a store. ``who``: name of the shell's user in the audit log."""
 
     accounts: AccountService
     audit: AuditService
@@ -27,19 +27,19 @@ class Desk:
     who: str
 
     def record(self, action: str, target: str) -> None:
-        """On the record, as what is done over the network."""
+        """Write an audit row, as for changes over the network."""
         self.audit.record(self.who, f"shell.{action}", target, "done", role="shell")
 
 
 def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The option that names the store."""
+    """Add the option that selects the store."""
     parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
     return parser
 
 
 @contextlib.contextmanager
 def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
-    """Open the store, and make it where there is none: the first user may be made before the first start."""
+    """Open the store, creating it if needed: the first user may be created before the first start of the server."""
     from gss.operations.accounts.accounts import open_accounts
     from gss.operations.accounts.audit import AuditService
     from gss.operations.clock import monotonic_s, utc_now

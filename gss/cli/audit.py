@@ -1,4 +1,4 @@
-"""``gss audit``: the record of who did what, as a file, and whether it is whole."""
+"""``gss audit``: export and verify the audit log."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def register(subparsers: Commands) -> None:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Write the record."""
+    """Write the audit log to a file or standard output."""
     with desk(arguments) as store:
         pieces = store.audit.export(arguments.format)
         if arguments.out:
@@ -46,7 +46,7 @@ def export(arguments: argparse.Namespace) -> int:
 
 
 def verify(arguments: argparse.Namespace) -> int:
-    """Read it all and say what is wrong."""
+    """Verify the audit log and print the result."""
     with desk(arguments) as store:
         verdict = store.audit.verify(arguments.last_hash)
     if verdict.problem:

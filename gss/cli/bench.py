@@ -1,4 +1,4 @@
-"""``gss bench``: one part of a camera from what was measured on the bench or in a few frames."""
+"""``gss bench``: calibrate one part of a camera from bench measurements or a few frames."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _seen(q: argparse.ArgumentParser) -> None:
 
 
 def run_bench_command(a: argparse.Namespace) -> int:
-    """Measure, write, print."""
+    """Run the method, write the result and print it."""
     from gss.cli.night import give_calibration, shots_of, tell
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.bench_run import run_bench
@@ -83,7 +83,7 @@ def run_bench_command(a: argparse.Namespace) -> int:
 
 
 def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> Any:
-    """The request, with stand-ins for the numbers that frames have in a store."""
+    """Return the request. Files have no frame ids, so they are numbered from 1."""
     from gss.operations.studies.calibration_requests import BenchCalibration
 
     ids = tuple(range(1, pictures + 1))
@@ -113,7 +113,7 @@ def _corners(text: str) -> tuple[int, int]:
 
 
 def read_rows(name: str) -> tuple[tuple[float, ...], ...]:
-    """Rows of numbers; BadInput names the line that is none."""
+    """Return the rows of numbers of a CSV file; BadInput names a line that is not valid."""
     try:
         text = read_limited(Path(name), TEXT_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -1,4 +1,4 @@
-"""``gss catalogue``: build a sub-catalogue and its bank image from the real sky. Degrees only here."""
+"""``gss catalogue``: build a sub-catalogue and its bank image from the real sky. Angles on the command line are in degrees."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from gss.domain.profiles import PROFILES, profile
 if TYPE_CHECKING:
     from gss.cli import Commands, Subparsers
 
-# Values such as -10:10 are numbers to argparse too, not unknown options.
+# Makes argparse accept values such as -10:10 as numbers instead of unknown options.
 NEGATIVE_RANGE = re.compile(r"^-[\d.][\d.eE+:,-]*$")
-# Roll, pitch and yaw limits in degrees where the user gives none: Jacobs 1995 Table 5-2 for Sunsat.
+# Default limits of roll, pitch and yaw in degrees: Jacobs 1995 Table 5-2 for Sunsat.
 USUAL_DEG: dict[str, tuple[Range, Range, Range]] = {"sunsat": ((-10.0, 10.0), (-5.0, 5.0), (130.0, 140.0))}
 OTHER_USUAL_DEG: tuple[Range, Range, Range] = ((-5.0, 5.0), (-5.0, 5.0), (-5.0, 5.0))
 
@@ -102,7 +102,7 @@ def _register_build(commands: Subparsers) -> None:
 
 
 def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> int:
-    """Build, write, print."""
+    """Build, write and print."""
     begin = perf_counter()
     request = request_of(arguments, now())
     built = build(request, catalogue_sky.source_of(arguments, request))
@@ -119,7 +119,7 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = lambd
 
 
 def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
-    """The request of parsed arguments: degrees become radians here."""
+    """Return the build request of parsed arguments; converts degrees to radians."""
     camera = profile(a.profile)
     orbit = _orbit(a)
     attitude, start = _attitude(a, orbit is not None), _start(a.start, now)
@@ -157,7 +157,7 @@ def request_of(a: argparse.Namespace, now: datetime) -> BuildRequest:
 
 
 def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
-    """What a build prints."""
+    """Return the values that a build prints."""
     m, q = built.manifest, built.quality
     return {
         "name": m.name,
@@ -191,7 +191,7 @@ def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
 
 
 def _range(text: str) -> Range:
-    """``MIN:MAX`` or one number, degrees."""
+    """Parse ``MIN:MAX`` or one number, degrees."""
     parts = text.split(":")
     try:
         values = [float(part) for part in parts]

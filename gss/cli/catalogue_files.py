@@ -1,4 +1,4 @@
-"""``gss catalogue show | diff | export | import | report | timeline``: catalogues that are there, as files or in the store."""
+"""``gss catalogue show | diff | export | import | report | timeline``: existing catalogues, as files or in the store."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _parser(commands: Subparsers, name: str, words: str, run: Any) -> argparse.A
 
 
 def run_show(arguments: argparse.Namespace) -> int:
-    """Check, print."""
+    """Check a catalogue and print its properties."""
     image, manifest, _ = _read(arguments, arguments.image)
     catalogue = _decoded(image, manifest)
     facts = {
@@ -95,7 +95,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    """Compare, print."""
+    """Compare two catalogues and print the differences."""
     (old_image, old_paper, _), (new_image, new_paper, _) = (_read(arguments, a) for a in (arguments.old, arguments.new))
     old, new = _decoded(old_image, old_paper), _decoded(new_image, new_paper)
     d = compare(old, new)
@@ -125,7 +125,7 @@ def run_diff(arguments: argparse.Namespace) -> int:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Convert, write."""
+    """Convert a catalogue and write the file."""
     from gss.operations.catalogues.catalogue_files import export_file
 
     image, manifest, _ = _read(arguments, arguments.image)
@@ -137,7 +137,7 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    """Read the tables, verify, write the image."""
+    """Read the tables, verify them and write the image."""
     from gss.catalogue_tools.onboard import read_header
     from gss.operations.catalogues.catalogue_files import import_file
     from gss.operations.parsing.parse_processes import ParseProcesses
@@ -153,7 +153,7 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 
 def run_report(arguments: argparse.Namespace) -> int:
-    """The stored report, or that of the manifest's request built again, which must give the same bytes."""
+    """Write the stored report, or rebuild the catalogue from the manifest's request; the rebuild must give the same bytes."""
     from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.catalogue_tools.request import request_from
     from gss.catalogue_tools.sources.hipparcos import load_stars
@@ -183,7 +183,7 @@ def run_report(arguments: argparse.Namespace) -> int:
 
 
 def run_timeline(arguments: argparse.Namespace) -> int:
-    """What the store's device reports say."""
+    """Print the bank timeline of a device in the store."""
     if not 0 <= arguments.days <= MOST_DAYS:
         raise BadInput("so many days cannot be shown", expected=f"0 to {MOST_DAYS}", got=f"{arguments.days:g}")
     from gss.api.present.catalogues import timeline
@@ -208,7 +208,7 @@ def run_timeline(arguments: argparse.Namespace) -> int:
 
 
 def write_report(path: Path, built: BuiltCatalogue) -> None:
-    """The quality report of a fresh build."""
+    """Write the quality report of a new build."""
     from gss.api.present.catalogue_sheet import catalogue_sheet
     from gss.operations.catalogues.catalogue_report import report_of
 
@@ -216,7 +216,7 @@ def write_report(path: Path, built: BuiltCatalogue) -> None:
 
 
 def _write_sheet(path: Path, sheet: Report) -> None:
-    """As PDF where the name ends so, else as HTML."""
+    """Write a report as PDF if the name ends in .pdf, else as HTML."""
     from gss.operations.clock import utc_now
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
@@ -225,7 +225,7 @@ def _write_sheet(path: Path, sheet: Report) -> None:
 
 
 def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, dict[str, Any] | None]:
-    """Image, manifest and, from the store, the report; image and manifest are checked against each other."""
+    """Return image, manifest and, from the store, the report. Image and manifest are checked against each other."""
     if which.isdigit() and not Path(which).exists():
         services = _services(arguments)
         row = services.catalogues.get(int(which))
@@ -259,7 +259,7 @@ def _bytes(path: Path, most_bytes: int = IMAGE_BYTES) -> bytes:
 
 
 def print_facts(facts: dict[str, Any], as_json: bool) -> None:
-    """One JSON object, or a line each."""
+    """Print one JSON object, or one line per value."""
     if as_json:
         print(json.dumps(facts, indent=1, allow_nan=False))
         return
@@ -268,7 +268,7 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a whole file; BadInput says why not."""
+    """Write a file; BadInput if that fails."""
     try:
         path.write_bytes(content)
     except OSError as error:

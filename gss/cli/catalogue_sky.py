@@ -1,4 +1,4 @@
-"""``gss catalogue build``: where the stars come from, what is done to them, and what hides them."""
+"""``gss catalogue build``: options for star source, corrections, screening and occultation."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def register(p: argparse.ArgumentParser) -> None:
 
 
 def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTable:
-    """The stars to build from."""
+    """Return the stars to build from."""
     if request.source == "hipparcos":
         return load_stars()
     if request.source != "list":
@@ -105,7 +105,7 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> Source | StarTabl
 
 
 def _tell_dropped(read: ImportedList) -> None:
-    """Every row that was left out is a star that somebody meant to have."""
+    """Report every dropped row, because the user expects that star in the catalogue."""
     for row in read.dropped[:SHOWN_ROWS]:
         print(f"gss: row {row.row} was left out: {row.column}: {row.reason} ({row.value})", file=sys.stderr)
     if read.dropped_count > SHOWN_ROWS:
@@ -119,7 +119,7 @@ def corrections(
     start: datetime,
     height_m: float | None,
 ) -> Corrections:
-    """What is done to the stars."""
+    """Return the corrections to apply to the stars."""
     unknown = [name for name in a.correct if name not in SWITCHES]
     if unknown:
         raise BadInput("unknown correction", expected=" | ".join(SWITCHES), got=", ".join(unknown))
@@ -141,7 +141,7 @@ def corrections(
 
 
 def screening(a: argparse.Namespace) -> ScreeningRules | None:
-    """Which stars are on the screening list, None without one."""
+    """Return the screening rules, None without a screening list."""
     if a.screen is None:
         return None
     marks = [mark for mark in a.screen_marks.split(",") if mark]
@@ -163,7 +163,7 @@ def screening(a: argparse.Namespace) -> ScreeningRules | None:
 
 
 def occultation(a: argparse.Namespace, height_m: float | None) -> Occultation:
-    """What hides the sky."""
+    """Return the occultation settings."""
     return occultation_of(
         a.profile,
         height_m,

@@ -1,4 +1,4 @@
-"""``gss catalogue upload``: a bank image straight to a device, verified, and activated if asked."""
+"""``gss catalogue upload``: send a bank image directly to a device, verify it and optionally activate it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def register(commands: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Upload, and activate if asked."""
+    """Upload the image, and activate it if requested."""
     from gss.device.dictionary_file import load_dictionary
     from gss.domain.errors import BadInput
     from gss.operations.clock import monotonic_s

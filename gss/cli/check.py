@@ -1,4 +1,4 @@
-"""``gss check device``: does a simulator or a real unit keep the interface document?"""
+"""``gss check device``: check a simulator or a real unit against the interface document."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check and tell."""
+    """Run the checks and print the findings."""
     from gss.device.dictionary_file import load_dictionary
     from gss.operations.checks.check_device import check_device
     from gss.operations.checks.probe import probing
@@ -62,7 +62,7 @@ def _told(part: str) -> None:
 
 
 def _print(findings: Findings, device: dict[str, object]) -> None:
-    """One line per clause, and below it what did not hold or was left out."""
+    """Print one line per clause, with the cases that failed or were skipped below it."""
     from gss.device.clauses import CLAUSES
     from gss.operations.checks.check_findings import NOT_CHECKED
 

@@ -1,4 +1,4 @@
-"""``gss design``: what a camera, as it is or edited, would see, and how well it would know where it points. Degrees only here."""
+"""``gss design``: what a documented or edited camera would see, and how accurate its attitude would be. Angles are in degrees."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reckon, print."""
+    """Compute and print the design report."""
     from gss.operations.catalogues.design import answer
 
     question = question_of(arguments)
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def question_of(arguments: argparse.Namespace) -> Any:
-    """Degrees to radians."""
+    """Return the request of parsed arguments; converts degrees to radians."""
     from gss.operations.catalogues.design import Along, Question, radians
 
     changes = {name: getattr(arguments, name) for name in EDITABLE if getattr(arguments, name) is not None}
@@ -87,7 +87,7 @@ def question_of(arguments: argparse.Namespace) -> Any:
 
 
 def as_text(record: dict[str, Any]) -> str:
-    """One page of figures: value, unit, what the camera's document says, and where the figure comes from."""
+    """Return the figures as text: value, unit, the value in the camera's document, and the source."""
     changes = ", ".join(f"{k} {record['camera'][k]:g}" for k in record["changed"]) or "as in the document"
     lines = [f"{record['profile']}: {changes}; {record['sky']}, elapsed {record['elapsed_ms'] / 1000:.1f} s"]
     group = ""

@@ -1,4 +1,4 @@
-"""``gss experiments``: rerun the documents' tables and print theirs beside ours."""
+"""``gss experiments``: rerun experiments from the documents and print both results side by side."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def register(subparsers: Commands) -> None:
 
 
 def list_experiments(_: argparse.Namespace) -> int:
-    """One line each."""
+    """Print one line per experiment."""
     from gss.operations.studies.experiments import ENTRIES
 
     for e in ENTRIES.values():
@@ -67,7 +67,7 @@ def list_experiments(_: argparse.Namespace) -> int:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run and print in the order asked for."""
+    """Run experiments and print them in the requested order."""
     from gss.operations.studies.experiments import (
         ENTRIES,
         Done,
@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def never_wrong(arguments: argparse.Namespace) -> int:
-    """Do the rest of the campaign, or write what is done."""
+    """Run the remaining trials of the campaign, or write a page of the completed ones."""
     from gss.operations.studies.dask_executor import make_executor
     from gss.operations.studies.never_wrong import Hunt, hunt, read, selected
     from gss.operations.studies.never_wrong_page import page

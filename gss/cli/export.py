@@ -1,4 +1,4 @@
-"""``gss export``: what others read: Rerun recordings, the interface document, XTCE, OpenAPI."""
+"""``gss export``: data for other programs: Rerun recordings, interface document, XTCE, OpenAPI and tables."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def register(subparsers: Commands) -> None:
 
 
 def export_shell(arguments: argparse.Namespace) -> int:
-    """Write the page."""
+    """Write the command reference."""
     from gss.cli import whole_parser
     from gss.cli.shell_page import shell_page
 
@@ -58,7 +58,7 @@ def export_shell(arguments: argparse.Namespace) -> int:
 
 
 def export_solutions(arguments: argparse.Namespace) -> int:
-    """Write the table."""
+    """Write the solutions as a table."""
     from gss.operations.frames import solution_export
     from gss.settings import Settings
     from gss.wiring import build
@@ -71,7 +71,7 @@ def export_solutions(arguments: argparse.Namespace) -> int:
 
 
 def export_fits(arguments: argparse.Namespace) -> int:
-    """Write one file per frame; frames with missing rows are left out and named."""
+    """Write one FITS file per frame; frames with missing rows are skipped and listed."""
     from gss.cli.records import services_of
     from gss.operations.frames.fits_export import fits_file
     from gss.operations.recordings.ranges import ids_of
@@ -99,7 +99,7 @@ def export_icd(arguments: argparse.Namespace) -> int:
 
 
 def export_xtce(arguments: argparse.Namespace) -> int:
-    """Write the telemetry's layout."""
+    """Write the telemetry layout as XTCE."""
     from gss.device.dictionary_file import load_dictionary
     from gss.device.xtce import xtce
 
@@ -107,7 +107,7 @@ def export_xtce(arguments: argparse.Namespace) -> int:
 
 
 def export_openapi(arguments: argparse.Namespace) -> int:
-    """Write the OpenAPI document, without starting anything."""
+    """Write the OpenAPI document without starting a server."""
     import json
     import tempfile
 

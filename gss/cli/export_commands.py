@@ -1,4 +1,4 @@
-"""``gss export commands``: the history of commands, filtered as on the page."""
+"""``gss export commands``: command history, with the same filters as the page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def export_commands(arguments: argparse.Namespace) -> int:
-    """Write them."""
+    """Write the matching commands."""
     from gss.settings import Settings
     from gss.wiring import build
 
@@ -51,7 +51,7 @@ def export_commands(arguments: argparse.Namespace) -> int:
 
 
 def filter_of(arguments: argparse.Namespace) -> Filter:
-    """The conditions; BadInput where a moment is none."""
+    """Return the filter of parsed arguments; BadInput if a time is not valid."""
     from gss.operations.commanding.command_history import Filter
 
     return Filter(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def register(kinds: Kinds) -> None:
-    """Add to ``gss export``."""
+    """Add the command to ``gss export``."""
     p = kinds.add_parser(
         "parquet", help="telemetry, solutions, stars, commands and events as partitioned Parquet tables"
     )

@@ -1,7 +1,7 @@
-"""Input files of the command line, read up to a stated size.
+"""Input files of the command line, read up to a size limit.
 
-Files that a library decodes (images, star lists, tables) are then parsed in a child process, see :mod:`gss.operations.parsing`.
-Text and bank images are parsed here: their parsers are linear, so that the size limits the time.
+Files that a library decodes (images, star lists, tables) are then parsed in a child process, see
+:mod:`gss.operations.parsing`. Text and bank images are parsed here: their parsers are linear, so the size limits the time.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from gss.domain.errors import BadInput
 TEXT_BYTES = 16 << 20
 TLE_BYTES = 4 << 10
 IMAGE_BYTES = 64 << 20
-"""Of a bank image; the largest flash has a small part of it."""
+"""Limit for a bank image, well above the largest flash."""
 TABLE_FILE_BYTES = 256 << 20
 
 
 def read_limited(path: Path, most_bytes: int) -> bytes:
-    """The bytes of a file; BadInput if there are more. OSError as the system reports it."""
+    """Return the content of a file; BadInput if it is larger. Raises OSError if it cannot be read."""
     with path.open("rb") as file:
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:

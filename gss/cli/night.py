@@ -1,4 +1,4 @@
-"""``gss calibrate`` and ``gss analyse``: cameras and nights from image files."""
+"""``gss calibrate`` and ``gss analyse``: calibrate a camera or analyse a night from image files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
-"""Of images that carry no time: only the distances between them count, and stars move little."""
+"""Epoch for images without a time: only the intervals between them matter, and stars move little."""
 
 
 def register(subparsers: Commands) -> None:
@@ -73,13 +73,13 @@ def register(subparsers: Commands) -> None:
 
 
 def add_observer(p: argparse.ArgumentParser) -> None:
-    """What is to be done about the motion of the observer."""
+    """Add the option for the observer's motion."""
     words = "leave aberration in even where the time is known (frames that were rendered without it)"
     p.add_argument("--keep-aberration", action="store_true", help=words)
 
 
 def run_calibrate(a: argparse.Namespace) -> int:
-    """Calibrate, write, print."""
+    """Calibrate, write and print."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
@@ -101,7 +101,7 @@ def run_calibrate(a: argparse.Namespace) -> int:
 
 
 def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile | None, name: str) -> None:
-    """Write and print what a calibration found."""
+    """Write and print the result of a calibration."""
     from gss.operations.studies.calibration_sheet import calibration_sheet
     from gss.store.models import Calibration
 
@@ -122,7 +122,7 @@ def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile |
 
 
 def run_analyse(a: argparse.Namespace) -> int:
-    """Analyse, write, print."""
+    """Analyse, write and print."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
@@ -145,7 +145,7 @@ def run_analyse(a: argparse.Namespace) -> int:
 def shots_of(
     files: Sequence[str], interval_s: float | None, exposure_s: float | None, keep_aberration: bool = False
 ) -> list[Shot]:
-    """Image files as shots; BadInput names the file that cannot be read."""
+    """Return image files as shots; BadInput names a file that cannot be read."""
     from gss.operations.frames.observer import observer_at
     from gss.operations.studies.night_frames import Shot
 
@@ -162,7 +162,7 @@ def shots_of(
 
 
 def _frames(files: Sequence[str]) -> Iterator[ImportedFrame]:
-    """The frames of the files, one after the other."""
+    """Yield the frames of the files, one at a time."""
     from gss.operations.frames.frame_files import MAX_BYTES, ImportedFrame, read_frame
     from gss.operations.parsing.parse_processes import ParseProcesses
 
@@ -180,7 +180,7 @@ def _given(pixels: Any) -> Any:
 
 
 def tell(share: float, text: str) -> None:
-    """Progress on a terminal."""
+    """Show progress on a terminal."""
     if sys.stderr.isatty():
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
@@ -208,7 +208,7 @@ def _give(a: argparse.Namespace, report: Report, content: dict[str, Any]) -> Non
 
 
 def as_text(report: Report) -> str:
-    """The report for a terminal: figures and tables, without its drawings."""
+    """Return the report as text: figures and tables, without drawings."""
     lines = [report.title, report.subtitle, ""]
     lines += [f"{'SEVERE' if n.severe else 'note'}: {n.text}. {n.hint}" for n in report.notes]
     for section in report.sections:

@@ -1,4 +1,4 @@
-"""What was recorded, on the terminal: ``gss export telemetry``, ``gss export contact-report``, ``gss check record``."""
+"""Recorded data on the terminal: ``gss export telemetry``, ``gss export contact-report``, ``gss check record``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def register_exports(kinds: Kinds) -> None:
-    """Add to ``gss export``."""
+    """Add the commands to ``gss export``."""
     p = kinds.add_parser("telemetry", help="any fields over any span, as CSV or Parquet")
     p.add_argument(
         "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name where two share one"
@@ -38,7 +38,7 @@ def register_exports(kinds: Kinds) -> None:
 
 
 def register_checks(kinds: Kinds) -> None:
-    """Add to ``gss check``."""
+    """Add the command to ``gss check``."""
     p = kinds.add_parser(
         "record",
         help="is the 1 Hz record whole?",
@@ -56,7 +56,7 @@ def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 
 def services_of(arguments: argparse.Namespace) -> Services:
-    """The store's services; nothing is started, so that a running server is not disturbed."""
+    """Return the store's services without starting them, so that a running server is not disturbed."""
     from gss.domain.errors import NotFound
     from gss.settings import Settings
     from gss.wiring import build
@@ -68,7 +68,7 @@ def services_of(arguments: argparse.Namespace) -> Services:
 
 
 def moment(text: str) -> datetime:
-    """A time of the command line; BadInput shows how to write one."""
+    """Parse a time from the command line; BadInput shows the format."""
     from gss.domain.errors import BadInput
 
     try:
@@ -79,7 +79,7 @@ def moment(text: str) -> datetime:
 
 
 def export_telemetry(arguments: argparse.Namespace) -> int:
-    """Write the file a block at a time."""
+    """Write the telemetry file, one block at a time."""
     from gss.domain.errors import BadInput
     from gss.operations.telemetry.telemetry_export import export
 
@@ -134,7 +134,7 @@ def export_report(arguments: argparse.Namespace) -> int:
 
 
 def check_record(arguments: argparse.Namespace) -> int:
-    """Check and tell."""
+    """Check the record and print the gaps."""
     from gss.api.present.contacts import record
 
     services = services_of(arguments)

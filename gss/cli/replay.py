@@ -1,5 +1,5 @@
-"""``gss replay``: a raw capture through the decoder of the live line, at any speed, onto the terminal; or a stored frame through
-the chain of the sensor itself, stage by stage."""
+"""``gss replay``: decode a raw capture with the decoder of the live line, at any speed, onto the terminal; or run the
+sensor's own chain on a stored frame, stage by stage."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def replay_frame(arguments: argparse.Namespace) -> int:
-    """On board beside ground, stage by stage."""
+    """Print on-board and ground results of a frame, stage by stage."""
     from gss.api.present.frames import frame_replay
     from gss.cli.records import services_of
 
@@ -78,7 +78,7 @@ def _figure(value: float | None) -> str:
 
 
 def replay_captures(arguments: argparse.Namespace) -> int:
-    """Decode and tell."""
+    """Decode captures and print the messages."""
     from gss.device.dictionary_file import load_dictionary
     from gss.domain.errors import NotFound
     from gss.operations.clock import monotonic_s
@@ -107,7 +107,7 @@ def replay_captures(arguments: argparse.Namespace) -> int:
 
 
 def plain_item(replayed: Replayed) -> dict[str, Any]:
-    """A message as JSON can hold it."""
+    """Return a message as JSON values."""
     from gss.device.session_events import DeviceEvent, HelloReceived, Telemetry
     from gss.operations.telemetry.telemetry import stored_values
     from gss.operations.telemetry.value_words import plain
@@ -127,7 +127,7 @@ def plain_item(replayed: Replayed) -> dict[str, Any]:
 
 
 def _line(facts: dict[str, Any]) -> str:
-    """Time, kind, name, and the most telling values."""
+    """Return time, kind, name and values as one line."""
     values = facts.get("values") or {}
     told = [
         f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items() if not isinstance(v, list)

@@ -1,4 +1,4 @@
-"""``gss serve``: the server, with a simulated sensor if asked."""
+"""``gss serve``: run the server, optionally with a simulated sensor."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_exposure(settings)
     more = f" with API workers ({settings.workers})" if settings.workers else ""
     print(f"starting{more} …", file=sys.stderr, flush=True)
-    os.umask(0o077)  # what the server writes is its owner's alone
+    os.umask(0o077)  # files of the server are accessible to its user only
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))
         stack.enter_context(sole_server(settings.database_url))
@@ -65,7 +65,7 @@ def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSe
 
 
 def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None) -> None:
-    """Load the server while the simulator gets ready: the imports here take seconds."""
+    """Load and run the server; the imports are here because they take seconds, while the simulator starts."""
     import uvicorn
 
     from gss.api.app import create_app
@@ -82,7 +82,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     app = create_app(services)
 
     class Server(uvicorn.Server):
-        """Ends the event streams as soon as a signal comes; uvicorn alone would wait for them and then cut them off."""
+        """Ends the event streams as soon as a signal arrives; uvicorn alone would wait for them and then cut them off."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             say_stopping()

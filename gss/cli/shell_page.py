@@ -1,4 +1,4 @@
-"""The shell's reference as one page, from the parsers themselves."""
+"""Command reference as one Markdown page, generated from the parsers."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Settings may come from the environment instead: [settings](settings.md).
 
 
 def shell_page(parser: argparse.ArgumentParser) -> str:
-    """Markdown with a heading and a table of options for each command, in the order of ``gss --help``."""
+    """Return Markdown with a heading and a table of options for each command, in the order of ``gss --help``."""
     return "\n".join([HEAD, *(_section(words, help_text, leaf) for words, help_text, leaf in _commands(parser))])
 
 
 def _commands(
     parser: argparse.ArgumentParser, words: str = "gss", help_text: str = ""
 ) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
-    """(words, help, parser) of all commands that can be run."""
+    """Yield (words, help, parser) of all commands that can be run."""
     groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not groups:
         yield words, help_text, parser

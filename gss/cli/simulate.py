@@ -1,4 +1,4 @@
-"""``gss simulate``: start the simulated star tracker as a process of its own."""
+"""``gss simulate``: run the simulated star tracker as a separate process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MODULE = "gss.device.simulator"
 
 
 def register(subparsers: Commands) -> None:
-    """Add the command. Its options are the simulator's own: ``gss simulate --help`` shows them."""
+    """Add the command. The simulator parses its own options: ``gss simulate --help`` shows them."""
     parser = subparsers.add_parser(
         "simulate",
         add_help=False,
@@ -25,6 +25,6 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replace this process by the simulator: its signals, output and exit code are ours, and no orphan can stay."""
+    """Replace this process with the simulator: signals, output and exit code pass directly, and no orphan can remain."""
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", MODULE, *arguments.options])  # noqa: S606 - our own program

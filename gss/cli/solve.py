@@ -1,4 +1,4 @@
-"""``gss solve``: the attitude of image files, as text or JSON."""
+"""``gss solve``: attitudes of image files, as text or JSON."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def register(subparsers: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve each file; the worst outcome decides the exit code."""
+    """Solve each file; the worst outcome determines the exit code."""
     from gss.operations.clock import stopwatch_s
     from gss.operations.frames.figure_files import users_folder
     from gss.operations.frames.sequence import Sequencer
@@ -161,7 +161,7 @@ def _one(
 
 
 def prior(text: str | None) -> Any:
-    """The hint of ``--hint``, None without."""
+    """Return the prior attitude of ``--hint``, None without one."""
     from gss.pipeline.identify.near import Hint
 
     if text is None:
@@ -174,7 +174,7 @@ def prior(text: str | None) -> Any:
 
 
 def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
-    """True attitudes by file name."""
+    """Return true attitudes by file name."""
     if text is None:
         return {}
     if not Path(text).is_file():
@@ -214,7 +214,7 @@ def _moment(text: str) -> datetime:
     except ValueError:
         raise BadInput("unreadable time", expected="ISO 8601, such as 2026-11-21T18:05:00Z", got=text) from None
     low, high = EPOCH_RANGE_JYEAR
-    # Beyond them neither the Earth's motion nor proper motions are known, and the calendar's ends overflow.
+    # Outside this range neither the Earth's motion nor proper motions are known, and the calendar overflows.
     if not low <= moment.year < high:
         raise BadInput("time is out of range", expected=f"the years {low:g} to {high:g}", got=text[:40])
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
@@ -238,12 +238,13 @@ def _bytes_of(name: str, what: str, most_bytes: int) -> bytes:
 
 
 def julian_year(moment: datetime) -> float:
-    """Julian epoch of a moment; leap seconds and TT − UTC are far below what matters to proper motion."""
+    """Return the Julian epoch of a time. Leap seconds and TT − UTC are neglected: they are far too small to affect
+    proper motion."""
     return 2000.0 + (moment.timestamp() - J2000_UNIX_S) / JULIAN_YEAR_S
 
 
 def as_record(name: str, result: SolveResult) -> dict[str, Any]:
-    """The JSON object of one result; what does not exist is null."""
+    """Return one result as a JSON object; missing values are null."""
     record: dict[str, Any] = {
         "file": name,
         "chain": result.chain,
@@ -282,7 +283,7 @@ def as_record(name: str, result: SolveResult) -> dict[str, Any]:
 
 
 def turning_record(turning: Turning) -> dict[str, Any]:
-    """The rate of a trailed frame in degrees per second about camera x, y, z."""
+    """Return the rate of a trailed frame in degrees per second about camera x, y, z."""
     return {
         "deg_s": [math.degrees(v) for v in turning.vector_rad_s],
         "sigma_deg_s": [math.degrees(v) for v in turning.sigma_rad_s],
@@ -297,7 +298,7 @@ def _finite(value: float) -> float | None:
 
 
 def as_text(record: dict[str, Any]) -> str:
-    """A few readable lines."""
+    """Return the result as a few lines of text."""
     total_ms = sum(record["timing_ms"].values())
     if record["outcome"] != str(Outcome.SOLVED):
         return (

@@ -1,4 +1,4 @@
-"""``gss token``: keys for programs."""
+"""``gss token``: API tokens."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def register(subparsers: Commands) -> None:
 
 
 def list_tokens(arguments: argparse.Namespace) -> int:
-    """Name, role, end."""
+    """Print name, role and expiry of each token."""
     with desk(arguments) as store:
         for row in store.accounts.tokens.every():
             state = f"revoked {row.revoked:%Y-%m-%d}" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%MZ}"
@@ -43,7 +43,7 @@ def list_tokens(arguments: argparse.Namespace) -> int:
 
 
 def add_token(arguments: argparse.Namespace) -> int:
-    """Make a token and print its key, alone on its line for scripts."""
+    """Create a token and print its key, alone on its line for scripts."""
     scopes = [word.strip() for word in arguments.only.split(",") if word.strip()]
     with desk(arguments) as store:
         made = store.accounts.tokens.add(arguments.name, arguments.role, arguments.days, by=store.who, scopes=scopes)
@@ -53,7 +53,7 @@ def add_token(arguments: argparse.Namespace) -> int:
 
 
 def revoke_token(arguments: argparse.Namespace) -> int:
-    """It is worth nothing from now on."""
+    """Revoke a token; it stops working at once."""
     with desk(arguments) as store:
         row = store.accounts.tokens.revoke_named(arguments.name)
         store.record("token_revoke", row.name)

@@ -1,4 +1,4 @@
-"""Upkeep on the terminal: ``gss backup``, ``gss restore``, ``gss retention``, ``gss check store``."""
+"""Maintenance on the terminal: ``gss backup``, ``gss restore``, ``gss retention``, ``gss check store``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 MARKS = {"ok": "ok", "note": "note", "error": "ERROR"}
 Rows = Sequence[tuple[str, str, Callable[[Any], str]]]
-"""(name, words, how the value is written)."""
+"""(name, label, formatter of the value)."""
 
 
 def _bytes(value: float | None) -> str:
@@ -107,7 +107,7 @@ def register(subparsers: Commands) -> None:
 
 
 def register_check(kinds: Kinds) -> None:
-    """Add to ``gss check``."""
+    """Add the command to ``gss check``."""
     p = kinds.add_parser(
         "store",
         help="is everything there that the record says, and whole?",
@@ -119,7 +119,7 @@ def register_check(kinds: Kinds) -> None:
 
 
 def backup(arguments: argparse.Namespace) -> int:
-    """Make a backup and tell where it is."""
+    """Make a backup and print its location."""
     from gss.cli.records import services_of
 
     services = services_of(arguments)
@@ -142,7 +142,7 @@ def backup(arguments: argparse.Namespace) -> int:
 
 
 def restore(arguments: argparse.Namespace) -> int:
-    """Verify, put in place, tell how to go on."""
+    """Verify a backup, restore it and print how to start the server."""
     from gss.domain.errors import BadInput, CorruptData
     from gss.operations.clock import utc_now
     from gss.operations.upkeep.restore import KEYS_ENDED
@@ -159,7 +159,7 @@ def restore(arguments: argparse.Namespace) -> int:
             blobs_url=settings.blobs,
             tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
         )
-    except CorruptData as error:  # what was given cannot be used
+    except CorruptData as error:  # the given backup is not usable, so this is bad input
         raise BadInput(error.message, expected=error.expected, got=error.got, hint=error.hint) from error
     print(f"{done.folder}: backup {done.manifest.name} of GSS {done.manifest.version}, {done.files} files")
     print(KEYS_ENDED)
@@ -168,7 +168,7 @@ def restore(arguments: argparse.Namespace) -> int:
 
 
 def retention(arguments: argparse.Namespace) -> int:
-    """Tell the forecast; remove where asked."""
+    """Print the forecast; delete expired data if requested."""
     from dataclasses import asdict
 
     from gss.cli.records import services_of
@@ -206,7 +206,7 @@ def retention(arguments: argparse.Namespace) -> int:
 
 
 def check_store(arguments: argparse.Namespace) -> int:
-    """Check and tell. It does not touch the database's schema: a damaged one must be read as it is."""
+    """Check the store and print the findings. Never migrates the database: a damaged one must be read as it is."""
     from gss.domain.errors import NotFound
     from gss.operations.upkeep.check_store import check_store as check
     from gss.settings import Settings

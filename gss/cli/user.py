@@ -1,4 +1,4 @@
-"""``gss user``: who may sign in. For the first user without a browser, a forgotten password, and an admin who left."""
+"""``gss user``: manage users, for the first user without a browser, a forgotten password, or an admin who has left."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _with_password(parser: argparse.ArgumentParser) -> None:
 
 
 def list_users(arguments: argparse.Namespace) -> int:
-    """Name, role, state."""
+    """Print name, role and state of each user."""
     with desk(arguments) as store:
         for row in store.accounts.users.every():
             state = "on" if row.enabled else "off"
@@ -59,7 +59,7 @@ def list_users(arguments: argparse.Namespace) -> int:
 
 
 def add_user(arguments: argparse.Namespace) -> int:
-    """Make a user."""
+    """Create a user."""
     password = _password(arguments)
     with desk(arguments) as store:
         row = store.accounts.users.add(arguments.name, arguments.role, by=store.who, password=password)
@@ -71,7 +71,7 @@ def add_user(arguments: argparse.Namespace) -> int:
 
 
 def set_password(arguments: argparse.Namespace) -> int:
-    """Change a password; without one a link is printed."""
+    """Change a password; without one, print a one-time link."""
     password = _password(arguments)
     with desk(arguments) as store:
         row = _named(store, arguments.name)
@@ -84,13 +84,13 @@ def set_password(arguments: argparse.Namespace) -> int:
 
 
 def print_link(arguments: argparse.Namespace) -> int:
-    """A link to hand over."""
+    """Print a one-time password link."""
     with desk(arguments) as store:
         return _tell_link(store, _named(store, arguments.name))
 
 
 def change_role(arguments: argparse.Namespace) -> int:
-    """Another role, from the next request on."""
+    """Change a user's role, from the next request on."""
     with desk(arguments) as store:
         row = store.accounts.users.change(_named(store, arguments.name).id, role=arguments.role)
         store.record("user_role", f"{row.name} as {row.role}")
@@ -99,7 +99,7 @@ def change_role(arguments: argparse.Namespace) -> int:
 
 
 def switch(arguments: argparse.Namespace) -> int:
-    """Off or on."""
+    """Enable or disable a user."""
     with desk(arguments) as store:
         row = store.accounts.users.change(_named(store, arguments.name).id, enabled=arguments.enabled)
         store.record("user_enable" if row.enabled else "user_disable", row.name)
@@ -127,7 +127,8 @@ def _named(store: Desk, name: str) -> User:
 
 
 def _password(arguments: argparse.Namespace) -> str:
-    """From standard input or the terminal, never from the command line, where every user of the machine reads it."""
+    """Read the password from standard input or the terminal, never from the command line, which every user of the
+    machine can read."""
     from gss.domain.errors import BadInput
 
     if arguments.password_stdin:
