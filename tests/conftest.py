@@ -1,4 +1,4 @@
-"""Shared fixtures, and the rule about skips: a missing browser or database server is a printed reason on a laptop and a
+"""Shared fixtures, and the rule for skips: a missing browser or database server is a printed reason on a laptop and a
 failure in continuous integration (GSS_TEST_FORBID_SKIPS=1)."""
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" 
 
 
 WAITING = ("system", "contract")
-"""Folders whose files mostly wait, for servers and lines."""
+"""Folders whose files mostly wait for servers and lines."""
 
 
 class OneBrowser(LoadFileScheduling):
-    """Shares files out among processes; what is in the browser stays in one of them, which shares browser and server."""
+    """Distributes files among processes; all browser tests stay in one process, which shares browser and server."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
@@ -43,13 +43,13 @@ class OneBrowser(LoadFileScheduling):
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> OneBrowser:
-    """For ``-n``, whatever its ``--dist``."""
+    """Use this scheduler for ``-n``, whatever its ``--dist``."""
     return OneBrowser(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The browser comes first. Files that wait stand evenly among files that compute, and none at the end, so that two seldom
-    wait together and no process is left alone with a long one."""
+    """Run browser tests first. Files that wait are spread evenly among files that compute, with none at the end, so
+    that two seldom wait at the same time and no process is left alone with a long one."""
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
@@ -77,25 +77,25 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def chromium() -> str | None:
-    """The browser's program."""
+    """Return the path of the browser."""
     return shutil.which("chromium")
 
 
 def postgres_bin() -> Path | None:
-    """Folder of the newest PostgreSQL server's programs."""
+    """Return the folder of the newest PostgreSQL server's programs."""
     found = sorted(glob.glob("/usr/lib/postgresql/*/bin/postgres"))
     return Path(found[-1]).parent if found else None
 
 
 def free_port() -> int:
-    """A loopback port that nobody listens on now."""
+    """Return a free loopback port."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="session")
 def hostile() -> ModuleType:
-    """The files of ``hostile_files.py``: small, and costly to read."""
+    """The module ``hostile_files.py``, which makes small files that are expensive to read."""
     specification = importlib.util.spec_from_file_location("gss_hostile_files", ROOT / "tests" / "hostile_files.py")
     assert specification is not None
     assert specification.loader is not None
@@ -106,7 +106,8 @@ def hostile() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def postgres_url() -> Iterator[str]:
-    """A PostgreSQL server of our own in a temporary folder, on a free loopback port. It refuses to run as root: then as nobody."""
+    """URL of a temporary PostgreSQL server on a free loopback port. PostgreSQL refuses to run as root, so it then runs
+    as user nobody."""
     programs = postgres_bin()
     assert programs is not None
     folder = Path(tempfile.mkdtemp(prefix="gss-pg-"))
@@ -127,7 +128,7 @@ def postgres_url() -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def s3_server() -> Iterator[str]:
-    """Address of an object store of our own: moto's server as a process."""
+    """Address of a temporary object store: moto's server as a process."""
     pytest.importorskip("moto", reason="moto is not installed: pip install 'moto[server]'")
     port = free_port()
     command = [sys.executable, "-W", "ignore", "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
@@ -159,8 +160,9 @@ def photographs() -> Path:
 
 @pytest.fixture(scope="session")
 def signed_in() -> Callable[..., dict[str, str]]:
-    """Signs somebody in without a password, straight in the database; the headers of their requests. ``where``: a data folder,
-    Settings, a database's URL, or the services of this process. The session outlives any clock that a test turns."""
+    """Function that signs a user in without a password, directly in the database, and returns the request headers.
+    ``where``: a data folder, Settings, a database URL, or the services of this process. The session does not expire
+    when a test advances the clock."""
 
     def sign_in(where: Any, role: str = "admin", name: str = "") -> dict[str, str]:
         from gss.operations.accounts.secrets import csrf_of, key_hash, new_key
@@ -214,8 +216,8 @@ def _database(where: Any) -> Iterator[Any]:
 
 
 class SensorInMemory:
-    """A line into a simulated sensor in this process, for a LinkService: each read lets ``STEP_S`` of its time pass, so that
-    minutes are over in seconds. ``url`` is what ``open`` knows it by."""
+    """Line to a simulated sensor in this process, for a LinkService. Each read advances the sensor's time by
+    ``STEP_S``, so that minutes pass in seconds. ``url``: the address that ``open`` expects."""
 
     STEP_S, PAUSE_S = 0.01, 0.0004
 
@@ -242,11 +244,11 @@ class SensorInMemory:
         self._events: Any = None
 
     def keep_pace_with(self, events: Any) -> None:
-        """Let no time pass while the ground still handles what was sent before: the sensor's clock is the ground's."""
+        """Advance time only after the ground has handled ``events``, because both ends share the sensor's clock."""
         self._events = events
 
     def open(self, url: str) -> Any:
-        """Instead of gss.device.transport.open_stream."""
+        """Replacement for gss.device.transport.open_stream."""
         from gss.domain.errors import LinkDown
 
         if self.cut:
@@ -254,7 +256,7 @@ class SensorInMemory:
         return self
 
     def monotonic_s(self) -> float:
-        """The clock of both ends; with the cable out nobody reads, and it goes on with each look."""
+        """Return the time of both ends. With the cable out there are no reads, so each call advances the clock."""
         self.now_s += 0.1 if self.cut else 0.0
         return self.now_s
 
@@ -262,7 +264,7 @@ class SensorInMemory:
         from gss.domain.errors import LinkDown
 
         del max_bytes, timeout_s
-        time.sleep(self.PAUSE_S)  # let the other threads of this process go on
+        time.sleep(self.PAUSE_S)  # let the other threads of this process run
         if self._events is not None:
             self._events.wait_until_handled(0.5)
         if self.cut:
@@ -282,7 +284,7 @@ class SensorInMemory:
                 self.device.feed(data, self.now_s)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to release."""
 
 
 @lru_cache(maxsize=1)
@@ -295,7 +297,7 @@ def _factory_catalogue(bank_bytes: int) -> Any:
 
 @pytest.fixture
 def sensor_in_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SensorInMemory]:
-    """Makes a simulated sensor and lets the link of this process open it."""
+    """Function that makes a simulated sensor and lets the link of this process open it."""
 
     def make(**identity: Any) -> SensorInMemory:
         sensor = SensorInMemory("memory://sensor", **identity)

@@ -1,1 +1,1 @@
-"""Programs for those who work on the project; nothing here is shipped to users."""
+"""Development tools; nothing here is shipped to users."""

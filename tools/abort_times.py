@@ -1,8 +1,8 @@
-"""Time from a click on ABORT to its first byte on the wire, under load and with faults.
+"""Measure the time from a click on ABORT to its first byte on the wire, under load and with faults.
 
-``python -m tools.abort_times [--times 5] [--only CONDITION ...] [--json]`` starts a simulated sensor, a tap on its line and a
-server for each condition, sends ABORT over a new connection each time, and prints the times. The row "disk full" mounts a small
-tmpfs, which needs root.
+``python -m tools.abort_times [--times 5] [--only CONDITION ...] [--json]`` starts a simulated sensor, a tap on its line
+and a server for each condition, sends ABORT over a new connection each time, and prints the times. The condition "disk
+full" mounts a small tmpfs, which needs root.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ GIVE_UP_S = 30.0
 
 
 class Tap:
-    """A TCP relay between server and sensor that notes when ABORT passes towards the sensor."""
+    """TCP relay between server and sensor that records when ABORT passes towards the sensor."""
 
     def __init__(self, sensor_port: int) -> None:
         self._sensor_port = sensor_port
@@ -48,7 +48,7 @@ class Tap:
         self.port = int(self._server.getsockname()[1])
         self.aborts: queue.Queue[float] = queue.Queue()
         self.silent = threading.Event()
-        """While set, nothing of the sensor reaches the ground: commands wait for their reports."""
+        """While set, no data from the sensor reaches the ground, so commands wait for their reports."""
         self._code = load_dictionary().command("ABORT").code
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -82,7 +82,8 @@ class Tap:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds of one condition; ``None`` where ABORT did not pass within ``GIVE_UP_S``. ``answers``: HTTP status and seconds."""
+    """Times of one condition in seconds; ``None`` if ABORT did not pass within ``GIVE_UP_S``. ``answers``: HTTP status
+    and seconds."""
 
     condition: str
     wire_s: list[float | None]
@@ -93,7 +94,7 @@ class Times:
 
     @property
     def worst_s(self) -> float:
-        """The longest time to the wire."""
+        """Longest time to the wire."""
         return max(GIVE_UP_S if s is None else s for s in self.wire_s)
 
 
@@ -129,13 +130,13 @@ def _press(server: Served, start_s: float, answered: list[tuple[int, float]]) ->
 
 @contextlib.contextmanager
 def idle(_server: Served, _tap: Tap) -> Iterator[None]:
-    """Nothing else happens."""
+    """No other load."""
     yield
 
 
 @contextlib.contextmanager
 def database_locked(server: Served, _tap: Tap) -> Iterator[None]:
-    """Another process holds SQLite's write lock all the time."""
+    """Another process holds SQLite's write lock."""
     connection = sqlite3.connect(server.folder / "gss.db", isolation_level=None, timeout=30)
     connection.execute("BEGIN IMMEDIATE")
     time.sleep(1.0)
@@ -146,7 +147,7 @@ def database_locked(server: Served, _tap: Tap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def disk_full(server: Served, _tap: Tap) -> Iterator[None]:
-    """Not a byte is left on the disk of the data folder."""
+    """The disk of the data folder is full."""
     filler = server.folder / "filler"
     with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
         while True:
@@ -158,7 +159,7 @@ def disk_full(server: Served, _tap: Tap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def many_queued(server: Served, tap: Tap) -> Iterator[None]:
-    """Five hundred commands wait in the queue, because the sensor does not answer; each ABORT finds as many."""
+    """Five hundred commands are queued because the sensor does not respond; the queue is refilled for each ABORT."""
     tap.silent.set()
     body = {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 100}}
     with httpx2.Client(headers=server.headers, base_url=f"{server.address}/api", timeout=30) as client:
@@ -174,7 +175,7 @@ def many_queued(server: Served, tap: Tap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def importing(server: Served, _tap: Tap) -> Iterator[None]:
-    """Photographs of 16 megapixels are imported one after the other."""
+    """Photographs of 16 megapixels are imported continuously."""
     from astropy.io import fits
 
     pixels = np.random.default_rng(1).integers(0, 4000, (4000, 4000), dtype=np.uint16)
@@ -192,7 +193,7 @@ def _import(server: Served, content: bytes) -> None:
 
 @contextlib.contextmanager
 def slow_clients(server: Served, _tap: Tap) -> Iterator[None]:
-    """Two hundred strangers send a byte of a sign-in each second."""
+    """Two hundred clients without an account send one byte of a sign-in request per second."""
     head = b"POST /api/session HTTP/1.1\r\nHost: localhost\r\nX-GSS: 1\r\n"
     head += b"Content-Type: application/json\r\nContent-Length: 60000\r\n\r\n"
     clients: list[socket.socket] = []
@@ -221,7 +222,7 @@ def slow_clients(server: Served, _tap: Tap) -> Iterator[None]:
 
 @contextlib.contextmanager
 def workers_dead(server: Served, _tap: Tap) -> Iterator[None]:
-    """Every API worker is killed again and again."""
+    """Every API worker is killed repeatedly."""
     stop = threading.Event()
 
     def kill() -> None:
@@ -295,7 +296,7 @@ def run(condition: str, times: int) -> Times:
     """Measure one condition on a fresh server and sensor."""
     context, arguments = CONDITIONS[condition]
     limits = {"GSS_DISK_WATCH_MB": "2", "GSS_DISK_STOP_MB": "1"}
-    # A queue is emptied by the first ABORT, so it is filled for each.
+    # The first ABORT empties the queue, so each ABORT needs its own round.
     rounds = times if context is many_queued else 1
     found = Times(condition, [], [])
     with contextlib.ExitStack() as stack:

@@ -1,10 +1,9 @@
-"""Measure what GSS can do, one thread, seeds fixed, processor time.
+"""Measure the performance of GSS: one thread, fixed seeds, processor time.
 
-``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it.
-
-Tables go to the terminal. With ``--json`` standard output is one JSON document and the tables go to standard error. Never part
-of the tests: figures depend on the machine. Peers (sep, tetra3rs) are measured in the same run where they are installed
-(``pip install -e .[dev,bench]``) and named as skipped where not.
+``python -m tools.bench [--quick] [--json | --markdown] [section …]``, or ``make bench`` for all of it. Tables go to the
+terminal. With ``--json`` standard output is one JSON document and the tables go to standard error. Not part of the
+tests, because results depend on the machine. Peers (sep, tetra3rs) are measured in the same run if installed (``pip
+install -e .[dev,bench]``), and listed as skipped otherwise.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ for _variable in (
     "NUMBA_NUM_THREADS",
     "RAYON_NUM_THREADS",
 ):
-    os.environ[_variable] = "1"  # before numpy is imported
+    os.environ[_variable] = "1"  # must be set before numpy is imported
 
 import argparse  # noqa: E402 - here and below: after the threads are limited
 import json  # noqa: E402
@@ -55,7 +54,7 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the sections and print."""
+    """Run the sections and print the tables."""
     parser = _parser()
     asked = parser.parse_args(arguments)
     unknown = [name for name in asked.sections if name not in SECTIONS]

@@ -1,4 +1,4 @@
-"""How quickly the API answers, one process and two API workers; our own load generator on keep-alive connections."""
+"""API throughput and latency, with one process and with two API workers; own load generator on keep-alive connections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CONNECTIONS = 8
 
 
 def api(quick: bool) -> list[Table]:
-    """Requests per second and how long one takes."""
+    """Return requests per second and response times."""
     seconds = 0.5 if quick else 5.0
     rows: list[tuple[str, dict[str, Value]]] = []
     for workers in (0, 2):

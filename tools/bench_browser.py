@@ -1,4 +1,4 @@
-"""What somebody in front of a browser waits for: the first view, its bytes, and how late the newest state is in ten browsers."""
+"""Waiting times in the browser: first view, its bytes, and the age of the latest state in ten browsers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PIXELS = """() => {
 
 
 def page_load(quick: bool) -> list[Table]:
-    """First view and the way from the server's clock to a painted frame."""
+    """Return the first view, and the delay from the server's clock to a painted frame."""
     if chromium() is None:
         return [Table("page_load", "Pages in a browser", "Skipped: there is no chromium here.", SEED, [])]
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:

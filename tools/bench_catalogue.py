@@ -1,4 +1,4 @@
-"""Building catalogues: distance table, envelope, whole builds, statistics of pointings."""
+"""Catalogue building: distance table, envelope, complete builds, pointing statistics."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CUBESTAR_SKY = BuildRequest("cubestar", "cubestar", Rules(3.8), pair_max_rad=flo
 
 
 def catalogues(quick: bool) -> list[Table]:
-    """Times of the catalogue tools."""
+    """Return times of the catalogue tools."""
     times = 1 if quick else 15
     stars = load_stars()
     bright = propagate(load_stars(6.0), EPOCH_JYEAR)

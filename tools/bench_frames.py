@@ -1,4 +1,4 @@
-"""Work on pixels: drawing, detection and centroids against the Cramér–Rao bound and the peers, whole chains."""
+"""Image processing: rendering, detection and centroids compared with the Cramér–Rao bound and with peers, complete chains."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Finder = Callable[[NDArray[np.uint8]], Array]
 
 
 def drawing(quick: bool) -> list[Table]:
-    """Time to draw one frame."""
+    """Return the time to render one frame."""
     rows: list[tuple[str, dict[str, Value]]] = []
     for name in ("cubestar", "sunsat"):
         known = profile(name)
@@ -53,7 +53,8 @@ def drawing(quick: bool) -> list[Table]:
 
 
 def finding(quick: bool) -> list[Table]:
-    """Detection and centroids on the same frames for all, in turns, so that the machine's moods fall on all alike."""
+    """Return detection and centroid results of all finders on the same frames, interleaved so that machine load affects
+    all equally."""
     frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
     finders: dict[str, Finder] = {
         "reference, known camera": _ours(SIGMA_PX, fast=False),
@@ -165,7 +166,7 @@ def _judged(frames: list[StarFrame], found: list[Array]) -> dict[str, Value]:
 
 
 def chains(quick: bool) -> list[Table]:
-    """Both chains from pixels to attitude on the same frames."""
+    """Return results of both chains from pixels to attitude on the same frames."""
     known = profile("cubestar")
     bank, sky, parameters = _bank(known), _known_sky(known), cubestar.default_parameters(known)
     loops = {"": False} | ({" [fast]": True} if kernels.AVAILABLE else {})

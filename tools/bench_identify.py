@@ -1,4 +1,4 @@
-"""Lost in space from lists of centroids: ours and a peer on the same lists."""
+"""Lost-in-space identification from centroid lists: ours and peers on the same lists."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ FALSE_STARS = (0, 1, 5, 10)
 FEWEST = 4
 PRIOR_OFF_RAD = float(np.radians(0.5))
 Solver = Callable[[StarList], tuple[float, Array | None]]
-"""A list in, duration in ms and the (3,) boresight in ICRS out; None when there is no solution."""
+"""Takes a list, returns duration in ms and the (3,) boresight in ICRS, or None without a solution."""
 
 
 def lost_in_space(quick: bool) -> list[Table]:
-    """One table for each camera."""
+    """Return one table for each camera."""
     return [_table(optics, 5 if quick else 300) for optics in CAMERAS]
 
 
 def near_attitude(quick: bool) -> list[Table]:
-    """Assisted and tracking: a prior attitude off by up to 0.5°, lists with and without false stars."""
+    """Return results with a prior attitude off by up to 0.5° (assisted and tracking), with and without false stars."""
     return [_near_table(optics, 5 if quick else 300) for optics in CAMERAS]
 
 
@@ -159,7 +159,7 @@ def _replica(sky: Sky, optics: Optics) -> Solver:
 
 
 def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
-    """The peer takes square pixels only: rows are stretched for it."""
+    """Return a solver of tetra3rs. It supports square pixels only, so rows are stretched for it."""
     import tetra3rs
 
     wide_deg, high_deg = np.degrees(optics.fov_rad)
@@ -193,7 +193,7 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
 
 
 def _cedar(sky: Sky, optics: Optics) -> Solver:
-    """The peer takes square pixels only: rows are stretched for it. Its data base holds the same stars."""
+    """Return a solver of cedar. It supports square pixels only, so rows are stretched for it. Its database holds the same stars."""
     import tetra3  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
 
     logging.getLogger("tetra3.Tetra3").setLevel(logging.ERROR)
@@ -234,7 +234,8 @@ def _cedar(sky: Sky, optics: Optics) -> Solver:
 
 
 def _hipparcos_lines(sky: Sky) -> str:
-    """The columns of the catalogue's main file that the peer reads; positions are at the epoch already, so no motion."""
+    """Return the columns of the catalogue's main file that the peer reads; positions are already at the epoch, so
+    without motion."""
     x, y, z = sky.icrs.T
     ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z))
     lines = []
@@ -247,7 +248,7 @@ def _hipparcos_lines(sky: Sky) -> str:
 
 
 def _gaia_records(sky: Sky) -> bytes:
-    """The layout of the file that the peer reads; positions are at the epoch already, so no motion."""
+    """Return the file format that the peer reads; positions are already at the epoch, so without motion."""
     fields = [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("mag", "<f4"), ("pm_ra", "<f4"), ("pm_dec", "<f4")]
     records = np.zeros(len(sky), np.dtype(fields))
     x, y, z = sky.icrs.T

@@ -1,4 +1,4 @@
-"""Packets per second from the line into the database: the whole link service, over a socket, as fast as it takes them."""
+"""Packets per second from the line into the database: the complete link service, over a socket, at full speed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PATIENCE_S = 40.0
 
 
 def ingest(quick: bool) -> list[Table]:
-    """Housekeeping packets through read, capture, decode, judge and store."""
+    """Return the rate of housekeeping packets through read, capture, decode, limit check and store."""
     count = 500 if quick else 20_000
     stream = recorded_line(count)
     rows: list[tuple[str, dict[str, Value]]] = []
@@ -41,14 +41,14 @@ def ingest(quick: bool) -> list[Table]:
 
 
 def recorded_line(count: int) -> list[bytes]:
-    """Frames of a simulated sensor that sends housekeeping a thousand times a second."""
+    """Return frames of a simulated sensor that sends housekeeping a thousand times a second."""
     camera, memory = profile("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     tracker = StarTracker(camera, Sky(camera, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
     now_s = 100.0
     device = Device(load_dictionary(), Identity(), memory, tracker, now_s, housekeeping_s=STEP_S)
     frames: list[bytes] = []
-    while len(frames) < count + 1:  # the first tells of the start and is no telemetry
+    while len(frames) < count + 1:  # the first frame reports the start and is not telemetry
         now_s += STEP_S
         device.advance(now_s)
         while (frame := device.next_frame(now_s)) is not None:
@@ -65,7 +65,7 @@ def _measured(frames: list[bytes], count: int, per_s: float) -> dict[str, Value]
         services.start()
         try:
             line, _ = door.accept()
-            while not services.link.connected:  # what came before is not of this contact and is thrown away
+            while not services.link.connected:  # data received earlier belongs to no contact and is discarded
                 time.sleep(0.01)
             time.sleep(0.5)
             sender = threading.Thread(target=_send, args=(line, frames, per_s), daemon=True)
@@ -94,7 +94,7 @@ def _send(line: socket.socket, frames: list[bytes], per_s: float) -> None:
 
 
 def _wait(services: Any, count: int) -> int:
-    """Rows of telemetry that came from the line; until all are there or nothing more comes."""
+    """Return the number of telemetry rows received from the line; wait until all have arrived or no more arrive."""
     from sqlalchemy import text
 
     deadline_s = time.perf_counter() + PATIENCE_S

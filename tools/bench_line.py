@@ -1,4 +1,4 @@
-"""The line: packets per second through codec, packet and frame, and how much of a line a transfer turns into content."""
+"""The line: packets per second through codec, packet and frame, and transfer efficiency."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
 
 @dataclass(frozen=True)
 class Kind:
-    """A packet to send again and again."""
+    """A packet type to send repeatedly."""
 
     type: PacketType
     code: int
@@ -46,7 +46,7 @@ class Kind:
 
 
 def packets(quick: bool) -> list[Table]:
-    """Packets per second on one core, both halves and the way through."""
+    """Return packets per second on one core, for encoding, decoding and the round trip."""
     dictionary, count = load_dictionary(), 50 if quick else 2000
     rng = np.random.default_rng(SEED)
     chunk, matches = dictionary.service("CHUNK"), dictionary.packet("matches")
@@ -95,7 +95,7 @@ def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
 
 
 class Line:
-    """A ground and a device on a line of a given rate, in simulated time; both directions lose bits."""
+    """A ground and a device on a line with a given rate, in simulated time; both directions have bit errors."""
 
     def __init__(self, dictionary: Dictionary, golden: Golden, baud: int, faults: FaultRates) -> None:
         known = profile("cubestar")
@@ -111,7 +111,7 @@ class Line:
         self.host.link_up(self.now_s)
 
     def step(self) -> None:
-        """Let time pass."""
+        """Advance by one time step."""
         self.now_s += STEP_S
         share = int(self.baud / BITS_PER_BYTE * STEP_S)
         out, events = self.host.poll(self.now_s)
@@ -128,12 +128,12 @@ class Line:
         self.events = events + self.host.feed(self._faults[1].apply(coming), self.now_s)
 
     def greet(self) -> None:
-        """Until the device has introduced itself."""
+        """Run until the device has identified itself."""
         while self.host.hello is None and self.now_s < PATIENCE_S:
             self.step()
 
     def picture(self) -> bool:
-        """Take an image into slot 0; the command is sent again until the device says that it is done."""
+        """Take an image into slot 0; the command is resent until the device reports completion."""
         request_id = self.host.submit("TAKE_IMAGE", {}, self.now_s)
         while self.now_s < PATIENCE_S:
             self.step()
@@ -147,11 +147,11 @@ class Line:
         return False
 
     def download(self) -> tuple[float, TransferUpdate]:
-        """Fetch slot 0: simulated seconds and the last word on it."""
+        """Download slot 0. Returns simulated seconds and the final update."""
         return self._finish(self.host.start_download("frame", 0, self.now_s), "verified")
 
     def upload(self, image: bytes) -> tuple[float, TransferUpdate]:
-        """Send a catalogue to bank B, to the commit."""
+        """Upload a catalogue to bank B, including the commit."""
         header, hello = read_header(image), self.host.hello
         known = hello.device_model if hello else ""
         facts = (known, header.profile_name, self._hash, HEADER_VERSION, header.epoch_jyear, header.stars, header.pairs)
@@ -167,7 +167,7 @@ class Line:
 
 
 def transfers(quick: bool) -> list[Table]:
-    """A frame down and a catalogue up at several rates of damage."""
+    """Return results of downloading a frame and uploading a catalogue at several bit error rates."""
     dictionary = load_dictionary()
     golden = build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
     cases = [(baud, rate) for baud in BAUDS for rate in ERROR_RATES]

@@ -1,4 +1,4 @@
-"""Put tables that were measured again into the page in the place of the older ones with the same titles."""
+"""Replace tables on the benchmark page with new results under the same titles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tools.bench_tables import Table
 
 
 def updated(page: str, tables: Sequence[Table]) -> str:
-    """The page with each table's part, from its title to the next heading, replaced; a new table goes to the end."""
+    """Return the page with each table's section, from its title to the next heading, replaced; new tables are appended."""
     for table in tables:
         head, new = f"## {table.title}\n", table.markdown().rstrip("\n") + "\n"
         start = 0 if page.startswith(head) else page.find("\n" + head) + 1

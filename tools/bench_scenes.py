@@ -1,4 +1,4 @@
-"""The truth that ours and the peers are measured on. None of it is drawn or placed by the project's own code."""
+"""Ground truth for measuring ours and the peers. None of it is rendered or placed by the project's own code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 EPOCH_JYEAR = 2025.0
 MERGE_PX = 3.0
 
-# Frames: a sensor with a visible noise floor, so that the bound on centroids is set by photons and read-out.
+# Frames: sensor with a visible noise floor, so that photon and read-out noise set the bound on centroids.
 SIGMA_PX, E_PER_DN, BIAS_DN, DARK_E, READ_E = 1.0, 40.0, 8.0, 80.0, 40.0
 PEAK_DN, RANGE_MAG, APART_PX, BORDER_PX, HALF_PX = 240.0, 3.0, 16.0, 12.0, 7
 
@@ -34,7 +34,7 @@ class StarFrame:
 
 
 def star_frames(count: int, stars: int, seed: int, columns: int = 1024, rows: int = 512) -> list[StarFrame]:
-    """Frames of pixel-integrated Gaussian stars with Poisson light, normal read-out and eight bits."""
+    """Return frames of pixel-integrated Gaussian stars with Poisson photon noise, normal read-out noise and eight bits."""
     rng = np.random.default_rng(seed)
     return [_star_frame(rng, stars, columns, rows) for _ in range(count)]
 
@@ -68,7 +68,7 @@ def _apart(rng: np.random.Generator, stars: int, columns: int, rows: int) -> Arr
 
 
 def _profile(first_px: int, centre_px: float) -> tuple[Array, Array]:
-    """Share of the light in each pixel of a row, and its derivative by the centre."""
+    """Return the share of the light in each pixel of a row, and its derivative with respect to the centre."""
     edges = np.arange(first_px, first_px + 2 * HALF_PX + 2) - 0.5 - centre_px
     share = 0.5 * np.diff(erf(edges / (SIGMA_PX * np.sqrt(2))))
     density = np.exp(-0.5 * (edges / SIGMA_PX) ** 2) / (SIGMA_PX * np.sqrt(2 * np.pi))
@@ -77,7 +77,7 @@ def _profile(first_px: int, centre_px: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Optics:
-    """A camera without distortion, its limit, and how far a right boresight may be off."""
+    """A camera without distortion, its magnitude limit, and the boresight error up to which a solution is correct."""
 
     name: str
     columns: int
@@ -90,14 +90,14 @@ class Optics:
 
     @property
     def camera(self) -> Camera:
-        """As the chains know it."""
+        """Return the camera model that the chains use."""
         return Camera.from_optics(
             self.columns, self.rows, self.pitch_col_mm, self.pitch_row_mm, self.focal_mm, Pinhole()
         )
 
     @property
     def fov_rad(self) -> tuple[float, float]:
-        """Across and down."""
+        """Field of view, horizontal and vertical."""
         wide, high = self.columns * self.pitch_col_mm, self.rows * self.pitch_row_mm
         return 2 * np.arctan(wide / 2 / self.focal_mm), 2 * np.arctan(high / 2 / self.focal_mm)
 
@@ -110,8 +110,8 @@ CAMERAS = (
 
 @dataclass(frozen=True)
 class StarList:
-    """A list of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's middle; ``true_stars``:
-    how many of them are stars."""
+    """A list of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's centre;
+    ``true_stars``: number of real stars in it."""
 
     cam_from_icrs: Array
     offset_px: Array
@@ -120,7 +120,8 @@ class StarList:
 
 
 def visible_stars(optics: Optics) -> Sky:
-    """Stars to the limit at the epoch, without the fainter of pairs closer than three pixels: no camera parts them."""
+    """Return stars to the magnitude limit at the epoch. Of pairs closer than three pixels the fainter star is dropped,
+    because no camera resolves them."""
     table = propagate(load_stars(optics.faint_mag), EPOCH_JYEAR).brighter_than(optics.faint_mag)
     reach_rad = MERGE_PX * max(optics.pitch_col_mm, optics.pitch_row_mm) / optics.focal_mm
     close = cKDTree(table.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
@@ -130,7 +131,7 @@ def visible_stars(optics: Optics) -> Sky:
 
 
 def star_lists(sky: Sky, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int) -> list[StarList]:
-    """Scenes at random attitudes: noisy places, 0.15 mag of photometric noise, false stars all over the frame."""
+    """Return scenes at random attitudes: noisy positions, 0.15 mag of photometric noise, false stars across the frame."""
     rng = np.random.default_rng(seed)
     return [_star_list(rng, sky, optics, false_stars, noise_px) for _ in range(count)]
 

@@ -1,4 +1,4 @@
-"""How figures are kept and shown: tables with their conditions, as text, Markdown or plain values for JSON."""
+"""Benchmark tables: results with their conditions, as text, Markdown or plain values for JSON."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Value = float | int | str | None
 
 @dataclass(frozen=True)
 class Table:
-    """Figures measured under the same conditions. ``rows``: what was measured and its figures; the unit is in the name of
-    the column. ``skipped``: what could not be measured, and why."""
+    """Results measured under the same conditions. ``rows``: what was measured and its values; the unit is in the column
+    name. ``skipped``: what could not be measured, and why."""
 
     section: str
     title: str
@@ -30,11 +30,11 @@ class Table:
 
     @property
     def columns(self) -> list[str]:
-        """Names of all figures, in order of appearance."""
+        """Names of all values, in order of appearance."""
         return list(dict.fromkeys(name for _, values in self.rows for name in values))
 
     def plain(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return {
             "section": self.section,
             "title": self.title,
@@ -45,12 +45,12 @@ class Table:
         }
 
     def cells(self) -> list[list[str]]:
-        """Header and rows as text."""
+        """Return header and rows as text."""
         body = [[what, *(_text(values.get(name)) for name in self.columns)] for what, values in self.rows]
         return [["", *self.columns], *body]
 
     def text(self) -> str:
-        """For the terminal."""
+        """Return the table for the terminal."""
         cells = self.cells()
         widths = [max(len(row[i]) for row in cells) for i in range(len(cells[0]))]
         lines = [
@@ -60,7 +60,7 @@ class Table:
         return "\n".join([f"{self.title} (seed {self.seed})", self.conditions, *lines, *self._skipped_lines()]) + "\n"
 
     def markdown(self) -> str:
-        """For the documents."""
+        """Return the table as Markdown."""
         cells = self.cells()
         lines = ["| " + " | ".join(row) + " |" for row in cells]
         lines.insert(1, "|---|" + "---:|" * len(self.columns))
@@ -78,21 +78,21 @@ def _text(value: Value) -> str:
 
 
 def timed_ms(work: Callable[[], T]) -> tuple[float, T]:
-    """Processor time of a call and what it returned. With one thread it is the duration on a machine that does nothing else,
-    and other programs disturb it less than the wall clock."""
+    """Return the processor time of a call, and its result. With one thread it equals the duration on an idle machine,
+    and other programs affect it less than the wall clock."""
     start_s = process_time()
     result = work()
     return 1e3 * (process_time() - start_s), result
 
 
 def repeated_ms(work: Callable[[], object], times: int) -> list[float]:
-    """Durations of calls after one that does not count."""
+    """Return the durations of repeated calls, after one warm-up call."""
     work()
     return [timed_ms(work)[0] for _ in range(times)]
 
 
 def spread(durations_ms: Sequence[float]) -> dict[str, Value]:
-    """Median and 95th percentile of processor times."""
+    """Return median and 95th percentile of processor times."""
     return {
         "median_ms": float(np.median(durations_ms)),
         "p95_ms": float(np.percentile(durations_ms, 95)),
@@ -100,7 +100,7 @@ def spread(durations_ms: Sequence[float]) -> dict[str, Value]:
 
 
 def machine() -> dict[str, Any]:
-    """Where and with what the figures were measured."""
+    """Return the machine and the software versions of the measurement."""
     packages = ("numpy", "scipy", "numba", "sep", "tetra3rs", "cedar-solve")
     return {
         "processor": _processor(),

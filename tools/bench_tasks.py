@@ -1,5 +1,5 @@
-"""How long the Live page's main thread is held up while the sensor cycles at 1 Hz: every task of the browser's own trace, in
-processor time (what the page needs) and in wall time (what a crowded machine makes of it)."""
+"""How long tasks block the Live page's main thread while the sensor cycles at 1 Hz: every task of the browser's own
+trace, in processor time (what the page needs) and in wall time (including the load of the machine)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Event = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """One task of a page's main thread. ``parts``: processor milliseconds by what was called in it, children not counted."""
+    """One task of a page's main thread. ``parts``: processor milliseconds by function called in it, without nested calls."""
 
     at_ms: float
     processor_ms: float
@@ -40,7 +40,7 @@ class Task:
 
 
 def page_tasks(quick: bool) -> list[Table]:
-    """Tasks of the Live page while the sensor cycles."""
+    """Return the tasks of the Live page while the sensor cycles."""
     if chromium() is None:
         return [Table("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
     rows = []
@@ -57,7 +57,7 @@ def page_tasks(quick: bool) -> list[Table]:
 
 
 def traced(width: int, height: int, seconds: float) -> tuple[list[Task], int]:
-    """The page's tasks while it follows a cycling sensor, and how many frames came meanwhile."""
+    """Return the page's tasks while it follows a cycling sensor, and the number of frames received meanwhile."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
         events, frames = asyncio.run(_trace(server, width, height, seconds))
@@ -90,7 +90,7 @@ async def _trace(server: Served, width: int, height: int, seconds: float) -> tup
 
 
 def tasks(events: Sequence[Event]) -> list[Task]:
-    """Tasks of every renderer's main thread, in order, out of a trace's events."""
+    """Return the tasks of every renderer's main thread, in order, from a trace's events."""
     mains = {
         (e["pid"], e["tid"]) for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain"
     }
@@ -104,7 +104,7 @@ def tasks(events: Sequence[Event]) -> list[Task]:
 
 
 def _nested(events: Sequence[Event]) -> Iterable[tuple[Event, list[Event]]]:
-    """Each task that lies in no other one, with everything inside it."""
+    """Yield each outermost task with all events inside it."""
     end, outer, inner = -1.0, None, []
     for event in events:
         if event["ts"] < end:
@@ -137,7 +137,7 @@ def _name(event: Event) -> str:
 
 
 def summary(found: Sequence[Task]) -> dict[str, Value]:
-    """The row of the table."""
+    """Return the row of the table."""
     processor, wall = np.array([t.processor_ms for t in found]), np.array([t.wall_ms for t in found])
     span_ms = found[-1].at_ms - found[0].at_ms
     return {
@@ -152,7 +152,7 @@ def summary(found: Sequence[Task]) -> dict[str, Value]:
 
 
 def main() -> None:
-    """The longest tasks and what they did: where to look."""
+    """Print the longest tasks and their parts."""
     found, frames = traced(1440, 900, SECONDS)
     print(frames, "frames", summary(found))
     for task in sorted(found, key=lambda t: -t.processor_ms)[:12]:

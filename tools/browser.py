@@ -12,16 +12,16 @@ FLAGS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--disable-gpu",  # painting through a software GPU costs five times the processor; WebGL comes by SwiftShader all the same
+    "--disable-gpu",  # a software GPU needs five times the processor time; WebGL still works
     "--enable-unsafe-swiftshader",
 ]
 
 
 def chromium() -> str | None:
-    """The browser's program."""
+    """Return the path of the browser."""
     return shutil.which("chromium")
 
 
 def launch_options() -> dict[str, Any]:
-    """For playwright's launch."""
+    """Return the options for playwright's launch."""
     return {"executable_path": chromium(), "args": FLAGS}

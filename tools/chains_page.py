@@ -1,8 +1,8 @@
-"""Write docs/chains.md: every stage of every chain with where it lives, its source, and its constants with theirs.
+"""Write docs/chains.md: every stage of every chain with its function and source, and its constants with theirs.
 
     .venv/bin/python -m tools.chains_page
 
-A stage names a function that must exist; the constants and their sources are those of the running code.
+A stage names a function that must exist; the constants and their sources are read from the running code.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ PAGE = Path(__file__).parent.parent / "docs" / "chains.md"
 
 @dataclass(frozen=True)
 class Stage:
-    """``where``: module:function under gss.pipeline; ``reach``: how to ask for it; ``sources``: section of the document."""
+    """``where``: module:function under gss.pipeline; ``reach``: how to select it on the command line; ``source``:
+    section of the document."""
 
     what: str
     where: str
@@ -271,14 +272,14 @@ SOURCES: dict[str, dict[str, str]] = {
 
 
 def function(where: str) -> Any:
-    """What a stage names; ImportError or AttributeError where it is not."""
+    """Return the function that a stage names; ImportError or AttributeError if it does not exist."""
     module, name = where.split(":")
     full = module if module.startswith("gss.") else f"gss.pipeline.{module}"
     return getattr(importlib.import_module(full), name)
 
 
 def text() -> str:
-    """The page."""
+    """Return the page."""
     parts = [
         "# Chains",
         "",
@@ -315,7 +316,7 @@ def _constants(name: str) -> list[str]:
 
 
 def _by_stem(constant: str, told: dict[str, str]) -> str:
-    """Constants of one kind share a source: min_verified_lost has that of min_verified."""
+    """Return the source of a constant. Constants of one kind share it: min_verified_lost has that of min_verified."""
     stems = [stem for stem in told if constant.startswith(stem) or stem.startswith(constant.rpartition("_")[0] or "–")]
     if stems:
         return told[max(stems, key=len)]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 SLOW = ("tests/system", "tests/e2e", "tests/contract", "tests/fuzz")
 MOST_FILES = 25
-"""More changed tests than this do not fit into a minute: the ones nearest to the change run first."""
+"""More changed tests than this do not fit into a minute: those nearest to the change run first."""
 
 
 def changed_files(base: str) -> list[str]:
@@ -47,7 +47,7 @@ def tests_of(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
 
 
 def main() -> int:
-    """Exit status of pytest; 0 where nothing is to be tested."""
+    """Run the tests. Returns pytest's exit status; 0 if there is nothing to test."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--base", default="HEAD", help="compare with this revision (default HEAD)")
     chosen = tests_of(changed_files(parser.parse_args().base), sorted(Path("tests").rglob("test_*.py")))

@@ -1,7 +1,8 @@
-"""``python -m tools.fuzz TARGET --minutes N``: look for input that breaks a promise; the corpus is where it starts.
+"""``python -m tools.fuzz TARGET --minutes N``: search for input that violates a parser's contract, starting from the corpus.
 
-With atheris (``pip install atheris``) the search follows coverage; without, bytes are mutated by a seeded generator. What fails is
-written as ``regression-…`` beside the corpus; the tests replay it from then on. ``all`` takes every target in turn.
+With atheris (``pip install atheris``) the search is guided by coverage; otherwise a seeded generator mutates bytes. A
+failing input is written as ``regression-…`` beside the corpus, and the tests replay it from then on. ``all`` runs every
+target in turn.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ WORDS = (
 
 
 def seeds_of(target: str) -> list[bytes]:
-    """The kept inputs of a target, in order."""
+    """Return the stored inputs of a target, in order."""
     return [path.read_bytes() for path in sorted((CORPUS / target).iterdir()) if path.is_file()]
 
 
 def mutated(rng: random.Random, pool: list[bytes], most_bytes: int, text: bool) -> bytes:
-    """A few random changes to one input of the pool."""
+    """Return an input of the pool with a few random changes."""
     data = bytearray(rng.choice(pool))
     for _ in range(1 << rng.randrange(4)):
         _change(rng, data, pool, text)
@@ -91,7 +92,7 @@ def _swap_line(rng: random.Random, data: bytearray) -> None:
 
 
 def _swap_token(rng: random.Random, data: bytearray) -> None:
-    """One value becomes a word that has broken parsers before."""
+    """Replace one value with a word that has broken parsers before."""
     marks = [i for i, c in enumerate(data) if c in b' ,:[]{}<>"=\n\t;']
     if len(marks) > 1:
         i = rng.randrange(len(marks) - 1)
@@ -99,7 +100,8 @@ def _swap_token(rng: random.Random, data: bytearray) -> None:
 
 
 def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseException], None]) -> tuple[int, float]:
-    """Run mutated inputs until the time is over; ``keep`` takes each that failed. How many ran, and the slowest in seconds."""
+    """Run mutated inputs until the time is over; ``keep`` receives each that failed. Returns the number run, and the
+    slowest in seconds."""
     from tools.fuzz_targets import TARGETS
 
     target, pool, rng = TARGETS[name], seeds_of(name), random.Random(seed)  # not a secret
@@ -111,7 +113,7 @@ def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseExce
         signal.alarm(LONGEST_S)
         try:
             target.fuzz_one(data)
-        except Exception as error:  # anything but our own errors is what is looked for
+        except Exception as error:  # any exception other than our own errors is a finding
             keep(data, error)
         finally:
             signal.alarm(0)
@@ -124,7 +126,7 @@ def _too_long(_signal: int, _frame: FrameType | None) -> None:
 
 
 def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException], None]:
-    """Writes the first input of each place that raised."""
+    """Return a function that writes the first failing input of each raising location."""
 
     def keep(data: bytes, error: BaseException) -> None:
         frame = traceback.extract_tb(error.__traceback__)[-1]
@@ -141,7 +143,7 @@ def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException]
 
 
 def _with_atheris(name: str, seconds: int) -> int:
-    """libFuzzer ends the process at the first failure, so each search is a process of its own."""
+    """Run the search in a child process, because libFuzzer ends the process at the first failure."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
@@ -158,7 +160,7 @@ def _with_atheris(name: str, seconds: int) -> int:
 
 
 def atheris_main(name: str) -> None:
-    """Inside the process that libFuzzer drives."""
+    """Run in the process that libFuzzer drives."""
     import atheris
 
     with atheris.instrument_imports(include=["gss"]):
@@ -169,7 +171,7 @@ def atheris_main(name: str) -> None:
 
 
 def main() -> int:
-    """Search; 1 when something was found."""
+    """Search all chosen targets. Returns 1 if a failure was found."""
     from tools.fuzz_targets import TARGETS
 
     parser = argparse.ArgumentParser(description=__doc__)

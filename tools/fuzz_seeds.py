@@ -1,6 +1,8 @@
-"""The good examples that fuzzing starts from: ``python -m tools.fuzz_seeds`` writes tests/fuzz/corpus anew, regressions stay.
+"""Valid examples that fuzzing starts from: ``python -m tools.fuzz_seeds`` rewrites the seeds in tests/fuzz/corpus;
+regressions stay.
 
-Real bytes of our own writers, as small as they can be; what fuzzing found lies beside them as ``regression-*``.
+The bytes are written by our own writers, as small as possible; inputs found by fuzzing are stored beside them as
+``regression-*``.
 """
 
 from __future__ import annotations
@@ -68,14 +70,14 @@ services: [{name: CHUNK, packet: transfer, code: 4, purpose: p, fields: [{name: 
 
 @lru_cache(maxsize=8)
 def small_bank(format_name: str = "cubestar") -> bytes:
-    """Stars to V 0.8 with all their pairs, in one of the on-board formats."""
+    """Return a bank with stars to V 0.8 and all their pairs, in one of the on-board formats."""
     stars = propagate(load_stars(0.8), 2026.0)
     return encode(stars, distance_table(stars, 0.01, 0.4), format_name, "cubestar")
 
 
 @lru_cache(maxsize=1)
 def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
-    """What a simulated sensor and the ground say in a minute, as records of a capture and as packets that came down."""
+    """Return a minute of traffic between a simulated sensor and the ground, as capture records and as downlink packets."""
     camera, memory = profile("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     motion = Inertial.pointing(1.4661, 0.0873, 0.3)
@@ -157,7 +159,7 @@ def _paper() -> str:
 
 
 def seeds() -> Iterator[tuple[str, str, bytes]]:
-    """(target, name, bytes)."""
+    """Yield (target, name, bytes)."""
     said, packets = _contact()
     line = b"".join(data for _, way, data in said if way == 0)[:6000]
     yield "frames", "contact-cobs", line
@@ -210,7 +212,7 @@ def _triplets() -> bytes:
 
 
 def main() -> None:
-    """Write the corpus."""
+    """Write the seeds."""
     for target, name, data in seeds():
         folder = CORPUS / target
         folder.mkdir(parents=True, exist_ok=True)

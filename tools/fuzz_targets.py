@@ -1,8 +1,8 @@
-"""What bytes from outside run into, one function a target: ``fuzz_one(data)`` lets nothing out but a defect.
+"""Fuzz targets: one function for each parser of untrusted bytes. ``fuzz_one(data)`` raises only on a defect.
 
-Contract of every parser here: a GssError says what is wrong, or there is a result; never another exception, never much time or
-memory. Parsers of the line promise more and raise nothing at all. Formats with checksums are tried twice: as the bytes are, and
-with their checksums made right, because a sender who means harm can compute them too.
+Contract of every parser here: it returns a result or raises a GssError that says what is wrong; never another
+exception, never much time or memory. Parsers of the line promise more and never raise. Formats with checksums are tried
+twice: as given, and with corrected checksums, because an attacker can compute them too.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ RECORD = struct.Struct(">BBHH")
 
 @dataclass(frozen=True)
 class Target:
-    """One parser. ``text``: mutate its input as text too. ``most_bytes``: longer inputs teach nothing new."""
+    """One parser. ``text``: mutate its input as text too. ``most_bytes``: maximum input length; longer inputs find nothing new."""
 
     fuzz_one: Callable[[bytes], None]
     text: bool = False
@@ -59,7 +59,7 @@ class Target:
 
 
 def frames(data: bytes) -> None:
-    """Both framings: nothing raised, memory bounded, the same packets however the stream was cut, and all come back."""
+    """Both framings: no exception, bounded memory, the same packets however the stream is split, and every packet round-trips."""
     step = 1 + (data[0] if data else 0)
     for name in FRAMINGS:
         whole, pieces = Deframer(framing=name), Deframer(framing=name)
@@ -74,7 +74,7 @@ def frames(data: bytes) -> None:
 
 
 def packets(data: bytes) -> None:
-    """A packet and its payload by every layout of the dictionary; what can be read is written as it was."""
+    """A packet, and its payload by every layout of the dictionary; everything decoded must encode to the same."""
     for candidate in (data, with_crc(data)):
         packet = decode_packet(candidate)
         if hasattr(packet, "payload"):
@@ -99,7 +99,7 @@ def _converted(packet: Any) -> bool:
 
 
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
-    """Packets before they are framed: u8 type, u8 code, u16 request id, u16 length, payload; so that checksums are right."""
+    """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length, payload."""
     found, at = [], 0
     while at + RECORD.size <= len(data) and len(found) < MOST_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
@@ -111,7 +111,7 @@ def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
 
 
 def session(data: bytes) -> None:
-    """The ground's side of the line, greeted and with a command and a transfer under way, hears what no sensor says."""
+    """The ground session, connected and with a command and a transfer in progress, receives arbitrary packets."""
     dictionary = load_dictionary()
     host, now_s = HostSession(dictionary), 100.0
     host.link_up(now_s)
@@ -129,7 +129,7 @@ def session(data: bytes) -> None:
 
 
 def capture(data: bytes) -> None:
-    """The file of a raw capture, and whatever the line said as one record."""
+    """A raw capture file, and arbitrary line data as one record."""
     for file in (data, struct.pack("<dBI", 1.7e9, 0, len(data)) + data):
         decoder = CaptureDecoder(load_dictionary())
         for at_s, direction, piece in read_capture(io.BytesIO(file)):
@@ -161,7 +161,7 @@ def _star_list(kind: str) -> Callable[[bytes], None]:
 
 
 def tle(data: bytes) -> None:
-    """Two lines, as given and with their checksums made right."""
+    """A two-line element set, as given and with corrected checksums."""
     text = data.decode("utf-8", "replace")
     for candidate in (text, "\n".join(map(_with_tle_sum, text.splitlines()[:4]))):
         with suppress(GssError):
@@ -177,13 +177,13 @@ def _with_tle_sum(line: str) -> str:
 
 
 def dictionary(data: bytes) -> None:
-    """Another dictionary."""
+    """A dictionary."""
     with suppress(GssError):
         parse_dictionary(data.decode("utf-8", "replace"))
 
 
 def manifest(data: bytes) -> None:
-    """The paper of a catalogue, as given and with its hash made right; what was read can be used."""
+    """A catalogue manifest, as given and with corrected hash; a manifest that was read must be usable."""
     text = data.decode("utf-8", "replace")
     for candidate in (text, _with_manifest_sum(text)):
         with suppress(GssError):
@@ -208,7 +208,7 @@ def _with_manifest_sum(text: str) -> str:
 
 
 def bank(data: bytes) -> None:
-    """A bank image, as given and with its checksums made right; what can be read can be written in every way."""
+    """A bank image, as given and with corrected checksums; an image that was read can be written in every format."""
     for candidate in (data, _with_bank_sums(data)):
         with suppress(GssError):
             decode(candidate)
@@ -224,7 +224,7 @@ def bank(data: bytes) -> None:
 
 
 def _with_bank_sums(data: bytes) -> bytes:
-    """Body CRC at 56, header CRC at 60. The body ends where the image says, or where the data do."""
+    """Correct the body CRC at 56 and the header CRC at 60. The body ends where the image says, or at the end of the data."""
     if len(data) < 64:
         return data
     fixed = bytearray(data)
@@ -234,12 +234,12 @@ def _with_bank_sums(data: bytes) -> bytes:
 
 
 def device_table(data: bytes) -> None:
-    """Calibration, parameter and triplet tables, as given and with their checksums made right."""
+    """Calibration, parameter and triplet tables, as given and with corrected checksums."""
     for candidate in (data, _with_table_sums(data)):
         for kind in ("calibration", "parameters"):
             with suppress(GssError):
                 profile, values = decode_table(kind, candidate)
-                with suppress(GssError):  # names that the wire's format allows and ours does not
+                with suppress(GssError):  # the wire format allows names that ours does not
                     _require(decode_table(kind, encode_table(kind, profile, values))[0] == profile, "no way back")
         with suppress(GssError):
             decode_triplets(candidate)
@@ -269,7 +269,8 @@ def _table_file(kind: str) -> Callable[[bytes], None]:
 
 
 def _inside_zip(kind: str) -> Callable[[bytes], None]:
-    """Inside the ZIP: first line the name of a member that the rest replaces, because damage to packed bytes goes nowhere."""
+    """Fuzz a member inside a ZIP file: the first line is its name, the rest its content; damage to compressed bytes
+    would find nothing."""
 
     def fuzz_one(data: bytes) -> None:
         name, _, content = data.partition(b"\n")
@@ -294,13 +295,13 @@ def _good_members(kind: str) -> tuple[tuple[str, bytes], ...]:
 
 
 def c_sources(data: bytes) -> None:
-    """A catalogue in C."""
+    """A catalogue as C source."""
     with suppress(GssError):
         read_c_source(data.decode("utf-8", "replace"))
 
 
 def dark_frame(data: bytes) -> None:
-    """A kept dark frame."""
+    """A stored dark frame."""
     with suppress(GssError):
         from_bytes(data)
 

@@ -1,6 +1,6 @@
-"""``python -m tools.licences``: docs/licences.md, under which terms is what GSS stands on; ``--sbom FILE``: as CycloneDX.
+"""``python -m tools.licences``: write docs/licences.md, the licences of all dependencies; ``--sbom FILE``: write them as CycloneDX.
 
-Names and versions come from the lock files, terms from what each package says of itself.
+Names and versions come from the lock files, licences from each package's metadata.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ under the [Apache License 2.0](../LICENSE). Python packages are installed beside
 
 The star data are Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), with names from d3-celestial (BSD-3-Clause).
 """
-# What packages write into their metadata, in the words of SPDX.
+# Licence names in package metadata, mapped to SPDX.
 WORDS = {
     "apache software license": "Apache-2.0",
     "apache 2.0": "Apache-2.0",
@@ -58,7 +58,7 @@ def locked() -> list[tuple[str, str, list[str]]]:
 
 
 def licence_of(name: str) -> str | None:
-    """SPDX name or the package's own words; None where it is not installed here."""
+    """Return the SPDX name or the package's own text; None if it is not installed here."""
     try:
         told = metadata.metadata(name)
     except metadata.PackageNotFoundError:
@@ -71,7 +71,7 @@ def licence_of(name: str) -> str | None:
 
 
 def of_the_pages() -> list[tuple[str, str, str]]:
-    """(name, version, licence) of what goes into the built pages."""
+    """Return (name, version, licence) of each package in the built pages."""
     packages = json.loads((ROOT / "web" / "package-lock.json").read_text())["packages"]
     rows = [
         (path.rpartition("node_modules/")[2], p["version"], p.get("license", "not stated"))
@@ -82,7 +82,7 @@ def of_the_pages() -> list[tuple[str, str, str]]:
 
 
 def page(known: dict[str, str]) -> str:
-    """The page; ``known``: licences of packages that another platform needs and this one has not."""
+    """Return the page. ``known``: licences of packages needed on other platforms and not installed here."""
     rows = [(n, v, licence_of(n) or known.get(n, "not installed here")) for n, v, _ in locked()]
     tables = [("Python", rows), ("In the pages", of_the_pages())]
     parts = [HEAD]
@@ -93,12 +93,12 @@ def page(known: dict[str, str]) -> str:
 
 
 def rows_of(text: str) -> dict[str, str]:
-    """Licence by name, of a written page."""
+    """Return the licence by name from an existing page."""
     return dict(re.findall(r"^\| (\S+) \| \S+ \| (.+) \|$", text, re.MULTILINE))
 
 
 def sbom() -> dict[str, Any]:
-    """CycloneDX 1.6, without a time, so that it is the same for the same source."""
+    """Return CycloneDX 1.6 without a timestamp, so that the same source gives the same document."""
     components = [
         {
             "type": "library",
@@ -124,7 +124,7 @@ def sbom() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write."""
+    """Write the page or the SBOM."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sbom", type=Path, metavar="FILE")
     arguments = parser.parse_args()

@@ -1,7 +1,7 @@
-"""Make the package's table of the Hipparcos stars that the main one leaves out: all of hip2 beyond V 8.
+"""Create the package's table of the Hipparcos stars missing from the main one: all of hip2 beyond V 8.
 
 Usage: ``python -m tools.make_faint_star_table``, after make_star_table. hip2 has no V: it is Hp − g(V−I), as in
-gss/catalogue_tools/sources/hipparcos.py, good to 0.02 mag for stars that do not vary. Provenance: docs/star-table.md.
+gss/catalogue_tools/sources/hipparcos.py, accurate to 0.02 mag for non-variable stars. Provenance: docs/star-table.md.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ FAINT_TARGET = TARGET.with_name("stars_faint.npz")
 
 
 def main() -> None:
-    """Take what is not in the main table, sort by V, then HIP, write."""
+    """Select the stars that are not in the main table, sort by V, then HIP, and write."""
     hip2 = read_hip2()
     with np.load(TARGET) as main_table:
         h = hip2[~np.isin(hip2[:, HIP], main_table["hip"])]
-    # The fit of V ends at V−I 4; the list to V 8 does not have these stars, so that none of them is brighter.
+    # The fit of V is valid up to V−I 4. These stars are not in the list to V 8, so none of them is brighter.
     v_mag = np.maximum(v_from_hp(h[:, HP], np.clip(h[:, V_I], -0.5, 4.0)), 8.01)
     order = np.lexsort((h[:, HIP], np.round(v_mag * 100)))
     h, v_mag = h[order], v_mag[order]

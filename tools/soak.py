@@ -1,7 +1,7 @@
-"""Load for as long as asked: a line at 50 packets/s, ten listeners, and nothing may be late, lost, or grow.
+"""Soak test: a line at 50 packets/s and ten listeners for a given time; no data may be late or lost, and no process may grow.
 
-``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browsers N] [--data FOLDER]`` prints a line per minute and
-one JSON document at the end; its exit status says whether every limit held. ``make soak`` is a day of it.
+``python -m tools.soak HOURS [--workers N] [--clients 10] [--rate 50] [--browsers N] [--data FOLDER]`` prints a line per
+minute and one JSON document at the end; its exit status says whether every limit held. ``make soak`` runs it for a day.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from tools.soak_pages import LATEST_S, watch
 from tools.stream_client import Heard, listen
 
 LEAST_SHARE = 0.5
-"""Of the rate: on a crowded machine the simulated sensor itself leaves packets out, which then are not lost."""
+"""Minimum share of the rate: on a loaded machine the simulated sensor itself skips packets, which are then not lost."""
 OWN_ROW_EVERY_S = 10.0
-"""The ground's own counters of the line are kept as telemetry too."""
+"""The ground's own line counters are stored as telemetry too, once in this interval."""
 GROWTH_BYTES, GROWTH_SHARE = 24 << 20, 0.10
 WARM_SHARE, WARM_LEAST_S = 0.25, 20.0
 LOOK_S = 5.0
@@ -39,8 +39,8 @@ Say = Callable[[str], None]
 
 @dataclass
 class Look:
-    """One look from outside. ``good``: packets received; ``store_late_s``: age of the newest stored packet; ``line_late_s``: how
-    far the line is behind its best."""
+    """One sample taken from outside. ``good``: packets received; ``store_late_s``: age of the newest stored packet;
+    ``line_late_s``: delay of the line relative to its best."""
 
     at_s: float
     good: int
@@ -55,7 +55,7 @@ class Look:
 
 @dataclass
 class Report:
-    """What came of it."""
+    """Results of a run."""
 
     seconds: float
     rate: float
@@ -65,19 +65,19 @@ class Report:
     browser: dict[str, Any] = field(default_factory=dict)
 
     def late_ms(self, share: float) -> float:
-        """A quantile of how late the header bar came, over all clients."""
+        """Return a quantile of the header bar's delay, over all clients."""
         late = sorted(s for heard in self.heard for s in heard.late_s)
         return 1e3 * late[min(len(late) - 1, int(share * len(late)))] if late else float("nan")
 
     def growth(self) -> dict[str, tuple[float, float]]:
-        """(MiB after warming up, MiB at the end) of each process that lived all the time."""
+        """Return (MiB after warming up, MiB at the end) of each process that lived throughout."""
         warm = [look for look in self.looks if look.at_s >= max(WARM_LEAST_S, WARM_SHARE * self.seconds)]
         third = max(1, len(warm) // 3)
         names = set.intersection(*(set(look.resident) for look in warm)) if warm else set()
         return {n: (_mib(warm[:third], n), _mib(warm[-third:], n)) for n in sorted(names)}
 
     def problems(self) -> list[str]:
-        """Every limit that did not hold."""
+        """Return every limit that did not hold."""
         first, last = self.looks[0], self.looks[-1]
         packets = (last.good - first.good) / (last.at_s - first.at_s)
         found = []
@@ -90,7 +90,7 @@ class Report:
         own = (last.at_s - first.at_s) / OWN_ROW_EVERY_S
         if (
             abs(received + own - stored) > self.rate + 20
-        ):  # not asked at the same moment, and not every packet is telemetry
+        ):  # the two counts are not taken at the same time, and not every packet is telemetry
             found.append(f"{received} packets received, {stored} stored")
         if max(last.store_late_s, last.line_late_s) >= LATEST_S:
             found.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
@@ -101,7 +101,7 @@ class Report:
         return found + [f"browser: {text}" for text in self.browser.get("problems", [])]
 
     def plain(self) -> dict[str, Any]:
-        """For machines."""
+        """Return plain values for JSON."""
         first, last = self.looks[0], self.looks[-1]
         span_s = last.at_s - first.at_s
         return {
@@ -155,8 +155,8 @@ async def soak(
     pages: int = 1,
     say: Say = lambda _: None,
 ) -> Report:
-    """Listen and look for ``seconds``; the sensor sends already. ``session``: of ``pages`` real browsers that
-    watch too; empty: none."""
+    """Listen and sample for ``seconds`` while the sensor sends. ``session``: session cookie for ``pages`` real browsers
+    that also watch; empty: none."""
     report = Report(seconds, rate, workers, heard=[Heard() for _ in range(clients)])
     start_s = time.monotonic()
     end_s = start_s + seconds
@@ -183,7 +183,7 @@ async def soak(
 
 
 async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tuple[Look, float]:
-    """The look, and seconds from the device's clock to ours, of which only changes mean anything."""
+    """Return the sample, and the difference between device clock and ours in seconds, of which only changes are meaningful."""
     counters = (await http.get("/link/counters")).json()["received"]
     newest = (await http.get("/telemetry/packets", params={"packet": "housekeeping", "limit": 1})).json()[0]
     received_s, asked_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
@@ -216,7 +216,7 @@ def _line(report: Report) -> str:
 
 @contextlib.contextmanager
 def loaded_server(folder: Path, rate: float, workers: int) -> Any:
-    """A server whose simulated sensor sends ``rate`` housekeeping packets a second."""
+    """Start a server whose simulated sensor sends ``rate`` housekeeping packets a second."""
     arguments = ["--simulator", "cubestar", *(["--workers", str(workers)] if workers else [])]
     options = {"GSS_SIMULATOR_OPTIONS": f"--housekeeping-hz {rate:g}", "GSS_STREAMS_EACH": "500"}
     with served(folder, *arguments, **options) as server:
@@ -225,7 +225,7 @@ def loaded_server(folder: Path, rate: float, workers: int) -> Any:
 
 
 def wait_for_rest(server: Served) -> None:
-    """Until the sensor has been met and asked what it holds: from then on it sends housekeeping only."""
+    """Wait until the device has been identified and its content read; from then on it sends housekeeping only."""
     deadline_s = time.monotonic() + START_S
     with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         while time.monotonic() < deadline_s:
@@ -238,7 +238,7 @@ def wait_for_rest(server: Served) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run and print."""
+    """Run the soak test and print the result."""
     parser = argparse.ArgumentParser(prog="python -m tools.soak", description=__doc__)
     parser.add_argument("hours", type=float)
     parser.add_argument("--workers", type=int, default=0)

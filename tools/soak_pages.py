@@ -1,4 +1,4 @@
-"""Real browsers on the Live page for the soak: each page's own event stream is looked at, its console, and its memory."""
+"""Real browsers on the Live page for the soak test: checks each page's own event stream, console and memory."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from tools.browser import launch_options
 from tools.served import Served
 
 LATEST_S = 1.0
-"""A requirement of the product, with a hundred times what is usual on an idle machine."""
+"""Product requirement; a hundred times the usual delay on an idle machine."""
 WARM_SHARE = 0.25
 GROWTH_MB, GROWTH_SHARE = 8.0, 0.25
-"""A page keeps bounded lists that fill in the first minutes; it must not grow by more than this after a quarter of the time."""
-# The page's own stream, seen on its way in: every message passes, and the numbers it carries are checked as the page checks them.
+"""Maximum growth after the warm-up: a page keeps bounded lists that fill up in the first minutes."""
+# Wraps the page's EventSource: every message still reaches the page, and its numbers are checked as the page checks
+# them.
 LISTEN = """(() => {
   const heard = (window.heard = { messages: 0, dropped: 0, jumps: 0, breaks: 0, late_s: 0, latest_s: 0 });
   const Own = window.EventSource;
@@ -44,7 +45,7 @@ LISTEN = """(() => {
 
 @dataclass
 class Seen:
-    """One page. ``heap_mb``: what its scripts hold after a full collection, once warm and at the end."""
+    """One page. ``heap_mb``: memory held by its scripts after a full collection, once warm and at the end."""
 
     page: Any
     complaints: list[str] = field(default_factory=list)
@@ -52,7 +53,7 @@ class Seen:
     heard: dict[str, float] = field(default_factory=dict)
 
     def problems(self) -> list[str]:
-        """Every limit that did not hold."""
+        """Return every limit that did not hold."""
         found, heard = list(self.complaints), self.heard
         if heard["dropped"] or heard["breaks"] or heard["jumps"]:
             told = f"{heard['dropped']} dropped, {heard['jumps']} jumps in the numbers"
@@ -66,7 +67,7 @@ class Seen:
 
 
 async def watch(server: Served, session: str, until_s: float, pages: int = 1) -> dict[str, Any]:
-    """``pages`` browsers of their own on the Live page until a moment of ``time.monotonic``; what they heard and what was wrong."""
+    """Open the Live page in ``pages`` separate browsers until a time of ``time.monotonic``. Returns statistics and problems."""
     from playwright.async_api import async_playwright
 
     start_s = time.monotonic()

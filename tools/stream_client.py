@@ -1,4 +1,4 @@
-"""An event-stream client that checks what it gets: numbers without a jump, nothing dropped, how late."""
+"""Event-stream client that checks what it receives: consecutive numbers, no dropped messages, delay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIMIT = 64 << 20
 
 @dataclass
 class Heard:
-    """What one client got. ``late_s``: of each header bar, from the server's clock to ours (the same machine)."""
+    """Statistics of one client. ``late_s``: of each header bar, from the server's clock to ours (the same machine)."""
 
     messages: int = 0
     bytes: int = 0
@@ -26,7 +26,7 @@ class Heard:
     topics: dict[str, int] = field(default_factory=dict)
 
     def take(self, topic: str, data: str, number: str) -> None:
-        """One message."""
+        """Record one message."""
         self.messages += 1
         self.topics[topic] = self.topics.get(topic, 0) + 1
         if topic == "dropped":
@@ -42,15 +42,15 @@ class Heard:
             self.count = int(count)
             self.seq = self.seq or int(
                 seq
-            )  # a state tells the newest event too: what comes after it must not be missed
+            )  # a state carries the newest event's number too, so that events missed after it are detected
 
     def new_connection(self) -> None:
-        """States are counted anew; events go on."""
+        """Reset the count of states; event numbers continue."""
         self.count = 0
 
 
 async def listen(host: str, port: int, headers: dict[str, str], heard: Heard, until_s: float) -> None:
-    """Follow the stream until a moment (of ``time.monotonic``); come again when it ends, as a browser does."""
+    """Follow the stream until a time of ``time.monotonic``; reconnect when it ends, as a browser does."""
     while time.monotonic() < until_s:
         try:
             await _connection(host, port, headers, heard, until_s)
@@ -63,7 +63,7 @@ async def _connection(host: str, port: int, headers: dict[str, str], heard: Hear
     reader, writer = await asyncio.open_connection(host, port, limit=LIMIT)
     heard.new_connection()
     sent = {"Host": f"{host}:{port}", **headers} | ({"Last-Event-ID": str(heard.seq)} if heard.seq else {})
-    # HTTP/1.0: the answer comes without pieces of its own, as long as the connection lasts.
+    # HTTP/1.0 has no chunked encoding: the response is read as sent until the connection closes.
     head = "".join(f"{name}: {value}\r\n" for name, value in sent.items())
     writer.write(f"GET /api/stream HTTP/1.0\r\n{head}\r\n".encode())
     try:
