@@ -22,8 +22,7 @@ FIRST_YEAR, LAST_YEAR = 1950, 2150
 
 
 def request_of(body: CatalogueIn, user: str, now: datetime) -> BuildRequest:
-    """Return the build request for the form. If an attitude is set and no start is given, the days of use begin at
-    ``now``."""
+    """Return the build request for the form. If an attitude is set and no start is given, the days of use begin at ``now``."""
     orbit, attitude = _orbit(body), _attitude(body)
     start = moment(body.start) or (None if attitude is None else now)
     height_m = altitude_m(orbit, None if body.altitude_km is None else 1000 * body.altitude_km)

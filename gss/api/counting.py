@@ -1,5 +1,4 @@
-"""Count requests by route kind and status class, and measure time to first byte. Plain ASGI, so streams have no extra
-cost."""
+"""Count requests by route kind and status class, and measure time to first byte. Plain ASGI, so streams have no extra cost."""
 
 from __future__ import annotations
 
@@ -13,8 +12,7 @@ from gss.operations.upkeep.metrics import Metrics
 
 
 def kinds_of(app: FastAPI) -> frozenset[str]:
-    """Return the first path segments below /api. Unknown paths must not add values to the metrics' labels, so this set
-    is fixed."""
+    """Return the first path segments below /api. Unknown paths must not add values to the metrics' labels, so this set is fixed."""
     paths = ((context.path or "").split("/") for context in iter_route_contexts(app.routes))
     return frozenset(parts[2] for parts in paths if parts[1:2] == ["api"])
 

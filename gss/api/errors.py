@@ -53,8 +53,7 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 
 
 def describe(app: FastAPI) -> None:
-    """Describe every error response as JSON in the OpenAPI document. The framework would describe errors of HTML routes
-    as HTML."""
+    """Describe every error response as JSON in the OpenAPI document. The framework would describe errors of HTML routes as HTML."""
     made = app.openapi
 
     def openapi() -> dict[str, Any]:

@@ -21,8 +21,7 @@ class OneAtATime:
         self._lock = threading.Lock()
 
     async def run(self, call: Callable[[], T]) -> T:
-        """Run the call and return its result. Conflict while another call runs, even if that call's client has
-        disconnected."""
+        """Run the call and return its result. Conflict while another call runs, even if that call's client has disconnected."""
         if not self._lock.acquire(blocking=False):
             raise Conflict(self._busy, hint=self._hint)
         result: Future[T] = Future()

@@ -15,8 +15,7 @@ from gss.settings import Settings
 
 TIMEOUTS = HttpTimeouts()
 BACKLOG = 1024
-"""Length of the accept queue. A client that finds it full retries a second later, which is too late for ABORT in a
-burst."""
+"""Length of the accept queue. A client that finds it full retries a second later, which is too late for ABORT in a burst."""
 
 
 def open_connections(settings: Settings) -> Connections:

@@ -21,8 +21,7 @@ def say_stopping() -> None:
 
 
 def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
-    """End the process after ``seconds`` even if threads are still computing; print their names and kill child
-    processes."""
+    """End the process after ``seconds`` even if threads are still computing; print their names and kill child processes."""
     timer = threading.Timer(seconds, _end)
     timer.daemon = True
     timer.start()

@@ -34,8 +34,7 @@ def user(session: Session, user_id: int) -> User:
 
 
 def user_named(session: Session, name: str) -> User | None:
-    """Return the user with that name, ignoring case. Compared in Python, because SQLite ignores the case of ASCII
-    letters only."""
+    """Return the user with that name, ignoring case. Compared in Python, because SQLite ignores the case of ASCII letters only."""
     key = name_key(name)
     alike = [row for row in users(session) if name_key(row.name) == key]
     return next((row for row in alike if row.name == name), alike[0] if alike else None)

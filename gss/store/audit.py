@@ -29,8 +29,7 @@ IN_FORCE = {
 
 @dataclass(frozen=True)
 class AuditFilter:
-    """Filter for audit rows by user, action prefix and result; "" matches all. ``since`` is inclusive, ``until``
-    exclusive."""
+    """Filter for audit rows by user, action prefix and result; "" matches all. ``since`` is inclusive, ``until`` exclusive."""
 
     who: str = ""
     action: str = ""

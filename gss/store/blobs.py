@@ -23,8 +23,7 @@ class BlobStore:
     """Content-addressed bytes under an fsspec URL (a folder by default).
 
     An object store's credentials, region and endpoint come from the environment (``AWS_ACCESS_KEY_ID``,
-    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL, which is shown and
-    logged.
+    ``AWS_SECRET_ACCESS_KEY``, ``AWS_DEFAULT_REGION``, ``AWS_ENDPOINT_URL_S3``), never from the URL, which is shown and logged.
     """
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
@@ -48,8 +47,7 @@ class BlobStore:
             self._reach_bucket()
 
     def _reach_bucket(self) -> None:
-        """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never
-        created."""
+        """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never created."""
         bucket = self._root.partition("/")[0]
         with self._reached():
             there = bool(self._fs.exists(bucket))
@@ -124,8 +122,7 @@ class BlobStore:
             return
 
     def keys(self) -> Iterator[str]:
-        """Yield every key, in order; only 1/256 of the names are in memory at a time. Partially written files have no
-        key."""
+        """Yield every key, in order; only 1/256 of the names are in memory at a time. Partially written files have no key."""
         try:
             with self._reached():
                 parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in self._fs.ls(self._root, detail=False)]

@@ -55,8 +55,7 @@ def _tune_sqlite(connection: Any, _record: Any) -> None:
 
 def open_for_migration(url: str) -> Engine:
     """Return an engine whose transactions include schema changes: if the server is killed midway, the old schema stays
-    intact. SQLite alters a table by copying it, which its foreign key checks would treat as deletions, so they are
-    off."""
+    intact. SQLite alters a table by copying it, which its foreign key checks would treat as deletions, so they are off."""
     engine = open_engine(url)
     if url.startswith("sqlite"):
         event.listen(engine, "connect", _hold_schema)
@@ -110,8 +109,7 @@ def migrate(url: str) -> None:
 
 
 def _check_pages(url: str) -> None:
-    """Check an SQLite file's pages before anything is written, if the file is small enough to take only a second or
-    two."""
+    """Check an SQLite file's pages before anything is written, if the file is small enough to take only a second or two."""
     path = Path(make_url(url).database or "")
     if not url.startswith("sqlite") or not path.is_file() or path.stat().st_size > QUICK_CHECK_BYTES:
         return
@@ -173,8 +171,7 @@ def sole_server(url: str) -> Iterator[None]:
 
 @contextmanager
 def _sole_file(name: str) -> Iterator[None]:
-    """Hold the lock for an SQLite file, as a lock on a separate file beside it: SQLite uses its own locks on the
-    database file."""
+    """Hold the lock for an SQLite file, as a lock on a separate file beside it: SQLite uses its own locks on the database file."""
     if not name or name == ":memory:":
         yield
         return
@@ -215,8 +212,7 @@ class Database:
 
     @contextmanager
     def unit_of_work(self) -> Iterator[Session]:
-        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the
-        database fails."""
+        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the database fails."""
         try:
             with self._sessions.begin() as session:
                 yield session

@@ -149,8 +149,7 @@ def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[in
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
     """For frames without an operational solution, make the oldest solution of ``chain`` with the frame's camera
-    operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other
-    writers."""
+    operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
     _lock(session, frame_ids)
     pinned = select(Solution.frame_id).where(Solution.operational)
     oldest = (

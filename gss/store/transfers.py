@@ -37,8 +37,7 @@ def unfinished(session: Session) -> list[Transfer]:
 
 
 def mark_active(session: Session, kind: str, sha256: str) -> list[Transfer]:
-    """Mark the newest upload with this content as active and all others of its kind as committed. Returns the changed
-    rows."""
+    """Mark the newest upload with this content as active and all others of its kind as committed. Returns the changed rows."""
     of_kind = select(Transfer).where(Transfer.direction == "up", Transfer.kind == kind)
     brought = of_kind.where(Transfer.state.in_(("committed", "active")), Transfer.sha256 == sha256)
     newest = session.scalar(brought.order_by(Transfer.id.desc()).limit(1))

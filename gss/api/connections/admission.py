@@ -1,7 +1,6 @@
 """Which connections stay open when there are too many: those that carried an authenticated request take precedence.
 
-A new connection shows who uses it only with its first request, so it is always accepted and an older one is dropped for
-it.
+A new connection shows who uses it only with its first request, so it is always accepted and an older one is dropped for it.
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Divisor of the process's file descriptors that gives those for connections; files, the database and the line use the
-others."""
+"""Divisor of the process's file descriptors that gives those for connections; files, the database and the line use the others."""
 UNAUTHENTICATED_SHARE = 2
 """Divisor of all connections that gives those allowed without authentication; the others are reserved for signed-in users."""
 
@@ -152,8 +150,7 @@ class Connections:
 
 
 def _victim(pool: Pool) -> Connection:
-    """Return the oldest connection that waits for its client; the oldest of all if every one has a response in
-    progress."""
+    """Return the oldest connection that waits for its client; the oldest of all if every one has a response in progress."""
     return next((one for one in pool if one.waits_for_client), next(iter(pool)))
 
 

@@ -45,8 +45,7 @@ def _catalogue_values(row: Catalogue, banks: Sequence[BankView]) -> dict[str, An
 
 
 def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
-    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only
-    some."""
+    """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only some."""
     report = row.report
     return CatalogueDetailOut(
         **_catalogue_values(row, banks),

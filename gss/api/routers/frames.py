@@ -195,8 +195,7 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> Tr
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
     """Run a chain and store its result beside the operational one.
 
-    Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
-    blind.
+    Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved blind.
     """
     frame = app.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)

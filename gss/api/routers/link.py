@@ -45,8 +45,7 @@ async def open_link(
     app: App, who: Who, body: LinkOpenIn, deed: Deed, opening: Annotated[OneAtATime, Depends(_opening)]
 ) -> LinkOut:
     """Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
-    Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open
-    before."""
+    Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open before."""
 
     def open_now() -> LinkOut:
         deed(f"from {_port(app)} to {body.url}")

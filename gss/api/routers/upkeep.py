@@ -54,8 +54,7 @@ def read_retention(app: App) -> RetentionOut:
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
 def choose_retention(app: App, user: User, body: RetentionIn, deed: Deed) -> RetentionOut:
-    """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at
-    once."""
+    """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at once."""
     before, after = asdict(app.upkeep.retention.policy()), body.model_dump()
     changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
     deed(", ".join(changes) or "nothing changed")

@@ -89,8 +89,7 @@ class BenchRadialIn(_BenchIn):
 
 
 class BenchCheckerboardIn(_BenchIn):
-    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
-    a square."""
+    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of a square."""
 
     kind: Literal["bench-checkerboard"]
     frame_ids: FrameIds
@@ -125,8 +124,7 @@ CalibrationIn = Annotated[StarCalibrationIn | DetectorCalibrationIn | BenchIn, F
 
 
 class CalibrationOut(Out):
-    """Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a,
-    active"."""
+    """Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a, active"."""
 
     id: int
     profile: str

@@ -196,8 +196,7 @@ class AmbiguityOut(Out):
 
 
 class LifetimeOut(Out):
-    """Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span
-    examined."""
+    """Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span examined."""
 
     threshold: float
     days: float | None

@@ -104,8 +104,7 @@ class ByteGroupOut(Out):
 
 class CheckOut(Out):
     """Dry run: what would be sent, and what prevents it. ``confirm_name``: name to type if the hazard is critical; for
-    SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is
-    missing."""
+    SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is missing."""
 
     problems: list[str]
     preconditions: list[PreconditionOut]

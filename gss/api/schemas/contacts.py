@@ -167,8 +167,7 @@ class ReplayIn(In):
 
 
 class ReplayChangeIn(In):
-    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
-    this time."""
+    """Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to this time."""
 
     speed: Speed | None = None
     paused: bool | None = None

@@ -117,8 +117,7 @@ class CurveOut(Out):
 
 
 class BaffleOut(Out):
-    """Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z,
-    r)."""
+    """Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r)."""
 
     kind: Literal["one", "two"]
     lens_radius_mm: float
@@ -150,8 +149,7 @@ class TradeRowOut(Out):
 
 
 class DesignOut(Out):
-    """Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the
-    lens trade."""
+    """Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the lens trade."""
 
     profile: str
     camera: dict[str, Any]

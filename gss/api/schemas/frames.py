@@ -204,8 +204,7 @@ class FrameDetailOut(FrameOut):
 
 
 class SolveIn(In):
-    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else
-    blind)."""
+    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else blind)."""
 
     chain: str = "reference"
     profile: str | None = None

@@ -72,7 +72,7 @@ class Listener:
         return messages, dropped
 
     def close(self) -> None:
-        """End the connection after the queue is sent."""
+        """End the connection."""
         self.closed = True
         self.ready.set()
 

@@ -121,8 +121,7 @@ class EventStream(Response):
 
 @router.get("/stream", response_class=EventStream, status_code=200)
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
-    """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since
-    then first."""
+    """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since then first."""
     who = who_of(request.scope)
     after, valid = resumed_after(last_event_id or ""), _valid(request, app)
     return EventStream(app, request.app.state.fanout, after, valid, who.name if who else "")

@@ -73,7 +73,7 @@ class Crew:
         self._threads = [threading.Thread(target=self._watch, args=(w,), daemon=True) for w in self._workers]
 
     def go(self) -> None:
-        """Start serving and watching the workers; called when the link process is ready."""
+        """Let the workers start to serve, and watch them; called when the link process is ready."""
         with self._lock:
             self._ready = True
             for worker in self._workers:

@@ -14,8 +14,7 @@ from gss.api.guard.door import is_change, is_open
 from gss.api.workers.local_routes import is_local
 
 PEER = b"x-gss-peer"
-"""Original client: address, port and scheme. Accepted on the private socket only; this header from a browser is
-dropped."""
+"""Original client: address, port and scheme. Accepted on the private socket only; this header from a browser is dropped."""
 OWN = {
     b"connection",
     b"keep-alive",

@@ -1,5 +1,4 @@
-"""The link process behind API workers: serves a private socket, supervises the workers and replaces them if all are
-down."""
+"""The link process behind API workers: serves a private socket, supervises the workers and replaces them if all are down."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 they are listed here.
 
 A route may be listed if its response depends only on the database, the blobs and the request. State held by services
-(the line, banks and tables on board, alarms, running transfers and jobs, the active camera) is valid in the link
-process only.
+(the line, banks and tables on board, alarms, running transfers and jobs, the active camera) is valid in the link process only.
 """
 
 from __future__ import annotations

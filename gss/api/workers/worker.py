@@ -1,5 +1,4 @@
-"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link
-process.
+"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link process.
 
 Started by :mod:`gss.api.workers.crew` as ``python -m gss.api.workers.worker``. Standard input delivers one line of JSON
 when the link process is ready; end of file means that the link process has ended, and the worker then stops too.

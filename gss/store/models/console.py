@@ -12,8 +12,7 @@ from gss.store.models.base import Base
 
 
 class Alarm(Base):
-    """Limit violation, from its first sample until the value is back and an operator has acknowledged it. Never
-    deleted."""
+    """Limit violation, from its first sample until the value is back and an operator has acknowledged it. Never deleted."""
 
     __tablename__ = "alarms"
     id: Mapped[int] = mapped_column(primary_key=True)

@@ -849,8 +849,7 @@ export interface paths {
         /**
          * Open Link
          * @description Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
-         *     Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open
-         *     before.
+         *     Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open before.
          */
         post: operations["open_link_api_link_open_post"];
         delete?: never;
@@ -1826,8 +1825,7 @@ export interface paths {
          * Solve Frame
          * @description Run a chain and store its result beside the operational one.
          *
-         *     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved
-         *     blind.
+         *     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved blind.
          */
         post: operations["solve_frame_api_frames__frame_id__solve_post"];
         delete?: never;
@@ -3063,8 +3061,7 @@ export interface paths {
         get: operations["read_retention_api_admin_retention_get"];
         /**
          * Choose Retention
-         * @description Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at
-         *     once.
+         * @description Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at once.
          */
         put: operations["choose_retention_api_admin_retention_put"];
         post?: never;
@@ -3227,8 +3224,7 @@ export interface paths {
         };
         /**
          * Stream
-         * @description Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since
-         *     then first.
+         * @description Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since then first.
          */
         get: operations["stream_api_stream_get"];
         put?: never;
@@ -3605,8 +3601,7 @@ export interface components {
         };
         /**
          * BaffleOut
-         * @description Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z,
-         *     r).
+         * @description Section through a baffle. ``kind``: one or two stages. ``edges_mm``: (z, r) of knife edges; ``walls_mm``: (z, z, r).
          */
         BaffleOut: {
             /**
@@ -3744,8 +3739,7 @@ export interface components {
         };
         /**
          * BenchCheckerboardIn
-         * @description Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of
-         *     a square.
+         * @description Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of a square.
          */
         BenchCheckerboardIn: {
             /** Profile */
@@ -4079,8 +4073,7 @@ export interface components {
         };
         /**
          * CalibrationOut
-         * @description Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a,
-         *     active".
+         * @description Calibration. ``in_use``: reruns use this camera. ``places``: banks of the sensor that hold it, such as "a, active".
          */
         CalibrationOut: {
             /** Id */
@@ -4632,8 +4625,7 @@ export interface components {
         /**
          * CheckOut
          * @description Dry run: what would be sent, and what prevents it. ``confirm_name``: name to type if the hazard is critical; for
-         *     SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is
-         *     missing.
+         *     SCHEDULE the name of the scheduled command. ``authority``: current holder. ``allowed``: only the confirmation is missing.
          */
         CheckOut: {
             /** Problems */
@@ -5357,8 +5349,7 @@ export interface components {
         };
         /**
          * DesignOut
-         * @description Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the
-         *     lens trade.
+         * @description Design report. ``looks``: number of pointings behind curves and accuracy; ``full`` false: preview without the lens trade.
          */
         DesignOut: {
             /** Profile */
@@ -6226,8 +6217,7 @@ export interface components {
         };
         /**
          * LifetimeOut
-         * @description Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span
-         *     examined.
+         * @description Share of fields inside the envelope by days after the end of validity. ``days`` null: longer than the span examined.
          */
         LifetimeOut: {
             /** Threshold */
@@ -6929,8 +6919,7 @@ export interface components {
         };
         /**
          * ReplayChangeIn
-         * @description Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to
-         *     this time.
+         * @description Change of a running replay; omitted values stay unchanged. ``speed`` null: as fast as possible. ``at``: jump to this time.
          */
         ReplayChangeIn: {
             /** Speed */
@@ -7708,8 +7697,7 @@ export interface components {
         };
         /**
          * SolveIn
-         * @description Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else
-         *     blind).
+         * @description Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else blind).
          */
         SolveIn: {
             /**
