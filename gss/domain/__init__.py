@@ -1,1 +1,2 @@
-"""The words everyone uses: angles, rotations, frames, cameras, stars, results. numpy and the standard library only."""
+"""Basic types shared by all packages: angles, rotations, frames, cameras, stars, results. Depends on numpy, scipy
+and the standard library only."""

@@ -1,4 +1,4 @@
-"""Where a moving observer sees a star: one formula for catalogues, chains and the simulated sky."""
+"""Stellar aberration: the one formula used by catalogues, chains and the simulated sky."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def unit_from_ra_dec(ra_rad: Array | float, dec_rad: Array | float) -> Array:
 
 
 def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
-    """Right ascension [0, 2π) and declination of (…, 3) vectors; any length but zero.
+    """Right ascension [0, 2π) and declination of (…, 3) vectors of any non-zero length.
 
     atan2 keeps full precision at the poles, where arcsin of z loses half the digits.
     """
@@ -37,10 +37,10 @@ def ra_dec_from_unit(unit: Array) -> tuple[Array, Array]:
 
 
 def separation_rad(a: Array, b: Array) -> Array:
-    """Angle between (…, 3) unit vectors, by the chord.
+    """Angle between (…, 3) unit vectors, computed from the chord.
 
-    Jacobs 1995 eq. C.7 takes the arccosine of the dot product, which loses 1e-8 rad for small
-    angles; 2·arcsin(chord/2) does not, and near 180° the sum takes over.
+    Jacobs 1995 eq. C.7 takes the arccosine of the dot product, which loses 1e-8 rad at small angles. The arctangent of
+    |a − b| over |a + b| is accurate at all angles.
     """
     chord = np.linalg.norm(np.asarray(a) - b, axis=-1)
     total = np.linalg.norm(np.asarray(a) + b, axis=-1)

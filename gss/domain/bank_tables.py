@@ -1,6 +1,6 @@
-"""What a bank may hold beside its star list and its distance table, decoded: the words that ground and processor share.
+"""Decoded tables that a bank may hold besides its star list and distance table; shared by ground tools and on-board chains.
 
-A chain that finds its own table here uses it; where it does not, the chain makes one from the stars.
+A chain uses the table it needs if the bank holds it, and otherwise computes it from the stars.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gss.domain.triplets import Constellations
 
 @dataclass(frozen=True)
 class LineIndex:
-    """The k-vector of an ascending table: ``k[t]`` of its values are not above ``start`` + ``step``·t. Of distances in rad, or of
-    sin²θ where the bank has that."""
+    """k-vector index of an ascending table: ``k[t]`` is the number of values not above ``start`` + ``step``·t. The
+    values are distances in rad, or sin²θ if the bank stores that."""
 
     k: NDArray[np.int32]
     start: float
@@ -26,8 +26,11 @@ class LineIndex:
 
 @dataclass(frozen=True)
 class ReducedFrame:
-    """The frame that a reduced catalogue is made for: the ``brightest`` stars of every upright frame of that size, ``step_rad``
-    apart (Huffman 2006 §5.5.4: eight, 1°; the document does not say which frame)."""
+    """Frame size for which a reduced catalogue is made.
+
+    The catalogue keeps the ``brightest`` stars of every upright frame of this size, at pointings ``step_rad`` apart
+    (Huffman 2006 §5.5.4: eight, 1°; the document does not specify the frame).
+    """
 
     width_rad: float
     height_rad: float
@@ -37,7 +40,7 @@ class ReducedFrame:
 
 @dataclass(frozen=True)
 class ReducedCatalogue:
-    """``kept``: (n,) which stars of the list belong to it."""
+    """Subset of a star list. ``kept``: (n,) mask of its stars."""
 
     kept: NDArray[np.bool_]
     frame: ReducedFrame
@@ -45,8 +48,11 @@ class ReducedCatalogue:
 
 @dataclass(frozen=True)
 class BankTables:
-    """None where the bank has no such table. ``index``: over the distance table, or over ``sin2``: (m,) sin²θ of its pairs at the
-    width the device stores. ``flags``: (n,) the stars' FLAG_ bits."""
+    """Optional tables of a bank; None if it has no such table.
+
+    ``index``: over the distance table, or over ``sin2``. ``sin2``: (m,) sin²θ of the pairs at the precision stored on
+    the device. ``flags``: (n,) the stars' FLAG_ bits.
+    """
 
     index: LineIndex | None = None
     sin2: NDArray[np.floating] | None = None

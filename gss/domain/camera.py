@@ -1,7 +1,7 @@
-"""Camera geometry: unit vectors in the camera frame ↔ pixels, exact both ways.
+"""Camera geometry: camera-frame unit vectors to pixels and back, exact in both directions.
 
-Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. One direction of each model is a closed formula,
-the other is its Newton inverse, so that ``undistort(distort(p)) == p`` to rounding inside the model's domain.
+Distortions act on the ideal tangent plane ``(x, y) = (X/Z, Y/Z)``. In each model one direction is a closed formula and
+the other its Newton inverse, so that ``undistort(distort(p)) == p`` to rounding inside the model's domain.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CONVERGED = 1e-14
 
 
 class Distortion(Protocol):
-    """Maps (n, 2) tangent-plane points from ideal to measured and back; NaN outside the model's domain."""
+    """Map (n, 2) tangent-plane points from ideal to measured and back; NaN outside the model's domain."""
 
     def distort(self, ideal: Array) -> Array: ...
 
@@ -42,10 +42,10 @@ class Pinhole:
 
 @dataclass(frozen=True)
 class Brown:
-    """Brown–Conrady model as OpenCV writes it: closed form from ideal to measured.
+    """Brown–Conrady model in OpenCV's convention: closed form from ideal to measured.
 
-    Erlank 2013 eq. 4.1.3–4 uses the same polynomial in the other direction with inverted signs, an approximation;
-    :class:`BrownUndistort` is that form.
+    Erlank 2013 eq. 4.1.3–4 uses the same polynomial in the other direction with inverted signs, which is an
+    approximation; :class:`BrownUndistort` implements that form.
     """
 
     k1: float = 0.0
@@ -84,7 +84,7 @@ class Brown:
             step = np.empty(p.shape)
             step[..., 0] = (d * error[..., 0] - b * error[..., 1]) / det
             step[..., 1] = (a * error[..., 1] - c * error[..., 0]) / det
-            # A damped step keeps far points from jumping over the fold of a strong barrel polynomial.
+            # Steps are damped so that far points do not jump over the fold of a strong barrel polynomial.
             length = np.sqrt((step * step).sum(-1, keepdims=True))
             p -= (
                 step
@@ -100,7 +100,8 @@ class Brown:
 
 @dataclass(frozen=True)
 class BrownUndistort:
-    """Brown's polynomial from measured to ideal (Erlank 2013 eq. 4.1.3–4), the form a small processor evaluates once."""
+    """Brown's polynomial from measured to ideal (Erlank 2013 eq. 4.1.3–4): the direction an on-board processor
+    evaluates in closed form."""
 
     k1: float = 0.0
     k2: float = 0.0
@@ -121,9 +122,9 @@ class BrownUndistort:
 class RadialTilt:
     """Tilted detector and radial polynomial (Jacobs 1995 eq. 6.13–6.16): closed form from measured to ideal.
 
-    ``tilt_max_rad`` is the largest tilt, met in the direction ``tilt_direction_rad`` (from camera +x towards +y).
-    ``radial`` holds k₁…k₄ of Δr = k₁ r + k₂ r² + …, r and Δr in millimetres on the detector as the source prints
-    them, hence ``focal_mm``.
+    ``tilt_max_rad`` is the largest tilt, in the direction ``tilt_direction_rad`` (from camera +x towards +y).
+    ``radial`` holds k₁…k₄ of Δr = k₁ r + k₂ r² + …, with r and Δr in millimetres on the detector as printed in the
+    source; ``focal_mm`` converts them.
     """
 
     focal_mm: float
@@ -170,8 +171,8 @@ class RadialTilt:
 
 @dataclass(frozen=True)
 class Camera:
-    """Geometry of one camera. Pixel centres at integer (col, row), 0-based; focal lengths in pixels per axis,
-    so that non-square pixels need no special care."""
+    """Geometry of one camera. Pixel centres are at integer (col, row), 0-based; focal lengths are in pixels per
+    axis, which covers non-square pixels."""
 
     columns: int
     rows: int
@@ -206,7 +207,7 @@ class Camera:
 
     @classmethod
     def from_fov(cls, columns: int, rows: int, fov_col_rad: float) -> Camera:
-        """Pinhole with square pixels and the given horizontal field of view."""
+        """Return a pinhole camera with square pixels and the given horizontal field of view."""
         if not 0 < fov_col_rad < np.pi:
             raise BadInput(
                 "field of view is impossible", expected="between 0° and 180°", got=f"{np.degrees(fov_col_rad):g}°"
@@ -215,11 +216,12 @@ class Camera:
         return cls(columns, rows, focal_px, focal_px, (columns - 1) / 2, (rows - 1) / 2)
 
     def with_focal_scaled(self, factor: float) -> Camera:
-        """The same camera with both focal lengths multiplied."""
+        """Return the same camera with both focal lengths multiplied by ``factor``."""
         return replace(self, focal_col_px=self.focal_col_px * factor, focal_row_px=self.focal_row_px * factor)
 
     def project(self, unit_cam: Array) -> Array:
-        """(n, 2) pixels (col, row) of (n, 3) camera-frame vectors; NaN behind the camera or outside the distortion's domain."""
+        """(n, 2) pixels (col, row) of (n, 3) camera-frame vectors; NaN behind the camera or outside the distortion's
+        domain."""
         v = np.asarray(unit_cam, float)
         z = np.where(v[..., 2] > 1e-6, v[..., 2], np.nan)
         measured = self.distortion.distort(v[..., :2] / z[..., None])
@@ -233,18 +235,19 @@ class Camera:
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
     def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """Which (n, 2) pixels lie on the detector, at least ``margin_px`` inside its edge. NaN is outside."""
+        """(n,) mask of the (n, 2) pixels that lie on the detector, at least ``margin_px`` inside its edge. False for
+        NaN."""
         col, row = pixels[..., 0], pixels[..., 1]
         low = margin_px - 0.5
         return np.asarray((col >= low) & (row >= low) & (col <= self.columns - 1 - low) & (row <= self.rows - 1 - low))
 
     def corners(self) -> Array:
-        """(4, 3) camera-frame unit vectors of the detector's outer corners, in order round the edge."""
+        """(4, 3) camera-frame unit vectors of the detector's outer corners, in order around the edge."""
         c, r = self.columns - 0.5, self.rows - 0.5
         return self.unproject(np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r]]))
 
     def outline(self, per_side: int = 16) -> Array:
-        """(4·per_side, 3) camera-frame unit vectors round the detector's edge."""
+        """(4·per_side, 3) camera-frame unit vectors around the detector's edge."""
         c, r = self.columns - 0.5, self.rows - 0.5
         s = np.linspace(0, 1, per_side, endpoint=False)
         corners = np.array([[-0.5, -0.5], [c, -0.5], [c, r], [-0.5, r], [-0.5, -0.5]])
@@ -259,7 +262,7 @@ class Camera:
 
     @cached_property
     def diagonal_rad(self) -> float:
-        """Largest angle between two corners: no pair of stars in one frame is further apart."""
+        """Largest angle between two corners, and so the largest distance between two stars in one frame."""
         c = self.corners()
         return float(np.max(2 * np.arcsin(np.linalg.norm(c[:, None] - c[None], axis=-1) / 2)))
 

@@ -1,4 +1,4 @@
-"""A camera's geometry as plain values and back: what a stored solution was measured with, what a calibration found."""
+"""Convert a camera's geometry to plain values and back, for stored solutions and calibrations."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ MODELS = {model.__name__: model for model in (Pinhole, Brown, BrownUndistort, Ra
 
 
 def record_of(camera: Camera) -> dict[str, Any]:
-    """Plain values of a camera."""
+    """Return a camera as plain values."""
     values = asdict(camera)
     values["distortion"] = {"model": type(camera.distortion).__name__, **values["distortion"]}
     return values
 
 
 def camera_from(record: Mapping[str, Any]) -> Camera:
-    """The camera of a record; CorruptData where it is not one."""
+    """Return the camera of a record; CorruptData if it is not valid."""
     try:
         lens = dict(record["distortion"])
         model = MODELS[lens.pop("model")]

@@ -1,10 +1,11 @@
-"""What can go wrong, with what was expected, what came and what to try. "No solution" is not an error: see ``Outcome``."""
+"""Exceptions, with what was expected, what was received and what to try. "No solution" is not an error; see
+``Outcome``."""
 
 from __future__ import annotations
 
 
 class GssError(Exception):
-    """A broken contract or a broken world. ``expected``, ``got`` and ``hint`` end up on the page and on the terminal."""
+    """Base class of expected failures. ``expected``, ``got`` and ``hint`` are shown on the page and in the terminal."""
 
     def __init__(self, message: str, *, expected: str = "", got: str = "", hint: str = "") -> None:
         super().__init__(message)
@@ -21,19 +22,19 @@ class GssError(Exception):
 
 
 class BadInput(GssError):
-    """The caller gave something that cannot be used; nothing was changed."""
+    """The caller's input cannot be used; nothing was changed."""
 
 
 class TooCostly(BadInput):
-    """A file reached a limit of memory, processor time or wall time while it was read."""
+    """Reading a file exceeded a limit of memory, processor time or wall time."""
 
 
 class NotFound(GssError):
-    """The thing asked for does not exist."""
+    """The requested item does not exist."""
 
 
 class Conflict(GssError):
-    """The request is fine but not in the present state."""
+    """The request is valid but not allowed in the current state."""
 
 
 class LinkDown(GssError):
@@ -41,23 +42,23 @@ class LinkDown(GssError):
 
 
 class StoreDown(GssError):
-    """The store cannot be read or written now: disk full, locked, gone."""
+    """The store cannot be read or written: disk full, locked or missing."""
 
 
 class CorruptData(GssError):
-    """Stored or received bytes fail their own check."""
+    """Stored or received bytes fail their integrity check."""
 
 
 class NotSignedIn(GssError):
-    """Nobody has proved who they are."""
+    """The request is not authenticated."""
 
 
 class NotPermitted(GssError):
-    """Whoever asks has not the role for it."""
+    """The user's role does not permit this action."""
 
 
 class TooOften(GssError):
-    """Too many tries; the next one is heard after ``retry_after_s``."""
+    """Rate limit exceeded; retry after ``retry_after_s``."""
 
     def __init__(
         self, message: str, *, expected: str = "", got: str = "", hint: str = "", retry_after_s: float = 0.0

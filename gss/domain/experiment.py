@@ -1,4 +1,4 @@
-"""A document's figures beside ours."""
+"""Reruns of a document's tables: printed figures next to ours."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from math import sqrt
 
 Cell = str | float | int | None
 Progress = Callable[[float], None]
-"""Gets the share done; may raise to cancel."""
+"""Called with the fraction done; may raise to cancel."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A curve worth drawing: ``x`` and ``y`` of equal length with their labels (unit included)."""
+    """A curve to plot: ``x`` and ``y`` of equal length, with their labels (unit included)."""
 
     title: str
     x_label: str
@@ -24,8 +24,11 @@ class Series:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One table of a document rerun. ``columns`` name the cells of each row; by custom the first says what, then come the
-    paper's figure, ours, and what explains a difference. ``conditions``: plain sentences. ``seed``: of every random number."""
+    """One rerun of a document's table.
+
+    ``columns`` name the cells of each row; by convention the first names the quantity, followed by the paper's figure,
+    ours, and an explanation of the difference. ``conditions``: sentences. ``seed``: of all random numbers.
+    """
 
     name: str
     title: str
@@ -39,7 +42,7 @@ class Experiment:
 
 
 def share_interval(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share, 95 % by default; (0, 1) without trials."""
+    """Wilson confidence interval of a proportion, 95 % by default; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     p, n = hits / trials, trials
@@ -48,6 +51,6 @@ def share_interval(hits: int, trials: int, z: float = 1.96) -> tuple[float, floa
 
 
 def share_text(hits: int, trials: int) -> str:
-    """ "97.0 % (95.1–98.2, n 300)"."""
+    """Format a proportion with its interval: "97.0 % (95.1–98.2, n 300)"."""
     low, high = share_interval(hits, trials)
     return f"{100 * hits / max(1, trials):.1f} % ({100 * low:.1f}–{100 * high:.1f}, n {trials})"

@@ -1,10 +1,10 @@
-"""Named frames and the rotations between them. The drawing is in ``docs/conventions.md``.
+"""Named frames and the rotations between them. ``docs/conventions.md`` has the drawing.
 
-icrs   the catalogue's axes.
+icrs   axes of the catalogue.
 cam    +z boresight, +x to higher columns, +y to higher rows; right-handed, seen from inside the sphere.
-body   the spacecraft's axes; the mounting matrix is ``body_from_cam``.
-orbit  Sunsat's: z away from the Earth's centre's opposite (nadir), x along velocity, y against the orbit normal
-       (Jacobs 1995 §1.4); built by :func:`orbit_from_icrs`.
+body   axes of the spacecraft; the mounting matrix is ``body_from_cam``.
+orbit  Sunsat's axes: z to nadir, x along velocity, y against the orbit normal (Jacobs 1995 §1.4); built by
+       :func:`orbit_from_icrs`.
 """
 
 from __future__ import annotations

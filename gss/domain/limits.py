@@ -1,4 +1,4 @@
-"""Telemetry limits: which state a value is in, and for how many samples it must stay there to count."""
+"""Telemetry limits: the state of a value, and the number of consecutive samples that change the counted state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PERSISTENCE_MAX = 255
 
 
 class State(StrEnum):
-    """States of a value, from calm to urgent."""
+    """States of a value, in order of urgency."""
 
     OK = "ok"
     WATCH = "watch"
@@ -27,14 +27,14 @@ ORDER = {State.OK: 0, State.WATCH: 1, State.WARNING: 2, State.CRITICAL: 3}
 
 
 def worst(states: Iterable[State]) -> State:
-    """The most urgent of some states; OK of none."""
+    """Return the most urgent of the given states, or OK if there are none."""
     return max(states, key=ORDER.__getitem__, default=State.OK)
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Inclusive inner ranges: outside ``watch`` is WATCH, outside ``warning`` WARNING, outside ``critical`` CRITICAL.
-    None means no limit on that side or level."""
+    """Inclusive nested ranges: a value outside ``watch`` is WATCH, outside ``warning`` WARNING, outside ``critical``
+    CRITICAL. None means no limit on that side or level."""
 
     watch: Range = OPEN
     warning: Range = OPEN
@@ -42,11 +42,11 @@ class Limits:
 
     @cached_property
     def levels(self) -> tuple[tuple[State, Range], ...]:
-        """Each level with its range, the most urgent first."""
+        """Each level with its range, most urgent first."""
         return (State.CRITICAL, self.critical), (State.WARNING, self.warning), (State.WATCH, self.watch)
 
     def state(self, value: float) -> State:
-        """The worst level whose range the value leaves; NaN is CRITICAL, never silently ok."""
+        """Return the most urgent level whose range does not contain the value; CRITICAL for NaN."""
         if value != value:
             return State.CRITICAL
         for level, (low, high) in self.levels:
@@ -56,11 +56,12 @@ class Limits:
 
     @cached_property
     def any(self) -> bool:
-        """Is there a limit at all? Asked for every field of every packet."""
+        """True if any limit is set. Cached because it is read for every field of every packet."""
         return any(bound is not None for _, bounds in self.levels for bound in bounds)
 
     def checked(self) -> Limits:
-        """These limits, if each range holds something and each level lies inside the next one; BadInput otherwise."""
+        """Return these limits if no range is empty and each level lies inside the next more urgent one; raise
+        BadInput otherwise."""
         for level, (low, high) in self.levels:
             if any(bound is not None and bound != bound for bound in (low, high)):
                 raise BadInput(f"{level} limit is not a number", expected="a number or none")
@@ -80,23 +81,24 @@ class Limits:
 
 @dataclass(frozen=True)
 class Persistence:
-    """What a run of samples amounts to: the state that *counts*, which follows the samples only when they insist.
+    """Filter that derives the *counted* state from consecutive samples.
 
-    With persistence n the counted state rises to the calmest of the last n samples when that is more urgent, and falls to
-    the most urgent of the last n samples when that is calmer. So n consecutive samples out raise it, n consecutive samples
-    in clear it, one sample between restarts the count, and a spike of one sample among n − 1 others does nothing.
-    ``recent``: the last n − 1 samples at most, oldest first. A sample that is missing or not judged ends the run: ``broken``.
+    With persistence n the counted state rises to the least urgent of the last n samples if that is more urgent, and
+    falls to the most urgent of the last n samples if that is less urgent. So n consecutive samples outside the limits
+    raise it, n consecutive samples inside clear it, a different sample restarts the count, and a single spike has no
+    effect if n > 1. ``recent``: at most the last n − 1 samples, oldest first. A missing or unchecked sample ends the
+    run; see ``broken``.
     """
 
     counted: State = State.OK
     recent: tuple[State, ...] = field(default=())
 
     def after(self, sample: State, persistence: int) -> Persistence:
-        """The run with one sample more; ``persistence`` ≥ 1 samples must agree."""
+        """Return the filter after one more sample; ``persistence`` ≥ 1 is the number of samples that must agree."""
         if persistence < 1:
             raise BadInput("persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(persistence))
         if sample is self.counted and self.recent == (sample,) * (persistence - 1):
-            return self  # nearly every sample of nearly every field
+            return self  # fast path: nearly all samples take it
         run = (*self.recent, sample)[-persistence:]
         kept = run[1:] if len(run) == persistence else run
         if len(run) < persistence:
@@ -109,5 +111,6 @@ class Persistence:
         return self if kept == self.recent else Persistence(self.counted, kept)
 
     def broken(self) -> Persistence:
-        """The run ends without changing what counts: a sample is missing, or the limits were changed."""
+        """Return the filter with its run cleared and the counted state unchanged, after a missing sample or a change
+        of limits."""
         return Persistence(self.counted) if self.recent else self

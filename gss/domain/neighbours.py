@@ -1,7 +1,7 @@
-"""Which stars are neighbours: a star list as a net whose links a search can walk (Moniteq 1983 §6.1).
+"""Neighbour relations: a star list as a network of links for a search to follow (Moniteq 1983 §6.1).
 
-The stars lie on a sphere; its convex hull wraps them, and each edge of the hull links two neighbours. All faces are
-triangles, so n stars have 3n − 6 links. The document builds the hull after Preparata and Hong; any hull is the same hull.
+The stars lie on a sphere; each edge of their convex hull links two neighbours. All faces are triangles, so n stars have
+3n − 6 links. The document builds the hull after Preparata and Hong; the result does not depend on the algorithm.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ FEWEST_FOR_A_HULL = 5
 
 @dataclass(frozen=True)
 class NeighbourLinks:
-    """The neighbours of row r of n stars are ``neighbour[start[r]:start[r + 1]]``, ascending; each link is entered at both ends."""
+    """Neighbour lists of n stars: those of row r are ``neighbour[start[r]:start[r + 1]]``, ascending. Each link is
+    stored at both ends."""
 
     start: Index
     neighbour: Index
@@ -30,23 +31,26 @@ class NeighbourLinks:
 
     @property
     def links(self) -> int:
-        """Links, each counted once."""
+        """Number of links, each counted once."""
         return len(self.neighbour) // 2
 
     def of(self, row: int) -> Index:
-        """The neighbours of one star."""
+        """Return the neighbours of one star."""
         return self.neighbour[self.start[row] : self.start[row + 1]]
 
     def pairs(self) -> tuple[Index, Index]:
-        """Both ends of each link, the lower row first."""
+        """Return both ends of each link, the lower row first."""
         owner = np.repeat(np.arange(len(self)), np.diff(self.start))
         once = owner < self.neighbour
         return owner[once], self.neighbour[once]
 
 
 def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
-    """The net of (n, 3) unit vectors. A star that the hull leaves out, because another has its place, hangs on the nearest. Stars
-    that all lie in one plane have no hull: each hangs on its three nearest and on the row before."""
+    """Build the neighbour network of (n, 3) unit vectors.
+
+    A star that is not a vertex of the hull (for example at the position of another star) is linked to its nearest star.
+    If all stars lie in one plane, there is no hull: each star is linked to its three nearest and to the previous row.
+    """
     unit = np.asarray(icrs, float)
     n = len(unit)
     if n < FEWEST_FOR_A_HULL:
@@ -79,7 +83,7 @@ def _net(n: int, low: NDArray[np.integer], high: NDArray[np.integer]) -> Neighbo
 
 @dataclass(frozen=True)
 class LinkLengths:
-    """The links of a net by ascending length: both rows, and the angle between them."""
+    """Links of a network in ascending order of length: both rows, and the angle between them."""
 
     first: Index
     second: Index
@@ -87,7 +91,7 @@ class LinkLengths:
 
     @classmethod
     def of(cls, links: NeighbourLinks, icrs: Array) -> LinkLengths:
-        """Lengths from (n, 3) unit vectors."""
+        """Compute the lengths from (n, 3) unit vectors."""
         first, second = links.pairs()
         length = separation_rad(icrs[first], icrs[second])
         order = np.lexsort((second, first, length))

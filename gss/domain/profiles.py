@@ -1,4 +1,5 @@
-"""The five cameras of the documents. Every constant has its source in ``sources``; what no document gives says so."""
+"""Profiles of the five cameras in the documents. ``sources`` gives the source of every constant, or says that it was
+chosen."""
 
 from __future__ import annotations
 
@@ -34,14 +35,18 @@ class CameraProfile:
 
 
 def _zero_point_e_s(focal_mm: float, f_number: float, transmission: float, efficiency: float) -> float:
-    """Electrons per second from V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2) times lens and detector."""
+    """Electrons per second from a star of V = 0: 10³ photons/(s cm² Å) over 3000 Å (Erlank 2013 eq. 3.4.2), times
+    lens transmission and quantum efficiency."""
     aperture_cm2 = np.pi / 4 * (focal_mm / 10 / f_number) ** 2
     return float(aperture_cm2 * transmission * 3000 * 1e3 * efficiency)
 
 
 def _baffle(sun_deg: float, earth_deg: float, pixel_mm2: float, f_number: float, half_diagonal_deg: float) -> Baffle:
-    """Stray light at the limit: 154 e/s per pixel with 20 µm pixels behind f/1.4 (Moniteq 1983 Table 5.3, 21°), for others in
-    proportion to the etendue of a pixel. The Sun blinds when it is within 5° of the corner of the field: chosen."""
+    """Baffle with a stray light at the limit of 154 e/s per pixel for 20 µm pixels behind f/1.4 (Moniteq 1983 Table
+    5.3, 21°), scaled for other cameras by the etendue of a pixel.
+
+    The Sun is taken to blind the camera within 5° of the corner of the field of view (chosen).
+    """
     etendue = (pixel_mm2 / f_number**2) / (0.020**2 / 1.4**2)
     blind_deg = min(sun_deg, half_diagonal_deg + 5.0)
     return Baffle(
@@ -271,7 +276,7 @@ PROFILES: dict[str, CameraProfile] = {p.name: p for p in (_sunsat(), _cubestar()
 
 
 def profile(name: str) -> CameraProfile:
-    """The profile of that name."""
+    """Return the profile of that name; NotFound if there is none."""
     try:
         return PROFILES[name]
     except KeyError:

@@ -1,7 +1,7 @@
-"""What a camera makes of light of each colour: the spectral response of detector and lens, one curve per profile.
+"""Spectral response of detector and lens, one curve per profile.
 
-No document prints a curve that survived (Moniteq 1983 Fig. 3.11 is lost), so all are chosen as typical of the detector's kind
-and scaled to the single figures that are printed; each says so in ``source``.
+No document contains a usable curve (Moniteq 1983 Fig. 3.11 is lost), so all curves are chosen as typical of the
+detector type and scaled to the single figures that are printed; ``source`` states this for each.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from gss.domain.profiles import CameraProfile
 
 @dataclass(frozen=True)
 class SpectralResponse:
-    """Output per watt of light against wavelength, lens included: A/W where the source has it, else relative.
+    """Output per watt of light against wavelength, lens included: in A/W if the source gives it, otherwise relative.
 
-    ``wavelength_nm`` ascends; between its points the curve is straight, beyond them it is zero.
+    ``wavelength_nm`` is ascending; values are interpolated linearly and zero outside the range.
     """
 
     name: str
@@ -162,5 +162,5 @@ RESPONSES: dict[str, SpectralResponse] = {
 
 
 def response_of(profile: CameraProfile) -> SpectralResponse:
-    """The curve of a profile; a camera that is none of the five gets silicon behind glass."""
+    """Return the curve of a profile; silicon behind glass for cameras other than the five."""
     return RESPONSES.get(profile.name, GENERIC)

@@ -1,4 +1,4 @@
-"""What comes out of a pipeline run, and out of the device."""
+"""Results of a pipeline run or of the device."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 
 BLIND = "blind"
-"""Camera name of a solution that assumed no camera."""
+"""Camera name of a solution computed without assuming a camera."""
 
 
 class Outcome(StrEnum):
-    """Did the chain find an attitude?"""
+    """Whether the chain found an attitude."""
 
     SOLVED = "solved"
     NONE = "none"
 
 
 class Verdict(StrEnum):
-    """A result against truth. WRONG is the number that must be zero."""
+    """Comparison of a result with the truth. The number of WRONG results must be zero."""
 
     CORRECT = "correct"
     IMPRECISE = "imprecise"
@@ -35,7 +35,8 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Region:
-    """A connected set of pixels above threshold. Bounds are inclusive. ``rejected`` is "" or says why it is no star."""
+    """Connected set of pixels above threshold. Bounds are inclusive. ``rejected``: reason why it is not a star, or
+    ""."""
 
     col_min: int
     row_min: int
@@ -67,7 +68,7 @@ class Centroids:
         return np.column_stack([self.col_px, self.row_px])
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> Centroids:
-        """The rows of a mask or an index array."""
+        """Return the rows selected by a mask or an index array."""
         return Centroids(
             self.col_px[index],
             self.row_px[index],
@@ -79,7 +80,7 @@ class Centroids:
 
     @classmethod
     def from_pixels(cls, pixels: Array, flux_dn: Array | None = None, sigma_px: float = 0.2) -> Centroids:
-        """Centroids that came without their pixels, for example from a device's telemetry."""
+        """Return centroids without pixel data, for example from a device's telemetry."""
         p = np.asarray(pixels, float).reshape(-1, 2)
         n = len(p)
         flux = np.ones(n) if flux_dn is None else np.asarray(flux_dn, float)
@@ -88,8 +89,11 @@ class Centroids:
 
 @dataclass(frozen=True)
 class Matches:
-    """m identified stars. ``centroid``: row in Centroids. ``residual_px``: (m, 2) measured − predicted, NaN if no attitude.
-    ``weight``: as the attitude used it; 0 = identified but left out."""
+    """m identified stars.
+
+    ``centroid``: row in Centroids. ``residual_px``: (m, 2) measured − predicted, NaN without an attitude. ``weight``:
+    as used for the attitude; 0 = identified but excluded from the fit.
+    """
 
     centroid: NDArray[np.int32]
     hip: NDArray[np.int32]
@@ -103,7 +107,7 @@ class Matches:
 @dataclass(frozen=True)
 class Attitude:
     """Camera attitude. ``quaternion``: scalar-last, cam_from_icrs. ``covariance_rad2``: (3, 3) of the small rotation
-    vector in the camera frame (x, y cross-boresight, z about it), NaN where a chain gives none."""
+    vector in the camera frame (x, y cross-boresight, z about it), NaN if the chain computes none."""
 
     quaternion: Array
     covariance_rad2: Array
@@ -127,9 +131,11 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Turning:
-    """Angular velocity of the camera against ICRS during one exposure, from the trails of its stars. ``vector_rad_s``: (3,) in
-    camera axes, ``covariance_rad2_s2``: (3, 3) of it. A trail does not tell where it began: unless ``sign_known``, the
-    opposite vector fits as well. ``stars``: how many trails were measured."""
+    """Angular velocity of the camera relative to ICRS during one exposure, measured from star trails.
+
+    ``vector_rad_s``: (3,) in camera axes; ``covariance_rad2_s2``: (3, 3). A trail does not show at which end it began:
+    unless ``sign_known``, the opposite vector fits as well. ``stars``: number of trails measured.
+    """
 
     vector_rad_s: Array
     covariance_rad2_s2: Array
@@ -150,13 +156,13 @@ class Turning:
 
 @dataclass(frozen=True)
 class SolveResult:
-    """One chain on one frame, with everything needed to look inside.
+    """Result of one chain on one frame, with its intermediate data for inspection.
 
-    ``camera`` is the geometry in force at the end (refined on foreign images). ``reason`` says why there is no solution.
-    ``false_match_probability`` bounds the chance that the identification is accidental; NaN where the chain has no such
-    figure. ``timing_s`` by stage, empty without a clock. ``notes``: plain sentences for the reader.
-    ``velocity_c``: of the observer, ICRS, in units of c, where its aberration was taken out. ``turning``: from trails, where there
-    are any. ``versions``: what ran, by name.
+    ``camera`` is the geometry at the end of the run (refined for images of unknown cameras). ``reason`` says why there
+    is no solution. ``false_match_probability`` bounds the probability that the identification is accidental; NaN if the
+    chain does not compute it. ``timing_s``: by stage, empty without a clock. ``notes``: sentences for the user.
+    ``velocity_c``: ICRS velocity of the observer in units of c, if its aberration was corrected. ``turning``: angular
+    rate from trails, if any. ``versions``: software versions by name.
     """
 
     chain: str
@@ -176,8 +182,10 @@ class SolveResult:
 
     @property
     def residual_rms_px(self) -> float:
-        """Weighted root mean square residual per axis of the used matches, so that hundreds of faint stars do not drown
-        the few dozen that carry the attitude; NaN without a solution."""
+        """Weighted root mean square residual per axis of the used matches; NaN without a solution.
+
+        The weights keep hundreds of faint stars from dominating the few dozen that determine the attitude.
+        """
         if self.matches is None or not (self.matches.weight > 0).any():
             return float("nan")
         used = self.matches.weight > 0
@@ -187,7 +195,7 @@ class SolveResult:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the renderer knows: attitude, and the stars on the detector with their undisturbed positions."""
+    """The renderer's ground truth: attitude, and the stars on the detector with their noise-free positions."""
 
     quaternion: Array
     hip: NDArray[np.int32]

@@ -1,7 +1,7 @@
 """Rotation matrices and scalar-last quaternions.
 
-A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. The quaternion
-``(x, y, z, w)`` of the same name stands for the same matrix. scipy's ``Rotation`` is the outside check.
+A rotation is named target-from-source: ``v_cam = cam_from_icrs @ v_icrs``. The quaternion ``(x, y, z, w)`` of the same
+name represents the same matrix. Tests compare with scipy's ``Rotation``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def rotation_z(angle_rad: float) -> Array:
 
 
 def matrix_from_quaternion(quaternion: Array) -> Array:
-    """(…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any length but zero."""
+    """(…, 3, 3) matrices that act on column vectors, from (…, 4) scalar-last quaternions of any non-zero length."""
     q = np.asarray(quaternion, float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     x, y, z, w = (q[..., k] for k in range(4))
@@ -70,7 +70,7 @@ def rotation_from_vector(vector_rad: Array) -> Array:
     x, y, z = np.asarray(vector_rad, float).tolist()
     angle2 = x * x + y * y + z * z
     angle_rad = math.sqrt(angle2)
-    # Half-angle forms keep their digits down to no turn at all.
+    # Half-angle forms keep full precision down to zero rotation.
     half = 0.5 * (math.sin(angle_rad / 2) / (angle_rad / 2) if angle_rad else 1.0)
     sinc, versed = 2 * half * math.cos(angle_rad / 2), 2 * half * half
     c = 1 - versed * angle2
@@ -89,7 +89,7 @@ def rotation_angle_rad(a: Array, b: Array) -> float:
 
 
 def vector_from_rotation(matrix: Array) -> Array:
-    """(3,) rotation vector whose active rotation is the (3, 3) matrix; good to the last digits for small turns."""
+    """(3,) rotation vector whose active rotation is the (3, 3) matrix; accurate to rounding for small angles."""
     axis = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
     sine, cosine = float(np.linalg.norm(axis)), (float(np.trace(matrix)) - 1) / 2
     angle_rad = float(np.arctan2(sine, cosine))
@@ -97,7 +97,7 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 def quaternion_product(left: Array, right: Array) -> Array:
-    """(…, 4) Hamilton products, scalar last: the matrix of the one times the matrix of the other."""
+    """(…, 4) Hamilton products, scalar last: the matrix of ``left`` times the matrix of ``right``."""
     x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
     x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
     return np.stack(
@@ -112,13 +112,13 @@ def quaternion_product(left: Array, right: Array) -> Array:
 
 
 def quaternion_inverse(quaternion: Array) -> Array:
-    """(…, 4) turns back."""
+    """(…, 4) inverses of unit quaternions."""
     return np.asarray(quaternion * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
 def turn_between(first: Array, second: Array) -> Array:
-    """(n, 3) rotation vectors δ with second = exp([δ]×)·first, of (n, 4) quaternions cam_from_icrs: in the camera's axes, at
-    most half a turn long."""
+    """(n, 3) rotation vectors δ with second = exp([δ]×)·first, from (n, 4) quaternions cam_from_icrs; in camera
+    axes, at most π long."""
     q = quaternion_product(second, quaternion_inverse(first))
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1)
@@ -127,7 +127,7 @@ def turn_between(first: Array, second: Array) -> Array:
 
 
 def turned(quaternion: Array, vector_rad: Array) -> Array:
-    """(n, 4) quaternions exp([δ]×)·q of (n, 4) or (4,) q and (n, 3) or (3,) δ."""
+    """(n, 4) quaternions exp([δ]×)·q, from (n, 4) or (4,) q and (n, 3) or (3,) δ."""
     angle = np.linalg.norm(vector_rad, axis=-1)
     half = np.where(angle < 1e-12, 0.5, np.sin(angle / 2) / np.maximum(angle, 1e-300))
     step = np.concatenate([vector_rad * half[..., None], np.cos(angle / 2)[..., None]], axis=-1)

@@ -1,4 +1,4 @@
-"""What the detector does to light: electrons, noise, digital numbers."""
+"""Detector model: from light to electrons, noise and digital numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 class Sensor:
     """Photometric model of detector and lens.
 
-    ``zero_point_e_s`` are the electrons per second that a star of V = 0 leaves on the whole detector.
+    ``zero_point_e_s``: electrons per second over the whole image of a star of V = 0.
     """
 
     bits: int
@@ -33,7 +33,7 @@ class Sensor:
 
     @property
     def saturation_dn(self) -> int:
-        """Largest value of the converter."""
+        """Largest value of the analogue-to-digital converter."""
         return (1 << self.bits) - 1
 
     def star_e(self, v_mag: Array | float, exposure_s: float) -> Array:
@@ -41,7 +41,7 @@ class Sensor:
         return np.asarray(self.zero_point_e_s * exposure_s * 10.0 ** (-0.4 * np.asarray(v_mag, float)))
 
     def magnitude(self, star_e: Array | float, exposure_s: float) -> Array:
-        """Magnitude V that leaves ``star_e`` electrons."""
+        """Magnitude V of a star that yields ``star_e`` electrons."""
         return np.asarray(-2.5 * np.log10(np.asarray(star_e, float) / (self.zero_point_e_s * exposure_s)))
 
     def noise_e(self, exposure_s: float) -> float:
@@ -52,12 +52,13 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Defects:
-    """What is wrong with a detector and its lens; the seed of the chip decides where. All zero: a perfect one.
+    """Defects of a detector and its lens; the chip's random seed determines their positions. All zero: a perfect detector.
 
-    ``response_sigma``: spread of the pixels' relative response. ``offset_sigma_dn``, ``column_sigma_dn``: fixed offsets of
-    pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share`` of all pixels have an
-    extra ``hot_e_s`` electrons per second on average (exponential); ``dead_share`` see no light. ``corner_loss``: share
-    of light lost in the corner, growing with the square of the distance from the optical centre.
+    ``response_sigma``: spread of the pixels' relative response. ``offset_sigma_dn``, ``column_sigma_dn``: fixed offsets
+    of pixels and of whole columns. ``dark_sigma``: relative spread of the dark current. ``hot_share``: fraction of
+    pixels with an extra ``hot_e_s`` electrons per second on average (exponential). ``dead_share``: fraction of pixels
+    without response. ``corner_loss``: fraction of light lost in the corner, growing with the square of the distance
+    from the optical centre.
     """
 
     response_sigma: float = 0.0
@@ -75,10 +76,11 @@ NO_DEFECTS = Defects()
 
 @dataclass(frozen=True)
 class Baffle:
-    """How a camera is shaded. Angles are from the boresight to the Sun's centre and to the Earth's limb.
+    """Stray-light limits of a camera. Angles are from the boresight to the Sun's centre and to the Earth's limb.
 
-    At a limit the stray light is ``reference_e_s`` electrons per second and pixel for the Sun; outside it falls slowly,
-    inside it grows e-fold every ``decay_rad``. Within ``blind_rad`` the Sun shines on the lens and nothing is seen.
+    At the limit the stray light from the Sun is ``reference_e_s`` electrons per second and pixel; outside it falls
+    slowly, inside it grows e-fold every ``decay_rad``. Within ``blind_rad`` the Sun illuminates the lens and no star is
+    detected.
     """
 
     sun_limit_rad: float = float(np.radians(30.0))

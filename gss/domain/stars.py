@@ -1,4 +1,4 @@
-"""Stars of a catalogue, and the parts of it that a sensor carries."""
+"""Star tables, distance tables and decoded on-board catalogues."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
-# Hipparcos numbers end at 120 404. Stars that only Gaia has are numbered from here on, by row of the package's file.
+# Hipparcos numbers end at 120 404. Stars found only in Gaia are numbered from here, by row of the package's Gaia file.
 GAIA_FIRST = 1_000_000
 
 
@@ -57,12 +57,12 @@ class StarTable:
         return len(self.hip)
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> StarTable:
-        """The rows of a boolean mask or of an index array, in that order."""
+        """Return the rows selected by a boolean mask or an index array, in that order."""
         columns = ("hip", "icrs", "v_mag", "b_v", "proper_motion_rad_yr", "parallax_rad", "flags")
         return replace(self, **{name: getattr(self, name)[index] for name in columns})
 
     def brighter_than(self, v_mag: float) -> StarTable:
-        """The stars with V ≤ ``v_mag``, brightest first."""
+        """Return the stars with V ≤ ``v_mag``, brightest first."""
         index = np.flatnonzero(self.v_mag <= v_mag)
         return self.take(index[np.argsort(self.v_mag[index], kind="stable")])
 
@@ -72,7 +72,7 @@ class StarTable:
         return {int(hip): row for row, hip in enumerate(self.hip)}
 
     def name_of(self, hip: int) -> str:
-        """Proper or Bayer name where there is one, else "HIP n", or the row in the Gaia file for stars that are not Hipparcos's."""
+        """Proper or Bayer name if known, otherwise "HIP n", or "Gaia row n" for stars that are not in Hipparcos."""
         number = int(hip)
         return self.names.get(number, f"HIP {number}" if number < GAIA_FIRST else f"Gaia row {number - GAIA_FIRST}")
 
@@ -87,8 +87,8 @@ FLAG_POOR_POSITION = 8
 class DistanceTable:
     """Pairs of stars sorted by angular distance.
 
-    ``first`` < ``second`` are row numbers of the star list it belongs to; ``distance_rad`` ascends. float32 where the
-    table came from a device, so that replay compares like with like.
+    ``first`` < ``second`` are row numbers of the associated star list; ``distance_rad`` is ascending. A table read from
+    a device is float32, so that a replay uses the same values as the device.
     """
 
     first: NDArray[np.int32]
@@ -103,11 +103,12 @@ class DistanceTable:
 
 @dataclass(frozen=True)
 class OnboardCatalogue:
-    """What one flash bank holds, decoded: the matcher's whole world.
+    """Decoded content of one flash bank: everything the matcher can use.
 
-    ``hip``: (n,) catalogue numbers by row (ground knowledge; formats that carry only row ids get them from the manifest).
-    ``icrs``: (n, 3) unit vectors at the width the device stores. ``v_mag``: (n,), NaN where the format has none.
-    ``distances`` is empty where the format has other tables instead. ``tables``: what else the bank holds.
+    ``hip``: (n,) catalogue numbers by row (known on the ground only; formats that store only row ids get them from the
+    manifest). ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``: (n,), NaN if the format
+    stores no magnitudes. ``distances`` is empty if the format has other tables instead. ``tables``: the other tables in
+    the bank.
     """
 
     hip: Ids
@@ -120,7 +121,7 @@ class OnboardCatalogue:
         return len(self.hip)
 
     def need_distances(self) -> None:
-        """BadInput where the bank's format has other tables in the place of distances."""
+        """Raise BadInput if the bank's format has other tables instead of distances."""
         if not len(self.distances) and (self.tables.links is not None or self.tables.constellations is not None):
             raise BadInput(
                 "this chain matches by a distance table",

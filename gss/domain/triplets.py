@@ -1,9 +1,10 @@
-"""The triangular feature of a star and the data base of all of them (Liebe 1992, "Star characteristics" and "Including
-uncertainty in the database").
+"""Triplet features of a star and the reference database of all of them (Liebe 1992, "Star characteristics" and
+"Including uncertainty in the database").
 
-A star is known by the distances to its two nearest neighbours and the angle between them, each rounded down to a class.
-What may be measured in place of the true value is entered as well: positions off by their uncertainty, neighbours too
-faint to be sure of, and neighbours that change order. Image and data base use the same words, hence they are here.
+A star is identified by the distances to its two nearest neighbours and the angle between them, each rounded down to a
+class. The database also contains features that may be measured in place of the true one: positions off by their
+uncertainty, neighbours near the detection limit, and neighbours whose order changes. Image processing and database
+generation share these definitions, so they live in this module.
 """
 
 from __future__ import annotations
@@ -28,8 +29,11 @@ EXCHANGE_UNCERTAINTIES = 4.0
 
 @dataclass(frozen=True)
 class TripletClasses:
-    """How features are rounded. ``uncertainty_rad``: largest error of one star's position; the document takes 3′, distances
-    in classes of twice that, angles in classes of 5°."""
+    """Class widths used to round features.
+
+    ``uncertainty_rad``: largest error of one star's position. Liebe 1992 uses 3′, distance classes of twice that, and
+    angle classes of 5°.
+    """
 
     distance_rad: float
     angle_rad: float
@@ -46,31 +50,35 @@ class TripletClasses:
 
     @classmethod
     def of(cls, uncertainty_rad: float, angle_rad: float = float(np.radians(5.0))) -> TripletClasses:
-        """Distances in classes of twice the uncertainty."""
+        """Return classes whose distance width is twice the uncertainty."""
         return cls(2 * uncertainty_rad, angle_rad, uncertainty_rad)
 
     def key(self, first_rad: Array, second_rad: Array, angle_rad: Array) -> Keys:
-        """(n,) class numbers of measured features in one word, first distance highest."""
+        """Pack the classes of n measured features into (n,) keys, first distance in the highest bits."""
         a, b = (np.minimum(np.floor(d / self.distance_rad), MOST_DISTANCE) for d in (first_rad, second_rad))
         return pack(a.astype(np.int64), b.astype(np.int64), np.floor(angle_rad / self.angle_rad).astype(np.int64))
 
     def angle_error_rad(self, first_rad: Array, second_rad: Array) -> Array:
-        """Largest error of the angle between neighbours at those distances, by chords: 1.724° in the document's example."""
+        """Largest error of the angle between neighbours at the given distances, computed from chords; 1.724° in the
+        example of Liebe 1992."""
         arms = np.maximum(2 * np.sin(np.stack([first_rad, second_rad]) / 2), 1e-12)
         return np.asarray(np.sum(2 * self.uncertainty_rad / arms, axis=0))
 
 
 def pack(first: NDArray[np.integer], second: NDArray[np.integer], angle: NDArray[np.integer]) -> Keys:
-    """Class numbers as one word: 12 bits, 12 bits, 6 bits."""
+    """Pack class numbers into one word: 12 bits, 12 bits, 6 bits."""
     word = (np.asarray(first) << (DISTANCE_BITS + ANGLE_BITS)) | (np.asarray(second) << ANGLE_BITS) | np.asarray(angle)
     return word.astype(np.uint32)
 
 
 @dataclass(frozen=True)
 class TripletTable:
-    """m references, sorted by key and then star. ``star``: row of the star list with ``stars`` rows. ``limit_mag``: a star
-    there is seen every second time; brightness is known to the share ``brightness_error``. ``max_rad``: no neighbour is
-    further away."""
+    """m references, sorted by key and then star.
+
+    ``star``: row in the star list, which has ``stars`` rows. ``limit_mag``: magnitude at which a star is detected half
+    of the time; ``brightness_error``: relative uncertainty of the brightness. ``max_rad``: largest distance of a
+    neighbour.
+    """
 
     key: Keys
     star: Rows
@@ -84,7 +92,8 @@ class TripletTable:
         return len(self.key)
 
     def look_up(self, keys: Keys) -> tuple[NDArray[np.intp], Rows]:
-        """For n keys: which of them (index) and which star, one pair per reference met."""
+        """Find the references with each of n keys. Returns (index into ``keys``, star row), one pair per matching
+        reference."""
         low, high = np.searchsorted(self.key, keys, "left"), np.searchsorted(self.key, keys, "right")
         count = high - low
         which = np.repeat(np.arange(len(keys)), count)
@@ -93,15 +102,18 @@ class TripletTable:
 
 
 CERTAIN, MAYBE, EXCHANGED = 0, 1, 2
-"""Kinds of constellation: both neighbours are always seen; one may be missed, or blends; an error of position brings it about."""
+"""Kinds of constellation. CERTAIN: both neighbours are always detected. MAYBE: one may be missed or blended.
+EXCHANGED: measured only if a position error changes the order of the neighbours."""
 
 
 @dataclass(frozen=True)
 class Constellations:
-    """The data base before it is spread over the classes that errors reach: m constellations of a star and two neighbours.
+    """Compact form of the database, before expansion over the classes that errors can reach: m constellations of a star
+    and two neighbours.
 
-    ``kind``: CERTAIN, MAYBE or EXCHANGED. ``first``, ``second``: classes of the two distances, ``angle_low`` to ``angle_high``:
-    those of the angle. A dozen references of the table come from each (Liebe 1992: three classes by three by one or two).
+    ``kind``: CERTAIN, MAYBE or EXCHANGED. ``first``, ``second``: classes of the two distances. ``angle_low`` to
+    ``angle_high``: range of angle classes. Each constellation expands to about a dozen references (Liebe 1992: three
+    classes by three by one or two).
     """
 
     kind: NDArray[np.uint8]
@@ -120,7 +132,7 @@ class Constellations:
         return len(self.star)
 
     def table(self) -> TripletTable:
-        """The table of references, each key and star once."""
+        """Return the table of references, without duplicate (key, star) pairs."""
         which, key = _spread(self.first, self.second, self.angle_low, self.angle_high)
         pairs = np.unique((key.astype(np.int64) << 32) | self.star[which])
         key, star = (pairs >> 32).astype(np.uint32), (pairs & 0xFFFFFFFF).astype(np.int32)
@@ -128,17 +140,19 @@ class Constellations:
 
 
 def certain_mag(limit_mag: float, brightness_error: float) -> float:
-    """Brighter ones are always seen (125 % of the limit)."""
+    """Magnitude limit below which stars are always detected (125 % of the brightness at the limit)."""
     return float(limit_mag - 2.5 * np.log10(1 + brightness_error))
 
 
 def faintest_mag(limit_mag: float, brightness_error: float) -> float:
-    """Fainter ones are never seen (75 % of the limit): how deep the star list must go."""
+    """Magnitude limit above which stars are never detected (75 % of the brightness at the limit). The star list must
+    reach this depth."""
     return float(limit_mag - 2.5 * np.log10(1 - brightness_error))
 
 
 def features(star: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """Distances and angle, (n,) rad, of (n, 3) unit vectors: star, nearest and second nearest neighbour."""
+    """Compute the two distances and the angle, each (n,) rad, from (n, 3) unit vectors of the star and its nearest
+    and second nearest neighbour."""
 
     def arc(to: Array) -> Array:
         return np.asarray(2 * np.arcsin(np.minimum(1.0, np.linalg.norm(star - to, axis=-1) / 2)))
@@ -161,7 +175,7 @@ def build_triplets(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """The data base over a star list, (n, 3) and (n,); arguments as of :func:`find_constellations`."""
+    """Build the reference table of a star list, (n, 3) and (n,); for the arguments see :func:`find_constellations`."""
     found = find_constellations(
         icrs, v_mag, classes, limit_mag, max_rad, brightness_error=brightness_error, blend_rad=blend_rad
     )
@@ -178,11 +192,12 @@ def find_constellations(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> Constellations:
-    """Every constellation that may be measured over a star list, (n, 3) and (n,), by kind, star and classes, each once. Stars
-    without magnitude (NaN) count as certain.
+    """Find every constellation that may be measured in a star list, (n, 3) and (n,). Duplicates (same kind, star and
+    classes) are removed.
 
-    ``blend_rad``: closer companions melt into one image, so that the fainter one only may be seen, as the document does
-    with double stars. Both neighbours must lie within ``max_rad``, which a frame can show.
+    Stars without a magnitude (NaN) count as certain. ``blend_rad``: a companion closer than this merges with the
+    brighter star, so the fainter one may not be detected; Liebe 1992 treats double stars the same way. ``max_rad``:
+    largest distance of a neighbour, limited by what one frame can show.
     """
     unit = np.asarray(icrs, float)
     unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
@@ -196,7 +211,8 @@ def find_constellations(
         kind, who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
         measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
         table = np.unique(np.column_stack([kind, rows[who], *_classes(*measured, classes)]), axis=0)
-        # One class beyond the last still spreads into it; what is further has no reference.
+        # A constellation one class beyond the last still expands into the last class; those further out have no
+        # reference.
         table = table[table[:, 3] <= MOST_DISTANCE + 1]
     star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
     return Constellations(
@@ -215,7 +231,8 @@ def find_constellations(
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
-    """Which stars have a brighter one within ``blend_rad``; of equals the later."""
+    """(n,) mask of stars that have a brighter star within ``blend_rad``; of two equally bright stars the later one
+    is marked."""
     fainter = np.zeros(len(unit), bool)
     if blend_rad > 0:
         pairs = cKDTree(unit).query_pairs(2 * np.sin(blend_rad / 2), output_type="ndarray")
@@ -229,9 +246,9 @@ def _constellations(
 ) -> tuple[NDArray[np.integer], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """(kind, star, first neighbour, second neighbour) of every constellation that may be measured.
 
-    As the document's list of twelve for six neighbours shows: the first is any up to the first certain one, the second any
-    up to the second certain one, each also when an error of position could bring it there (Figs. 12, 13), in either order
-    then.
+    As in the list of twelve constellations for six neighbours in Liebe 1992: the first neighbour is any up to the first
+    certain one, the second any up to the second certain one. A neighbour that a position error could move into that
+    range is included too (Figs. 12, 13), and pairs that an error could swap appear in either order.
     """
     count = min(NEIGHBOURS, len(unit) - 1)
     chord, near = cKDTree(unit).query(unit, count + 1)
@@ -261,7 +278,7 @@ def _rows(table: Array) -> NDArray[np.intp]:
 
 
 def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
-    """Neighbour lists without the star itself, which need not come first where two stars are at one place."""
+    """Remove the star itself from its neighbour list. It is not always first: two stars may have the same position."""
     own = near == np.arange(len(near))[:, None]
     own[:, -1] |= ~own.any(axis=1)
     keep = ~own
@@ -271,7 +288,7 @@ def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[
 def _classes(
     first_rad: Array, second_rad: Array, angle_rad: Array, classes: TripletClasses
 ) -> tuple[NDArray[np.int64], ...]:
-    """Class of the first distance, of the second, lowest and highest of the angle, (n,) each."""
+    """(n,) arrays: class of the first distance, class of the second, lowest and highest class of the angle."""
     error = classes.angle_error_rad(first_rad, second_rad)
     most = int(np.floor(np.pi / classes.angle_rad))
     low, high = (
@@ -285,7 +302,7 @@ def _classes(
 def _spread(
     first: NDArray[np.integer], second: NDArray[np.integer], low: NDArray[np.integer], high: NDArray[np.integer]
 ) -> tuple[NDArray[np.intp], Keys]:
-    """Every class that such a constellation may be measured in: (index of the constellation, key)."""
+    """Expand constellations to every class they may be measured in. Returns (index of the constellation, key)."""
     count = high.astype(np.int64) - low + 1
     which = np.repeat(np.arange(len(low)), count)
     angle = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + low[which]
@@ -294,6 +311,6 @@ def _spread(
     a9, b9, c9, which9 = np.broadcast_arrays(
         a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], which[:, None, None]
     )
-    # The nearest neighbour is the nearest, whatever the errors.
+    # Measured distances are always sorted, so the first class never exceeds the second.
     possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MOST_DISTANCE)
     return which9[possible], pack(a9[possible], b9[possible], c9[possible])

@@ -1,13 +1,13 @@
-"""Counts in words, as sentences for people need them."""
+"""Counts and verb forms for messages."""
 
 from __future__ import annotations
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """ "1 frame", "12 frames": a count with its noun. ``many``: the plural where it is not the noun with an s."""
+    """Format a count with its noun: "1 frame", "12 frames". ``many``: the plural if it is not the noun with an s."""
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def verb(count: int, one: str, many: str) -> str:
-    """The verb that goes with a count: "is" or "are"."""
+    """Return the verb form that agrees with a count: ``one`` ("is") or ``many`` ("are")."""
     return one if count == 1 else many
