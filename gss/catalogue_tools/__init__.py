@@ -1,1 +1,1 @@
-"""From a published catalogue to verified bytes on board. Pure."""
+"""Catalogue tools: from a published star catalogue to a verified bank image. No side effects."""

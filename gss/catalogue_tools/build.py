@@ -1,4 +1,4 @@
-"""From the real sky to a bank image with its manifest, and the quick look before it."""
+"""Build a bank image with its manifest from a star source, and compute the preview of a request."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import DistanceTable, StarTable
 
 FEWEST_STARS = 2
-# Coarser than the build's own maps, so that the page follows the hand.
+# Coarser than the maps of a build, so that the page responds while the user changes parameters.
 MISTAKES_NSIDE = 8
-# What a preview does at most: fields of stepped blocks, and stars looked at in frames.
+# Upper limits for a preview: fields of stepped blocks, and stars tested in frames.
 MOST_FIELDS, MOST_LOOKS = 2_000, 2_000_000
-# Room for the sampling error of the pair estimate before a build is refused without making the table.
+# Margin for the sampling error of the pair estimate: a build is refused before making the table only beyond it.
 SURE_OVERFLOW = 1.25
 
 Progress = Callable[[str, float], None]
@@ -53,8 +53,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Preview:
-    """The quick look: everything but the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``: coarse, None where it
-    was not asked for."""
+    """Preview of a request: everything except the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``:
+    coarse map, None if not requested."""
 
     plan: Plan
     selection: Selection
@@ -66,7 +66,7 @@ class Preview:
 
 @dataclass(frozen=True)
 class BuiltCatalogue:
-    """A finished catalogue. ``stars``: the rows of the image in its frame, ``distances`` at full width."""
+    """A finished catalogue. ``stars``: the rows of the image in its frame; ``distances``: at full precision."""
 
     plan: Plan
     image: bytes
@@ -83,18 +83,18 @@ class BuiltCatalogue:
 
     @property
     def quality(self) -> Quality:
-        """How well the fields are filled."""
+        """Statistics of the number of stars per field."""
         return self.assessment.quality
 
     @property
     def map(self) -> EnvelopeMap:
-        """The envelope as a map."""
+        """Map of the envelope."""
         return self.assessment.map
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A request that can be built, with its sky and its choice of stars."""
+    """A request that has passed its checks, with its sky and its selected stars."""
 
     plan: Plan
     source: Source
@@ -103,8 +103,11 @@ class Prepared:
 
 
 def prepare(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> Prepared:
-    """Work out and choose; BadInput for everything that cannot be built, as far as that shows before the tables are made.
-    ``progress`` as for :func:`build`, up to 0.3."""
+    """Plan the request and select its stars; BadInput if it cannot be built, as far as this can be determined before
+    the tables are made.
+
+    ``progress``: as for :func:`build`, up to 0.3.
+    """
     told = progress or (lambda stage, share: None)
     p, origin = plan(request, lambda share: told("envelope", 0.2 * share)), _source(source)
     sky, selection = _select(p, origin, p.envelope, lambda share: told("thinning", 0.2 + 0.1 * share))
@@ -113,8 +116,11 @@ def prepare(request: BuildRequest, source: Source | StarTable, progress: Progres
 
 
 def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool = False) -> Preview:
-    """Counts, funnel and map of a request, for a page that answers while parameters change. ``mistakes``: with a coarse map
-    of where stars can be mistaken."""
+    """Compute counts, funnel and map of a request, fast enough for a page that updates while parameters change.
+
+    ``mistakes``: also compute a coarse map of where stars can be confused. BadInput if the request is too heavy for a
+    preview.
+    """
     p, origin = plan(request), _source(source)
     if (reason := too_heavy(p, origin)) is not None:
         raise reason
@@ -127,15 +133,18 @@ def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool
 
 
 def build(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
-    """The bank image of a request, its manifest and its quality. ``progress`` gets (stage, share done) before each
-    stage and may raise to cancel; nothing is left behind then."""
+    """Build the bank image of a request, its manifest and its quality figures.
+
+    ``progress`` is called with (stage, fraction done) before each stage and may raise to cancel; nothing is stored
+    then.
+    """
     tell = progress or (lambda stage, share: None)
     tell("envelope", 0.0)
     return finish(prepare(request, source, tell), tell)
 
 
 def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
-    """The rest of a build."""
+    """Complete a build from a prepared request: tables, image, quality and manifest."""
     tell = progress or (lambda stage, share: None)
     p, sky, selection = ready.plan, ready.sky, ready.selection
     request, kept = p.request, sky.in_frame(selection.kept)
@@ -149,7 +158,7 @@ def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     _check_size(p, len(image))
     tell("quality", 0.6)
     reduced = own.tables.reduced
-    # What the device searches: with a reduced catalogue that, whose pairs are the ones on board.
+    # The device searches the reduced catalogue if there is one; only the pairs among its stars are on board then.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
     assessment = assess_catalogue(p, selection.kept, pairs if reduced is None else own.distances, directory)
     tell("manifest", 0.95)
@@ -163,7 +172,8 @@ def _source(source: Source | StarTable) -> Source:
 
 
 def too_heavy(p: Plan, source: Source | StarTable) -> BadInput | None:
-    """Why a request is no matter of a moment, counted and not tried; None when it is one."""
+    """Return the error for a request too expensive for an interactive preview, or None. The cost is estimated, not
+    measured."""
     base = p.base
     fields = base.looked_at if isinstance(base, BlockEnvelope) else 0
     stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
@@ -215,7 +225,7 @@ def _check_kept(p: Plan, selection: Selection) -> None:
             "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(kept), hint="looser rules"
         )
     request = p.request
-    # A reduced catalogue keeps only the pairs among its own stars, which are not known before it is made.
+    # A reduced catalogue keeps only the pairs among its own stars, which are unknown until it is made.
     reduced = frame_for(request.format_name, p.profile.camera, request.reduced)
     if format_of(request.format_name).pair_bytes and reduced is None:
         pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
@@ -281,7 +291,7 @@ def _manifest(
 
 
 def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, Any]:
-    """What the screening found and the frame of the reduced catalogue; nothing where there is neither."""
+    """Results of the screening and frame of the reduced catalogue; empty without either."""
     facts: dict[str, Any] = {}
     if (found := screening_facts(selection)) is not None:
         facts["screening"] = found

@@ -1,4 +1,4 @@
-"""What changes between two catalogues, before one replaces the other on board."""
+"""Differences between two catalogues, shown before one replaces the other on board."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
 from gss.domain.stars import Ids, OnboardCatalogue
 
-# Below both formats' own number widths nothing has moved.
+# Shifts below the position resolution of the formats do not count as moves.
 MOVED_RAD = 5e-7
 MAGNITUDE_CHANGED_MAG = 0.005
 COVERAGE_NSIDE = 16
@@ -21,9 +21,13 @@ COVERAGE_NSIDE = 16
 
 @dataclass(frozen=True)
 class CatalogueDiff:
-    """``added``, ``dropped``: Hipparcos numbers, ascending. ``moved``: common stars that moved more than the number widths,
-    with ``moved_rad``; ``magnitude_changed``: common stars whose V changed, with ``magnitude_change_mag`` (new − old).
-    ``pairs``: old and new number. ``unknown``: rows of old and new whose star nobody knows; they are not compared."""
+    """Result of :func:`compare`.
+
+    ``added``, ``dropped``: Hipparcos numbers, ascending. ``moved``: common stars that moved by more than the position
+    resolution, with ``moved_rad``. ``magnitude_changed``: common stars whose V changed, with ``magnitude_change_mag``
+    (new − old). ``pairs``: number of pairs (old, new). ``unknown``: number of rows (old, new) without a unique
+    catalogue number; they are not compared.
+    """
 
     added: Ids
     dropped: Ids
@@ -37,14 +41,16 @@ class CatalogueDiff:
 
     @property
     def nothing(self) -> bool:
-        """Are both the same sky with the same number of distances?"""
+        """True if both catalogues have the same stars, positions, magnitudes and number of pairs, and no unknown
+        rows."""
         changed = len(self.added) + len(self.dropped) + len(self.moved) + len(self.magnitude_changed)
         return not changed and self.pairs[0] == self.pairs[1] and self.unknown == (0, 0)
 
 
 @dataclass(frozen=True)
 class CoverageChange:
-    """``old``, ``new``: (12·nside²,) stars within a circle of ``radius_rad`` round each HEALPix ring pixel."""
+    """``old``, ``new``: (12·nside²,) number of stars within ``radius_rad`` of each HEALPix pixel centre (ring
+    order)."""
 
     nside: int
     radius_rad: float
@@ -52,12 +58,12 @@ class CoverageChange:
     new: NDArray[np.int64]
 
     def poorer(self, stars: int) -> int:
-        """Circles that had at least so many stars and have fewer now."""
+        """Return the number of circles that had at least ``stars`` stars and now have fewer."""
         return int(np.count_nonzero((self.old >= stars) & (self.new < stars)))
 
 
 def compare(old: OnboardCatalogue, new: OnboardCatalogue) -> CatalogueDiff:
-    """The difference of two decoded bank images; both need their Hipparcos numbers."""
+    """Compare two decoded bank images; both need their Hipparcos numbers."""
     known_old, known_new = _known(old), _known(new)
     common, at_old, at_new = np.intersect1d(old.hip[known_old], new.hip[known_new], return_indices=True)
     row_old, row_new = known_old[at_old], known_new[at_new]
@@ -81,7 +87,7 @@ def compare(old: OnboardCatalogue, new: OnboardCatalogue) -> CatalogueDiff:
 def coverage_change(
     old: OnboardCatalogue, new: OnboardCatalogue, radius_rad: float, nside: int = COVERAGE_NSIDE
 ) -> CoverageChange:
-    """How many stars each part of the sky has before and after, in circles as large as a field."""
+    """Count the stars around each HEALPix pixel before and after, in circles the size of a field of view."""
     if not 0 < radius_rad <= np.pi:
         raise BadInput(
             "a circle of that radius holds no sky", expected="more than 0°, at most 180°", got=f"{radius_rad}"
@@ -97,12 +103,12 @@ def coverage_change(
 
 
 def _known(catalogue: OnboardCatalogue) -> NDArray[np.intp]:
-    """Rows with a star of their own: the first of each number, none without one."""
+    """Rows with a catalogue number; of rows that share a number, only the first."""
     numbers, first = np.unique(catalogue.hip, return_index=True)
     return np.sort(first[numbers >= 0])
 
 
 def _unit(vectors: NDArray[np.floating]) -> Array:
-    """Single-precision vectors are not quite of length one."""
+    """Normalise vectors; those stored in single precision are not exactly of length one."""
     v = np.asarray(vectors, float)
     return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))

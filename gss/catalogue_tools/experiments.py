@@ -1,4 +1,4 @@
-"""The documents' tables about catalogues, rerun on Hipparcos: how many stars fields hold, how large sub-catalogues get."""
+"""Reruns of the documents' catalogue tables on Hipparcos: number of stars per field, size of sub-catalogues."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ JACOBS_5_2 = (
 
 
 def sunsat_field() -> FieldShape:
-    """11.17° x 8.32° without distortion (Jacobs 1995 §5.1)."""
+    """Return Sunsat's field of view, 11.17° x 8.32°, without distortion (Jacobs 1995 §5.1)."""
     return FieldShape(Camera.from_optics(752, 582, 0.0065, 0.00625, 25.0, Brown()))
 
 
 def random_counts(unit: Array, shape: FieldShape | Disc, trials: int, seed: int) -> Counts:
-    """(trials,) stars in fields that point anywhere, evenly over the sphere and the roll."""
+    """(trials,) number of stars in fields at random pointings, uniform over the sphere and the roll."""
     attitudes = WholeSky(shape if isinstance(shape, FieldShape) else sunsat_field()).attitudes(
         np.random.default_rng(seed), trials
     )
@@ -107,7 +107,7 @@ def jacobs_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
 
 
 def jacobs_5_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Sizes of the sub-catalogues, exact and by the document's blocks (Jacobs 1995 §5.2)."""
+    """Sizes of the sub-catalogues, exact and by the blocks of Jacobs 1995 §5.2."""
     bright = stars.brighter_than(6.0).icrs
     rows: list[tuple[Cell, ...]] = []
     for k, (label, raan_deg, paper, recomputed) in enumerate(JACOBS_5_2):
@@ -180,7 +180,7 @@ def _sunsat_request(raan_deg: tuple[float, float]) -> BuildRequest:
 
 
 def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Star count against limiting magnitude (Erlank 2013 Table 3.6)."""
+    """Number of stars against limiting magnitude (Erlank 2013 Table 3.6)."""
     shape = Disc(float(np.radians(21.0)))
     rows: list[tuple[Cell, ...]] = []
     for k, (limit, three, five, mean) in enumerate(ERLANK_3_6):
@@ -208,7 +208,7 @@ def erlank_3_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
 
 
 def erlank_fig_3_8(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Share of the sky with at least three stars, by field and limiting magnitude (Erlank 2013 Fig. 3.8)."""
+    """Fraction of the sky with at least three stars, by field and limiting magnitude (Erlank 2013 Fig. 3.8)."""
     rows: list[tuple[Cell, ...]] = []
     curves = []
     for k, limit in enumerate(FIG_3_8_LIMITS_MAG):

@@ -1,7 +1,8 @@
-"""A catalogue as files for other programs: CSV, ECSV, Parquet and FITS tables, angles in degrees as those expect.
+"""Export a catalogue to CSV, ECSV, Parquet and FITS tables, with angles in degrees as usual in these formats.
 
-These are for people and other programs, and lose the device's number widths. The image itself as tables, there and back byte for
-byte, is :func:`export_table` and :func:`import_table`; as C source :mod:`gss.catalogue_tools.formats.c_source`.
+These exports are for users and other programs and do not preserve the number widths of the device. For a lossless
+conversion of the image to tables and back, see :func:`export_table` and :func:`import_table`; for C source,
+:mod:`gss.catalogue_tools.formats.c_source`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ LATIN = str.maketrans({"ß": "ss", "æ": "ae", "Æ": "AE", "ø": "o", "Ø": "O",
 
 
 def export(catalogue: OnboardCatalogue, manifest: Manifest, kind: str) -> bytes:
-    """The file of one kind: csv, ecsv and parquet hold the star list, fits the star list and the distance table."""
+    """Return the file of one kind: csv, ecsv and parquet hold the star list, fits the star list and the distance
+    table."""
     writers = {"csv": _csv, "ecsv": _ecsv, "parquet": _parquet, "fits": _fits}
     if kind not in writers:
         raise BadInput("unknown kind of export", expected=" | ".join(writers), got=kind)
@@ -72,7 +74,7 @@ def _csv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
 
 
 def _ecsv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
-    from astropy.table import Table  # a second of import, paid only by who exports
+    from astropy.table import Table  # imported here because it takes a second
 
     columns = _stars(catalogue)
     table = Table(columns, meta=_facts(manifest), units={name: UNITS[name] for name in columns if name in UNITS})
@@ -93,7 +95,8 @@ def _parquet(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
 
 
 def _card(value: Any) -> Any:
-    """FITS headers hold printable ASCII only: accents fall off, ß is ss, what has no such form is a question mark."""
+    """Convert a value to printable ASCII for a FITS header: accents are removed, ß becomes ss, other characters
+    become "?"."""
     if not isinstance(value, str):
         return value
     plain = unicodedata.normalize("NFKD", value.translate(LATIN))

@@ -1,4 +1,4 @@
-"""The paper that travels with a bank image: what went in, what came out, and hashes to prove it."""
+"""Manifest of a bank image: inputs, results, and hashes to verify them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gss.domain.profiles import CameraProfile
 
 MANIFEST_VERSION = 2
 LARGEST = 0x7FFF_FFFF
-# What version 2 added; a paper of version 1 says nothing of these.
+# Fields added in version 2; a version 1 manifest has none of them.
 SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
 SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and names from d3-celestial (BSD-3)"
 
@@ -23,10 +23,10 @@ SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and name
 class Manifest:
     """All that is needed to read, check and repeat a build. Angles in radians; times ISO 8601, UTC.
 
-    ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" where nothing drifts.
-    ``candidates_per_query`` and quantisation figures are None where the format has none. ``corrections``: what was applied to
-    the stars, with how much it moved them; ``source_facts``: where they come from; ``occultation``: what hides the sky, {}
-    for nothing; ``method``: how the envelope was found; ``assessment``: lifetime and mistakability.
+    ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" if nothing drifts. ``candidates_per_query``
+    and the quantisation figures are None if the format has none. ``corrections``: corrections applied to the stars, and
+    the size of each; ``source_facts``: origin of the stars; ``occultation``: what hides the sky, {} for nothing;
+    ``method``: how the envelope was computed; ``assessment``: lifetime and ambiguity.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Manifest:
     version: int = MANIFEST_VERSION
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, with the manifest's own hash."""
+        """Plain values, including the manifest's own hash."""
         plain = asdict(self)
         if self.version == 1:
             plain = {name: value for name, value in plain.items() if name not in SINCE_2}
@@ -65,12 +65,12 @@ class Manifest:
         return {**content, "manifest_sha256": hashlib.sha256(_canonical(content)).hexdigest()}
 
     def as_json(self) -> str:
-        """Readable text, the same for the same build."""
+        """Return readable text, identical for identical builds."""
         return json.dumps(self.as_dict(), indent=1, sort_keys=True, ensure_ascii=False)
 
 
 def read_manifest(text: str) -> Manifest:
-    """The manifest of a text, its own hash checked."""
+    """Parse a manifest and verify its hash; CorruptData if it is not valid."""
     try:
         content = json.loads(text)
         claimed = content.pop("manifest_sha256")
@@ -89,7 +89,8 @@ def read_manifest(text: str) -> Manifest:
 
 
 def _check_types(content: Mapping[str, Any]) -> None:
-    """A hash can be computed by anybody: each value must be of its field's type, and what is in it too."""
+    """Check the type of each value and of its elements. The hash does not ensure this, because anyone can compute
+    it."""
     inner: dict[str, Callable[[Any], bool]] = {
         "str": lambda value: isinstance(value, str),
         "int": _whole,
@@ -116,28 +117,29 @@ def _number(value: object) -> bool:
 
 
 def manifest_of(content: Mapping[str, Any]) -> Manifest:
-    """The manifest of plain values as a store keeps them; what is missing, as of a bank that was read back, is empty."""
+    """Return the manifest of plain values from a store. Missing fields are empty, for example for a bank that was
+    read back."""
     empty: dict[str, Any] = {"str": "", "dict": {}, "tuple": (), "float": float("nan"), "int": MANIFEST_VERSION}
     values = {f.name: content.get(f.name, empty[str(f.type).partition("[")[0]]) for f in fields(Manifest)}
     return Manifest(**{**values, "hip": tuple(values["hip"])})
 
 
 def check_image(manifest: Manifest, image: bytes) -> None:
-    """The image is the one the manifest describes."""
+    """Raise CorruptData unless the image is the one that the manifest describes."""
     found = hashlib.sha256(image).hexdigest()
     if found != manifest.image_sha256:
         raise CorruptData("the image is not the manifest's", expected=manifest.image_sha256, got=found)
 
 
 def profile_sha256(profile: CameraProfile) -> str:
-    """Hash of what a catalogue depends on: the camera's geometry, distortion included."""
+    """Hash of the part of the profile that a catalogue depends on: the camera's geometry, distortion included."""
     camera = asdict(profile.camera)
     camera["distortion"]["model"] = type(profile.camera.distortion).__name__
     return hashlib.sha256(_canonical(camera)).hexdigest()
 
 
 def require_profile(header: BankHeader, profile: CameraProfile) -> None:
-    """A bank image made for another camera must not be used with this one."""
+    """Raise BadInput if a bank image was made for another camera."""
     if header.profile_name != profile.name or header.profile_hash != bytes.fromhex(profile_sha256(profile))[:8]:
         raise BadInput(
             "the star list was made for another camera",

@@ -1,4 +1,5 @@
-"""Bank images: the door to the on-board formats (see :mod:`gss.catalogue_tools.formats` and docs/catalogue-formats.md)."""
+"""Bank images: public interface of the on-board formats (see :mod:`gss.catalogue_tools.formats` and
+docs/catalogue-formats.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A request worked out: the field, the planes of the orbit, the envelope, the dates and the limits of the tables."""
+"""Derive the build plan of a request: field of view, orbit planes, envelope, dates and limits of the tables."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, e
 from gss.domain.errors import BadInput
 from gss.domain.profiles import CameraProfile, profile
 
-# Chosen: the documents' 1 MiB of flash holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013 §4.2).
+# Chosen: the 1 MiB of flash in the documents holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013
+# §4.2).
 BANK_BYTES = {"cubestar": 256 * 1024, "sunsat": 512 * 1024}
 OTHER_BANK_BYTES = 256 * 1024
 SECONDS_PER_DAY = 86_400.0
@@ -28,8 +29,11 @@ SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
 
 @dataclass(frozen=True)
 class Plan:
-    """A request with everything worked out. ``shape``: the field itself; the envelope's is wider by the margin. ``base``: the
-    envelope before anything hides the sky."""
+    """A request with all derived values.
+
+    ``shape``: field of view without the margin; that of the envelope includes it. ``base``: envelope before
+    occultation.
+    """
 
     request: BuildRequest
     profile: CameraProfile
@@ -45,29 +49,32 @@ class Plan:
 
     @property
     def date_jyear(self) -> float:
-        """Julian year for which the sky of the date is worked out."""
+        """Julian year for which the apparent sky is computed."""
         middle = self.request.middle
         return self.epoch_jyear if middle is None else jyear_of(middle)
 
     @property
     def drift_rad_day(self) -> float:
-        """How fast the envelope moves along its node or the ecliptic; 0 where it stays."""
+        """Speed at which the envelope moves along its node or the ecliptic; 0 if it does not move."""
         limits, days = self.request.attitude, self.request.days
         if self.planes is not None and limits is not None and limits.pointing in ORBIT_LAWS:
             orbit = self.request.orbit
             if isinstance(orbit, ElementsOrbit) and orbit.altitude_m is None:
-                # Nobody said how high: the limits are given, and what follows them is taken as Sun-synchronous.
+                # Without an altitude the node rate is unknown; the orbit is taken to be Sun-synchronous.
                 return SUN_RATE_RAD_DAY
             return (self.planes.raan_end_rad - self.planes.raan_start_rad) / days
         return SUN_RATE_RAD_DAY if limits is not None and limits.pointing in SUN_LAWS else 0.0
 
     def lifetime(self) -> Lifetime:
-        """How long after the end of validity enough of the fields are still inside the envelope."""
+        """Time after the end of validity during which enough of the fields remain inside the envelope."""
         return lifetime(self.base, self.drift_rad_day, self.valid_to)
 
 
 def plan(request: BuildRequest, tell: Tell | None = None) -> Plan:
-    """Work a request out. Fails on anything that cannot be built. ``tell`` gets the share done while blocks are stepped, later."""
+    """Derive the plan of a request. Raises BadInput for anything that cannot be built.
+
+    ``tell`` is called with the fraction done while the envelope's blocks are stepped, which happens later.
+    """
     chosen = profile(request.profile_name)
     planes = planes_of(request.orbit, request.start, request.days)
     base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes, tell)
@@ -107,7 +114,7 @@ def _check_distances(shortest_rad: float, longest_rad: float) -> None:
 
 
 def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, days: float) -> OrbitRanges | None:
-    """The planes that an orbit has through ``days`` from ``start``; None without an orbit."""
+    """Orbit planes during ``days`` from ``start``; None without an orbit."""
     if isinstance(orbit, TleOrbit):
         if start is None:
             raise BadInput("a TLE needs dates", expected="a start and a number of days", got="no start")
@@ -116,13 +123,13 @@ def planes_of(orbit: ElementsOrbit | TleOrbit | None, start: datetime | None, da
 
 
 def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> OrbitRanges:
-    """Limits of the first day widened by what the node drifts until the last one."""
+    """Limits of the first day, widened by the drift of the node until the last day."""
     first = from_elements(orbit.inclination_rad, orbit.raan_rad)
     if orbit.altitude_m is None:
         return first
     if start is None:
         raise BadInput("a drifting node needs dates", expected="a start and a number of days", got="no start")
-    # The rate is monotonous in the inclination.
+    # The rate is monotonic in the inclination, so its extremes are at the limits.
     seconds = days * SECONDS_PER_DAY
     low, high = sorted(node_rate_rad_s(i, orbit.altitude_m) * seconds for i in first.inclination_rad)
     raan = first.raan_rad[0] + min(0.0, low), first.raan_rad[1] + max(0.0, high)

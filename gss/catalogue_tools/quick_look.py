@@ -1,7 +1,7 @@
-"""The envelope for a page that answers while parameters change: exact where that is quick, sampled where it is not.
+"""Fast version of an envelope for interactive previews: exact where that is fast, sampled elsewhere.
 
-Membership of a patch is sampled with fields that crowd at the ends of the limits, where the edge of an envelope comes from: of
-Hipparcos to V 6 it misses none in the documents' cases.
+Membership of a patch is sampled with fields concentrated at the ends of the limits, which determine the edge of the
+envelope. In the documents' cases this misses no Hipparcos star to V 6.
 """
 
 from __future__ import annotations
@@ -26,37 +26,40 @@ COARSE_NSIDE, FINE_NSIDE = 16, 32
 
 @dataclass(frozen=True)
 class QuickLook:
-    """As much of an envelope as a choice of stars and a map need."""
+    """The subset of the envelope interface that the star selection and the map need."""
 
     plan: Plan
 
     @cached_property
     def envelope(self) -> Envelope:
-        """The plan's, looked at less closely where something hides the sky."""
+        """The plan's envelope, with fewer samples if anything hides the sky."""
         whole = self.plan.envelope
         return replace(whole, effort=QUICK) if isinstance(whole, OccultedEnvelope) else whole
 
     @property
     def base(self) -> Envelope:
-        """What is seen before anything hides it."""
+        """The envelope before occultation."""
         return self.plan.base
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """Which (n, 3) ICRS directions are ever in the field. What hides a patch's sky for good is left to the build: it is the
-        map that shows it, and a patch that turns to the Sun loses whole fields before it loses a star."""
+        """(n,) mask of the (n, 3) ICRS directions that are ever in the field.
+
+        For a patch, permanent occultation is left to the build: the map shows it, and a patch that follows the Sun
+        loses whole fields before it loses a star.
+        """
         u = np.asarray(unit, float)
         if isinstance(self.base, PatchEnvelope):
             return self.base.witnessed(u, MEMBER_FIELDS)
         return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) share of time in the field."""
+        """(n,) fraction of time in the field."""
         if self._occulted:
             return self.envelope.time_fraction(unit)
         return self._base_fraction(np.asarray(unit, float))
 
     def edges(self, at_end: bool) -> list[Array]:
-        """The border, exact."""
+        """Border of the envelope, exact."""
         return self.plan.envelope.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
@@ -64,22 +67,22 @@ class QuickLook:
         return self.plan.envelope.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """As the envelope's."""
+        """Same as the envelope's ``at``."""
         return self.plan.envelope.at(cube)
 
     @property
     def shape(self) -> FieldShape:
-        """The field, margin and all."""
+        """Field of view, including the margin."""
         return self.plan.envelope.shape
 
     @property
     def dimensions(self) -> int:
-        """As the envelope's."""
+        """Same as the envelope's ``dimensions``."""
         return self.plan.envelope.dimensions
 
     @property
     def nside(self) -> int:
-        """Fineness of the map: what hides the sky is sampled, and is drawn more coarsely."""
+        """HEALPix resolution of the map; coarser with occultation, which has to be sampled."""
         return COARSE_NSIDE if self._occulted else FINE_NSIDE
 
     @property

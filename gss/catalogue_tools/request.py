@@ -1,4 +1,4 @@
-"""What a catalogue manager asks for: the checked parameters of one build, and as plain values for the manifest."""
+"""Parameters of one catalogue build, validated, and their conversion to plain values for the manifest."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gss.domain.profiles import profile
 
 PAIR_MIN_RAD = np.radians(0.25)
 EPOCH_WITHOUT_DATES_JYEAR = 2000.0
-# In ten years the fastest stars move a pixel of a wide camera.
+# In ten years the fastest stars move by one pixel of a wide camera.
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
 SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
@@ -32,10 +32,10 @@ METHODS = ("exact", "blocks")
 
 @dataclass(frozen=True)
 class ElementsOrbit:
-    """Limits of inclination and node, ICRS; circular, all arguments of latitude (Jacobs 1995 Table 5-2).
+    """Limits of inclination and node, ICRS, for a circular orbit and all arguments of latitude (Jacobs 1995 Table 5-2).
 
-    With ``altitude_m`` the node's limits are those of the first day, and the Earth's flattening moves them through the days
-    of use (Moniteq 1983 §2.5).
+    With ``altitude_m`` the limits of the node are those of the first day, and the Earth's oblateness moves them during
+    the days of use (Moniteq 1983 §2.5).
     """
 
     inclination_rad: Range
@@ -58,14 +58,15 @@ class TleOrbit:
 
 @dataclass(frozen=True)
 class BuildRequest:
-    """One build. ``orbit`` None: no orbit, which with ``attitude`` None is the whole sky.
+    """Parameters of one build. ``orbit`` None: no orbit; if ``attitude`` is None too, the whole sky.
 
     ``margin_rad`` widens the field on every side. ``pair_max_rad`` None: the field's diagonal. ``start``: UTC with a
-    time zone. ``epoch_jyear`` None: the middle of the validity, J2000 without dates. ``bank_bytes`` None: the format's
-    usual bank. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
-    ``source``: hipparcos, hipparcos_all, gaia, or list with the ``star_list`` it names. ``method``: exact, or blocks for
-    Jacobs' own steps of 1°. ``k_vector``: an index of the distances goes on board too. ``reduced``: the frame
-    of a reduced catalogue, to whose stars the distances are cut down; None: none, but far-mst has one of its camera's frame.
+    time zone. ``epoch_jyear`` None: the middle of the validity, or J2000 without dates. ``bank_bytes`` None: the
+    format's usual bank. ``query_tolerance_px``: half width of the matcher's distance query, for the quality report.
+    ``source``: hipparcos, hipparcos_all, gaia, or list with ``star_list``. ``method``: exact, or blocks for the 1°
+    steps of Jacobs 1995. ``k_vector``: also store an index of the distances on board. ``reduced``: frame of a reduced
+    catalogue, to whose stars the distances are limited; None: no reduced catalogue, except for far-mst, which uses the
+    camera's frame.
     """
 
     profile_name: str
@@ -119,7 +120,8 @@ class BuildRequest:
 
     @property
     def depth_mag(self) -> float | None:
-        """How faint a source must be read; None for all it has: companions count, or magnitudes change."""
+        """Magnitude limit for reading the source. None reads all stars: companions count, or corrections change
+        magnitudes."""
         c = self.corrections
         deeper = c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
         return None if deeper else self.rules.faint_mag
@@ -151,7 +153,8 @@ def parameters_of(request: BuildRequest) -> dict[str, Any]:
 
 
 def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
-    """The request of a manifest's parameters; those of version 1 lack what came later, which then rests at its default."""
+    """Return the request of a manifest's parameters. Fields added after version 1 have their defaults if missing.
+    CorruptData if the parameters are not valid."""
     known = {f.name for f in fields(BuildRequest)}
     values = {name: value for name, value in parameters.items() if name in known}
     try:
@@ -184,7 +187,7 @@ def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | 
 
 
 def _pair(value: Any) -> Any:
-    """JSON has no tuples."""
+    """Convert a list to a tuple, because JSON has no tuples."""
     return tuple(value) if isinstance(value, list) else value
 
 

@@ -1,4 +1,4 @@
-"""How many pairs and bytes a choice of stars will take, before the tables are made."""
+"""Estimate the number of pairs and bytes of a star selection before the tables are made."""
 
 from __future__ import annotations
 
@@ -15,17 +15,22 @@ from gss.domain.camera import Camera
 from gss.domain.stars import DistanceTable, StarTable
 
 PAIR_SAMPLE = 800
-# Triplets and links of so many stars are made sooner than guessed well; of more, an experience stands in.
+# Up to this many stars, building triplets and links is fast, so the size is exact; above, it is extrapolated.
 MADE_STARS = 6000
-# Surveys with such steps take a tenth of the second that one of 1° takes; the numbers fall nearly straight with the step.
+# A reduced catalogue with these steps takes about a tenth of the time of 1° steps; star numbers fall almost linearly
+# with the step.
 COARSE_STEPS_RAD = tuple(float(np.radians(step)) for step in (3.0, 4.0))
 REDUCED_HEAD_BYTES = 8 + 16
 SECTION_HEAD_BYTES = 8
 
 
 def estimated(p: Plan, kept: StarTable) -> tuple[int, int]:
-    """(pairs, bytes) of the image of these stars. Pairs: counted up to 800 stars, else scaled up from that many; with a reduced
-    catalogue those among its stars; none of a format without pairs, whose bytes are those of the very image up to 6000 stars."""
+    """Return (pairs, bytes) of the image of the given stars.
+
+    Pairs are counted up to 800 stars and scaled up from a sample of that size above; with a reduced catalogue they are
+    those among its stars. For a format without pairs the count is 0, and the size is exact up to 6000 stars because the
+    image is built.
+    """
     request = p.request
     name, frame, pairs = request.format_name, frame_for(request.format_name, p.profile.camera, request.reduced), 0
     if not format_of(name).pair_bytes:
@@ -39,13 +44,15 @@ def estimated(p: Plan, kept: StarTable) -> tuple[int, int]:
 
 
 def frame_for(format_name: str, camera: Camera, asked: ReducedFrame | None) -> ReducedFrame | None:
-    """The frame of a format's reduced catalogue; None where it has none."""
+    """Frame of a format's reduced catalogue; None if it has none."""
     return frame_of(camera) if asked is None and format_name == "far-mst" else asked
 
 
 def reduced_pairs(kept: StarTable, frame: ReducedFrame, min_rad: float, max_rad: float) -> int:
-    """Pairs among the stars of the reduced catalogue: of the survey itself where its steps are coarse, else of two coarser ones,
-    whose numbers are drawn out to it."""
+    """Estimate the pairs among the stars of the reduced catalogue.
+
+    Computed directly if the frame's step is coarse, otherwise extrapolated linearly from two coarser steps.
+    """
     counts = []
     for step_rad in COARSE_STEPS_RAD if frame.step_rad < COARSE_STEPS_RAD[0] else (frame.step_rad,):
         stars = kept.take(reduced_catalogue(kept, replace(frame, step_rad=step_rad)).kept)
@@ -59,7 +66,8 @@ def reduced_pairs(kept: StarTable, frame: ReducedFrame, min_rad: float, max_rad:
 
 
 def searched(p: Plan, kept: StarTable) -> StarTable:
-    """About the stars that the device searches: all, or those of a coarsely made reduced catalogue."""
+    """Approximate list of the stars that the device searches: all, or those of a reduced catalogue made with a
+    coarse step."""
     frame = frame_for(p.request.format_name, p.profile.camera, p.request.reduced)
     if frame is None:
         return kept
@@ -68,7 +76,8 @@ def searched(p: Plan, kept: StarTable) -> StarTable:
 
 
 def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
-    """Number of pairs within the limits: counted for up to 800 stars, else scaled up from 800 evenly chosen ones."""
+    """Number of pairs within the limits: counted for up to 800 stars, otherwise scaled up from 800 evenly chosen
+    ones."""
     n = len(unit)
     if n < 2:
         return 0
@@ -78,7 +87,7 @@ def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
     within = tree.query_ball_point(sample, far, return_length=True) - tree.query_ball_point(
         sample, near * (1 - 1e-12), return_length=True
     )
-    # With no lower limit each star would find itself, which the inner count takes off again.
+    # Both counts include the star itself, so it cancels in the difference.
     return round(float(within.sum()) * n / len(sample) / 2)
 
 
@@ -91,7 +100,7 @@ def _made_bytes(p: Plan, kept: StarTable) -> int:
 
 
 def _coarser(frame: ReducedFrame | None) -> ReducedFrame | None:
-    """How many stars are kept does not change the bytes of their list."""
+    """Same frame with a coarser step; the size of the list in bytes does not depend on how many stars are kept."""
     return None if frame is None else replace(frame, step_rad=max(frame.step_rad, COARSE_STEPS_RAD[1]))
 
 

@@ -1,1 +1,1 @@
-"""What a matcher looks up: distances, indices, triplets, links."""
+"""Look-up tables for matchers: distances, indices, triplets, links."""

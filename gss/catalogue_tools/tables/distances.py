@@ -12,13 +12,16 @@ from gss.domain.stars import DistanceTable, StarTable
 
 
 def distance_table(stars: StarTable, min_rad: float, max_rad: float) -> DistanceTable:
-    """Pairs of rows of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, nearest first."""
+    """Build the table of pairs of rows of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, nearest first."""
     return distance_table_of_units(stars.icrs, min_rad, max_rad)
 
 
 def distance_table_of_units(unit: NDArray[np.floating], min_rad: float, max_rad: float) -> DistanceTable:
-    """Pairs of (n, 3) unit vectors. Distances come from chords: the arccosine of Jacobs eq. C.7 and Erlank eq. 4.3.1
-    loses 1e-8 rad where stars are close. Ties are ordered by row numbers, so the table is the same on any machine."""
+    """Build the pair table of (n, 3) unit vectors.
+
+    Distances are computed from chords: the arccosine of Jacobs eq. C.7 and Erlank eq. 4.3.1 loses 1e-8 rad for close
+    stars. Ties are ordered by row numbers, so the table is the same on any machine.
+    """
     _check_limits(min_rad, max_rad)
     u = np.ascontiguousarray(unit, float)
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
@@ -40,7 +43,7 @@ def _check_limits(min_rad: float, max_rad: float) -> None:
 
 
 def _pairs_within(unit: Array, chord: float) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Row pairs (first < second) whose chord is not much above ``chord``."""
+    """Row pairs (first < second) whose chord is at most ``chord``, plus a rounding margin."""
     if len(unit) < 2:
         empty = np.empty(0, np.int32)
         return empty, empty
@@ -49,7 +52,7 @@ def _pairs_within(unit: Array, chord: float) -> tuple[NDArray[np.int32], NDArray
 
 
 def _chord(unit: Array, first: NDArray[np.int32], second: NDArray[np.int32]) -> Array:
-    """Lengths, one axis at a time: a third of the memory traffic of gathering rows."""
+    """Chord lengths, computed one axis at a time: a third of the memory traffic of gathering rows."""
     squared = np.zeros(len(first))
     for axis in unit.T:
         step = axis[first] - axis[second]

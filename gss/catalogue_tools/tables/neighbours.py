@@ -1,4 +1,4 @@
-"""Moniteq's linked star catalogue: neighbour links of a star list and what they cost to store (Moniteq 1983 §6.1)."""
+"""Moniteq's linked star catalogue: neighbour links of a star list and their storage size (Moniteq 1983 §6.1)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from gss.domain.stars import StarTable
 
 @dataclass(frozen=True)
 class NeighbourFigures:
-    """Stars, links, fewest, most and mean neighbours; ``integers`` of the linked list (a count and a pointer per star, each
-    link at both ends: 8n − 12; the document prints 8n − 6), and its bytes at as many bits as a row number needs."""
+    """Figures of a network: stars, links, fewest, most and mean neighbours.
+
+    ``integers``: length of the linked list (a count and a pointer per star, each link at both ends: 8n − 12; the
+    document prints 8n − 6); ``size_bytes``: its size with as many bits per integer as a row number needs.
+    """
 
     stars: int
     links: int
@@ -25,12 +28,12 @@ class NeighbourFigures:
 
 
 def links_of(stars: StarTable) -> NeighbourLinks:
-    """The net of a star list, rows as in the list."""
+    """Return the neighbour network of a star list, with the same rows."""
     return neighbour_links(stars.icrs)
 
 
 def figures(links: NeighbourLinks) -> NeighbourFigures:
-    """Sizes of a net; the document has 3000 stars of 12 bits in a catalogue of 70 kbyte."""
+    """Compute the figures of a network. The document's example: 3000 stars, 12 bits, a catalogue of 70 kbyte."""
     n, degree = len(links), np.diff(links.start)
     integers = 2 * links.links + 2 * n
     bits = max(1, int(np.ceil(np.log2(max(n, 2)))))

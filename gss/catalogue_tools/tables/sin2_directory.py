@@ -1,6 +1,7 @@
-"""The star-pair directory of FAR-MST on the ground: sizes, how straight sin²θ runs, and the table itself (Huffman 2006 §5.5.4).
+"""Ground version of FAR-MST's star-pair directory: table, size and linearity of sin²θ (Huffman 2006 §5.5.4).
 
-The processor makes its directory from the bank's distances; this one comes from the stars, so that the two check each other.
+The processor builds its directory from the distances in the bank; this one is built from the stars, so that each checks
+the other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ K_BYTES = 4
 
 @dataclass(frozen=True)
 class PairDirectory:
-    """Pairs of rows with ascending ``sin2`` and the k-vector over it, whose "radians" are the numbers of sin²θ."""
+    """Pairs of rows with ascending ``sin2`` and its k-vector, whose ``_rad`` fields are values of sin²θ here."""
 
     first: NDArray[np.int32]
     second: NDArray[np.int32]
@@ -33,7 +34,7 @@ class PairDirectory:
         return len(self.sin2)
 
     def rows_between(self, low: float, high: float) -> slice:
-        """Exactly the pairs with low ≤ sin²θ ≤ high."""
+        """Return the rows of exactly the pairs with low ≤ sin²θ ≤ high."""
         start, end = self.k.bounds(low, high)
         inside = np.flatnonzero((self.sin2[start:end] >= low) & (self.sin2[start:end] <= high))
         return slice(start + int(inside[0]), start + int(inside[-1]) + 1) if len(inside) else slice(0, 0)
@@ -41,8 +42,8 @@ class PairDirectory:
 
 @dataclass(frozen=True)
 class DirectoryFigures:
-    """``bow_sin2`` and ``bow_cos``: largest distance of the sorted values from the straight line through their ends, as a share
-    of the table: what a k-vector look-up has to put right."""
+    """``bow_sin2``, ``bow_cos``: largest deviation of the sorted values from the straight line between their ends,
+    as a fraction of the table. A k-vector look-up has to correct for this."""
 
     stars: int
     pairs: int
@@ -52,7 +53,7 @@ class DirectoryFigures:
 
 
 def pair_directory(stars: StarTable, max_rad: float) -> PairDirectory:
-    """All pairs of ``stars`` less than ``max_rad`` (at most 90°) apart."""
+    """Build the directory of all pairs of ``stars`` at most ``max_rad`` (at most 90°) apart."""
     if not 0 < max_rad <= np.pi / 2:
         raise BadInput(
             "sin²θ does not tell pairs beyond 90° apart", expected="0° to 90°", got=f"{np.degrees(max_rad):g}°"
@@ -64,7 +65,7 @@ def pair_directory(stars: StarTable, max_rad: float) -> PairDirectory:
 
 
 def figures(directory: PairDirectory, stars: int) -> DirectoryFigures:
-    """What the directory costs and how straight it is."""
+    """Compute size and linearity of the directory."""
     cosine = np.sqrt(1 - directory.sin2)
     return DirectoryFigures(
         stars,

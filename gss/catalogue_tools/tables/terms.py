@@ -1,4 +1,4 @@
-"""What a catalogue manager's words need from orbit and camera before they are a request: altitude, baffle angles, velocity."""
+"""Derive request parameters from orbit and camera: altitude, baffle angles, orbital velocity, mounting."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Orbit = ElementsOrbit | TleOrbit | None
 
 
 def altitude_m(orbit: Orbit, given_m: float | None) -> float | None:
-    """The altitude that was given, else the TLE's or the elements' own; None where nobody knows."""
+    """Return the given altitude, otherwise that of the TLE or the elements; None if none is known."""
     if given_m is not None:
         return given_m
     if isinstance(orbit, TleOrbit):
@@ -38,8 +38,12 @@ def occultation_of(
     moon: bool = False,
     moon_rad: float | None = None,
 ) -> Occultation:
-    """What hides the sky. Baffle angles that are not given are the camera's own: the limit for the Sun; for the Moon, whose stray
-    light is nothing beside the Sun's, the angle within which its light falls on the lens itself."""
+    """Return what hides the sky: Earth, Sun, Moon.
+
+    Baffle angles that are not given are the camera's: the Sun's limit for the Sun; for the Moon, whose stray light is
+    negligible compared with the Sun's, the angle within which its light falls directly on the lens. BadInput if
+    ``earth`` and no altitude is known.
+    """
     if earth and height_m is None:
         raise BadInput(
             "how much the Earth hides needs the altitude",
@@ -57,7 +61,7 @@ def occultation_of(
 
 
 def orbital_velocity(attitude: AttitudeLimits | None, normal: Array, height_m: float | None) -> MeanOrbitVelocity:
-    """The velocity for orbital aberration: of a circular orbit, as each star passes the middle of the field.
+    """Velocity for orbital aberration on a circular orbit, at the time each star passes the middle of the field.
 
     ``normal``: (3,) ICRS pole of the orbit.
     """
@@ -81,8 +85,11 @@ def pole_of(planes: OrbitRanges | None) -> Array:
 
 
 def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float] | None) -> tuple[float, ...] | None:
-    """The mounting as nine numbers by rows. ``turns_deg``: instead of them, how the body's axes turn, about x, then y, then z, to
-    become the camera's (the order of Jacobs 1995 eq. 1.13). None for neither: the law's own."""
+    """Return the mounting as nine numbers by rows; None if neither argument is given (the pointing law's default applies).
+
+    ``turns_deg``, instead of ``body_from_cam``: rotations about x, then y, then z that take the body's axes to the
+    camera's (the order of Jacobs 1995 eq. 1.13).
+    """
     if turns_deg is None:
         return None if body_from_cam is None else tuple(float(x) for x in body_from_cam)
     if body_from_cam is not None:

@@ -1,6 +1,6 @@
-"""Liebe's triplet data base of a star list, and the bytes in which a sensor keeps it (the "triplet table").
+"""Liebe's triplet database of a star list, and its binary format on the sensor (the "triplet table").
 
-Everything is little endian. A table belongs to the star list of one bank image, whose rows its stars are.
+Everything is little endian. A table belongs to one bank image; its star numbers are rows of that image's star list.
 
 Header, offset type meaning
      0  4s   magic "GSST"
@@ -12,10 +12,10 @@ Header, offset type meaning
     16  f64  width of a class of distances, rad
     24  f64  width of a class of angles, rad
     32  f64  uncertainty of one star's position, rad
-    40  f32  magnitude at which a star is seen every second time
-    44  f32  uncertainty of brightness, share
+    40  f32  magnitude at which a star is detected half of the time
+    44  f32  relative uncertainty of brightness
     48  f32  largest distance of a neighbour, rad
-    52  u32  CRC-32 of the body of the bank image it belongs to; 0: not said
+    52  u32  CRC-32 of the body of the bank image it belongs to; 0: not specified
     56  u32  CRC-32 of the body
     60  u32  CRC-32 of the 60 bytes before
 
@@ -45,8 +45,8 @@ MOST_STARS = 1 << 16
 
 @dataclass(frozen=True)
 class TripletFigures:
-    """What the document's key numbers are about: stars that may be seen, references to them, bytes, and how many stars share a
-    key on average over the references."""
+    """Figures of a table: stars that may be detected, references, references per star, bytes, and the number of
+    stars that share a key, averaged over the references."""
 
     stars: int
     references: int
@@ -64,7 +64,8 @@ def triplets_of(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """The data base of a star list, which must be as deep as a star may be seen (Liebe 1992: 1539 stars for 1100)."""
+    """Build the triplet table of a star list, which must reach the faintest star that may be detected (Liebe 1992:
+    1539 stars for 1100)."""
     need = faintest_mag(limit_mag, brightness_error)
     if not len(stars) or float(stars.v_mag.max()) < limit_mag:
         raise BadInput(
@@ -79,7 +80,7 @@ def triplets_of(
 
 
 def figures(table: TripletTable) -> TripletFigures:
-    """Sizes and how telling the features are."""
+    """Compute size and selectivity of a table."""
     seen = len(np.unique(table.star))
     _, count = np.unique(table.key, return_counts=True)
     share = float(np.sum(count.astype(float) ** 2) / len(table)) if len(table) else float("nan")
@@ -88,7 +89,7 @@ def figures(table: TripletTable) -> TripletFigures:
 
 
 def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
-    """The bytes of a table. ``bank_crc32``: of the body of the bank image with its star list."""
+    """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image that holds its star list."""
     if table.stars > MOST_STARS:
         raise BadInput("too many stars for the triplet table", expected=f"at most {MOST_STARS}", got=str(table.stars))
     body = table.key.astype("<u4").tobytes() + table.star.astype("<u2").tobytes()
@@ -112,7 +113,8 @@ def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
 
 
 def decode_triplets(image: bytes) -> TripletTable:
-    """The table in its bytes, everything checked. Bytes after the end are ignored: flash is longer than its content."""
+    """Decode and check a table; CorruptData if it is not valid. Trailing bytes are ignored, because flash is larger
+    than its content."""
     fields = _header(image)
     _, _, _, _, stars, count, distance, angle, uncertainty, limit_mag, error, max_rad, _, crc = fields
     total = HEADER_BYTES + REFERENCE_BYTES * count
@@ -141,7 +143,7 @@ def decode_triplets(image: bytes) -> TripletTable:
 
 
 def bank_crc32_of(image: bytes) -> int:
-    """Which bank image a table belongs to; 0 where it does not say."""
+    """CRC-32 of the bank image that a table belongs to; 0 if not specified."""
     return int(_header(image)[12])
 
 
