@@ -1,4 +1,4 @@
-"""The switches of a sky: which corrections are made to the stars of a source, with their parameters."""
+"""Parameters of the corrections applied to the stars of a source."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class OrbitVelocity:
-    """The satellite's velocity about the Earth at one moment, ICRS."""
+    """Velocity of the satellite relative to the Earth at one time, ICRS."""
 
     km_s: Triple
 
@@ -28,10 +28,10 @@ class OrbitVelocity:
 
 @dataclass(frozen=True)
 class MeanOrbitVelocity:
-    """The velocity at which each star passes the middle of a field fixed in the orbit frame (docs/conventions.md).
+    """Velocity at the time each star crosses the middle of a field fixed in the orbit frame (docs/conventions.md).
 
-    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not turn with the orbit, so that the mean
-    over the revolution is zero; the facts state the speed that remains uncorrected.
+    ``normal_icrs``: pole of the circular orbit. ``boresight_orbit`` None: the field does not turn with the orbit, so
+    the mean over a revolution is zero; the facts state the speed that remains uncorrected.
     """
 
     speed_km_s: float
@@ -47,13 +47,12 @@ class MeanOrbitVelocity:
 
 @dataclass(frozen=True)
 class Corrections:
-    """What is done to the stars of a source, with the parameters; the default is proper motion alone.
+    """Corrections to apply, with their parameters; the default is proper motion alone.
 
-    ``annual_aberration``: the Earth's velocity about the Solar System's barycentre, averaged over ``aberration_days`` round
-    the date.
-    ``frame``: "of_date" is the mean equator and equinox of the date, "b1950" the FK4 with or without ``e_terms``.
-    ``instrument_magnitude``: V becomes the camera's magnitude, stars without B−V counting as ``unknown_b_v``; ``roll_off`` adds the
-    lens's loss. ``doubles`` None: every star for itself.
+    ``annual_aberration``: velocity of the Earth about the Solar System's barycentre, averaged over ``aberration_days``
+    around the date. ``frame``: "of_date" is the mean equator and equinox of the date, "b1950" the FK4 with or without
+    ``e_terms``. ``instrument_magnitude``: replace V by the camera's magnitude, using ``unknown_b_v`` for stars without
+    B−V; ``roll_off`` adds the lens's loss. ``doubles`` None: no stars are merged.
     """
 
     proper_motion: bool = True
@@ -95,7 +94,7 @@ class Corrections:
 
     @property
     def applied(self) -> tuple[str, ...]:
-        """Names of what differs from the bare source."""
+        """Names of the corrections that are switched on."""
         switches = {
             "proper_motion": self.proper_motion,
             "parallax": self.parallax,
@@ -112,7 +111,7 @@ class Corrections:
 
     @property
     def needs_profile(self) -> bool:
-        """Whether a camera must be known."""
+        """True if a camera profile is required."""
         return (
             self.instrument_magnitude
             or self.roll_off != "off"
@@ -120,7 +119,7 @@ class Corrections:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for a manifest; ``corrections_of`` reads them back."""
+        """Plain values for a manifest; ``corrections_of`` reads them."""
         content = asdict(self)
         for name in ("orbital_aberration", "doubles"):
             if content[name] is not None:
@@ -129,7 +128,7 @@ class Corrections:
 
 
 def corrections_of(values: dict[str, Any]) -> Corrections:
-    """Corrections of plain values, as ``Corrections.as_dict`` gives them."""
+    """Return the corrections of plain values, as written by ``Corrections.as_dict``; BadInput if they are not valid."""
     content = dict(values)
     orbit, double = content.get("orbital_aberration"), content.get("doubles")
     if isinstance(orbit, dict):
@@ -144,7 +143,7 @@ def corrections_of(values: dict[str, Any]) -> Corrections:
 
 
 def frame_name(corrections: Corrections, date_jyear: float) -> str:
-    """The frame in words."""
+    """Name of the frame for display."""
     if corrections.frame == "of_date":
         return f"mean equator and equinox of J{date_jyear:.3f}"
     if corrections.frame == "b1950":

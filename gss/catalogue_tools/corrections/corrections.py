@@ -1,7 +1,7 @@
-"""Where a star appears: annual aberration, the Sun, and the axes of date (Jacobs 1995 §7.5, Moniteq 1983 §2.4).
+"""Apparent directions: annual aberration, the Sun's longitude, and the axes of date (Jacobs 1995 §7.5, Moniteq 1983 §2.4).
 
-Closed formulae, so that nothing here needs an ephemeris file; astropy is the outside check in the tests.
-Time is Terrestrial Time as a Julian year; the minute between it and UTC moves nothing here by a milliarcsecond.
+All formulae are closed and need no ephemeris file; tests compare with astropy. Time is Terrestrial Time as a Julian
+year; its difference of about a minute from UTC changes no result by a milliarcsecond.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ OBLIQUITY_J2000_RAD = 84381.406 * ARCSEC_RAD
 ABERRATION_CONSTANT_RAD = 20.49552 * ARCSEC_RAD
 EARTH_ECCENTRICITY = 0.016709
 EARTH_PERIHELION_J2000_RAD = np.radians(102.937)
-# Longitude drift of the axes of date against those of J2000, rad per year.
+# Longitude drift of the axes of date relative to those of J2000, rad per year.
 GENERAL_PRECESSION_RAD_YR = 50.28796 * ARCSEC_RAD
 ICRS_FROM_ECLIPTIC = rotation_x(-OBLIQUITY_J2000_RAD)
 
 
 def sun_longitude_rad(jyear: float) -> float:
-    """Ecliptic longitude of the Sun in J2000 axes, not wrapped, good to 0.01° for 1950–2050 (Astronomical Almanac C5)."""
+    """Ecliptic longitude of the Sun in J2000 axes, not wrapped, accurate to 0.01° for 1950–2050 (Astronomical
+    Almanac C5)."""
     days = (jyear - J2000_JYEAR) * DAYS_PER_YEAR
     anomaly_rad = np.radians(357.528 + 0.9856003 * days)
     of_date_deg = 280.460 + 0.9856474 * days + 1.915 * np.sin(anomaly_rad) + 0.020 * np.sin(2 * anomaly_rad)
@@ -40,9 +41,9 @@ def unit_from_ecliptic_longitude(longitude_rad: Array | float) -> Array:
 
 
 def earth_velocity_c(jyear: float) -> Array:
-    """(3,) ICRS velocity of the Earth in units of the speed of light: Kepler's ellipse about the Sun.
+    """(3,) ICRS velocity of the Earth in units of the speed of light, from a Kepler ellipse about the Sun.
 
-    The Sun's own motion about the barycentre (13 m/s) and the Moon's pull (12 m/s) are left out: 0.02″.
+    Neglects the Sun's motion about the barycentre (13 m/s) and the Moon's pull (12 m/s), which amount to 0.02″.
     """
     longitude = sun_longitude_rad(jyear) + np.pi
     e, perihelion = EARTH_ECCENTRICITY, EARTH_PERIHELION_J2000_RAD
@@ -51,18 +52,19 @@ def earth_velocity_c(jyear: float) -> Array:
 
 
 def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
-    """(n, 3) directions seen from ``observer_au`` (3,) of (n, 3) barycentric ones. A parallax below zero is noise, not a place."""
+    """(n, 3) directions seen from ``observer_au`` (3,), from (n, 3) barycentric ones. Negative parallaxes are
+    measurement noise and count as zero."""
     shift = np.maximum(np.asarray(parallax_rad), 0.0)[..., None] * np.asarray(observer_au)
     seen = np.asarray(unit) - shift
     return np.asarray(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
 
 
 def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresight_orbit: Array) -> Array:
-    """(n, 3) orbital velocity at the moment when each (n, 3) star passes the middle of a field fixed in the orbit frame.
+    """(n, 3) orbital velocity at the time each of (n, 3) stars crosses the middle of a field fixed in the orbit frame.
 
-    ``normal``: (3,) pole of a circular orbit, the way the satellite goes round it; ``boresight_orbit``: (3,) boresight on the axes
-    of docs/conventions.md (+x along the velocity, +z to nadir). A boresight along the pole sees no star at a definite
-    moment; the velocity is zero then, the mean over the revolution, and so it is for a star at the pole.
+    ``normal``: (3,) pole of a circular orbit, in the sense of the motion. ``boresight_orbit``: (3,) boresight in the
+    axes of docs/conventions.md (+x along the velocity, +z to nadir). For a boresight along the pole, or a star at the
+    pole, there is no definite crossing time; the result is then zero, the mean over the revolution.
     """
     pole = np.asarray(normal, float) / np.linalg.norm(normal)
     ahead, _, down = boresight_orbit

@@ -1,9 +1,10 @@
-"""Stars too close for the camera to tell apart: what each document does with them.
+"""Policies for stars that the camera cannot resolve.
 
-``moniteq``: round each star, brightest first, all stars within the blur join an effective centre of light, and a blend that does
-not look like one star is rejected (Moniteq 1983 §2.2). ``huffman``: every group below the lens's resolving power becomes one
-entry (Huffman 2006 §5.5.4, eqs. 6.1 and 6.2). ``erlank_combine`` and ``erlank_keep``: the two options of Erlank 2013 §4.3.2, one
-star at the averaged position, or both left in the list. ``drop``: ours, no star whose image a neighbour spoils.
+``moniteq``: around each star, brightest first, all stars within the blur are merged into an effective centre of light,
+and a blend that does not look like one star is rejected (Moniteq 1983 §2.2). ``huffman``: every group closer than the
+lens's resolving power becomes one entry (Huffman 2006 §5.5.4, eqs. 6.1 and 6.2). ``erlank_combine`` and
+``erlank_keep``: the two options of Erlank 2013 §4.3.2, one star at the averaged position, or both left in the list.
+``drop`` (our own): remove every star whose image is disturbed by a neighbour.
 """
 
 from __future__ import annotations
@@ -22,19 +23,22 @@ from gss.domain.profiles import CameraProfile
 from gss.domain.stars import FLAG_MULTIPLE, StarTable
 
 POLICIES = ("moniteq", "huffman", "erlank_combine", "erlank_keep", "drop")
-# Chosen: at 4σ the dip between two equal images is a quarter of their peaks, and a threshold begins to part them.
+# Chosen: at 4σ the dip between two equal images is a quarter of their peaks, and thresholding begins to separate them.
 SEPARABLE_SIGMAS = 4.0
-# Chosen: the document gives no number. At half a σ the blend is 12 % wider than one star.
+# Chosen, because the document gives no number: at half a σ the blend is 12 % wider than one star.
 LARGEST_BROADENING = 0.5
 CONTAMINANT_MAG = 9.0
-# A neighbour this much fainter pulls the common centroid by less than a tenth of the separation.
+# A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 
 
 @dataclass(frozen=True)
 class Doubles:
-    """A policy with its numbers. ``separation_rad`` None: what the camera can separate. ``contaminant_mag`` and
-    ``largest_broadening`` (extra spread of a blend in σ of the camera's image of a point) count for ``moniteq`` only."""
+    """A policy and its parameters.
+
+    ``separation_rad`` None: what the camera can resolve. ``contaminant_mag`` and ``largest_broadening`` (extra spread
+    of a blend in σ of the camera's point image) apply to ``moniteq`` only.
+    """
 
     policy: str = "moniteq"
     separation_rad: float | None = None
@@ -60,8 +64,12 @@ class Doubles:
 
 @dataclass(frozen=True)
 class Merged:
-    """``stars``: what is left, in the order of the input. ``rejected``: rows as they were. ``groups``: effective centres made of
-    ``members`` stars. ``largest_shift_rad``: of a centre against its brightest member."""
+    """Result of a policy.
+
+    ``stars``: remaining stars, in the order of the input. ``rejected``: unmodified rows that were removed. ``groups``:
+    number of effective centres, merged from ``members`` stars. ``largest_shift_rad``: largest distance of a centre from
+    its brightest member.
+    """
 
     stars: StarTable
     rejected: StarTable
@@ -72,7 +80,7 @@ class Merged:
 
 
 def separable_rad(profile: CameraProfile) -> float:
-    """Closest stars that the camera shows as two."""
+    """Smallest separation at which the camera resolves two stars."""
     return SEPARABLE_SIGMAS * profile.sensor.psf_sigma_px * profile.camera.pixel_rad
 
 
@@ -80,7 +88,8 @@ def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = No
     """Apply a policy. The result does not depend on the order of the rows."""
     if doubles.separation_rad is None and profile is None:
         raise BadInput("doubles need a separation", expected="a separation or a camera profile")
-    reach = doubles.separation_rad or separable_rad(profile)  # type: ignore[arg-type]  # one of the two is there
+    # checked above: one of the two is set
+    reach = doubles.separation_rad or separable_rad(profile)  # type: ignore[arg-type]
     pairs = _pairs(stars, reach)
     if doubles.policy == "erlank_keep" or not len(pairs):
         return Merged(stars, stars.take(np.zeros(len(stars), bool)), 0, 0, 0.0, reach)
@@ -97,7 +106,8 @@ def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = No
 
 
 def spoiled(stars: StarTable, reach_rad: float) -> NDArray[np.bool_]:
-    """Stars whose image a neighbour within reach spoils: the fainter always, the brighter unless the fainter is harmless."""
+    """(n,) mask of stars whose image is disturbed by a neighbour within reach: the fainter always, the brighter
+    unless the fainter is harmless."""
     marked = np.zeros(len(stars), bool)
     pairs = _pairs(stars, reach_rad)
     if len(pairs):
@@ -115,7 +125,7 @@ def _pairs(stars: StarTable, reach_rad: float) -> NDArray[np.intp]:
 
 
 def _rank(stars: StarTable) -> NDArray[np.intp]:
-    """Place of each star from the brightest on; equals by number, so that the order of the rows does not count."""
+    """Rank of each star by brightness; ties are ordered by number, so that the order of the rows has no effect."""
     rank = np.empty(len(stars), np.intp)
     rank[np.lexsort((stars.hip, stars.v_mag))] = np.arange(len(stars))
     return rank
@@ -134,13 +144,14 @@ def _drop(stars: StarTable, pairs: NDArray[np.intp], reach: float) -> Merged:
 
 
 def _round_the_brightest(stars: StarTable, pairs: NDArray[np.intp], contaminant_mag: float) -> NDArray[np.intp]:
-    """(n,) row of the star whose centre of light each star joins; stars fainter than the limit join nothing."""
+    """(n,) row of the star whose centre of light each star joins; stars fainter than ``contaminant_mag`` join none."""
     faint, bright = _faint_bright(stars, pairs)
     counts = stars.v_mag[faint] <= contaminant_mag
     faint, bright = faint[counts], bright[counts]
     rank = _rank(stars)
     centre = np.arange(len(stars), dtype=np.intp)
-    # Pairs from the brightest on: who belongs to a centre is no longer one and does not join a second.
+    # Pairs are processed from the brightest on: a star that has joined a centre can neither be a centre nor join a
+    # second one.
     for k in np.lexsort((rank[faint], rank[bright])):
         if centre[bright[k]] == bright[k] and centre[faint[k]] == faint[k]:
             centre[faint[k]] = bright[k]
@@ -150,11 +161,11 @@ def _round_the_brightest(stars: StarTable, pairs: NDArray[np.intp], contaminant_
 def _merged(
     stars: StarTable, group: NDArray[np.intp], reach: float, *, by_light: bool = True, widest_rad: float = np.inf
 ) -> Merged:
-    """One star for each group of two or more; the brightest member lends its name, motion, colour and row."""
+    """Merge each group of two or more into one star with the name, motion, colour and row of its brightest member."""
     _, group = np.unique(group, return_inverse=True)
     size = np.bincount(group)
     count = len(size)
-    # Members are added from the brightest on, so that rounding does not depend on the order of the rows.
+    # Members are summed from the brightest on, so that rounding does not depend on the order of the rows.
     order = np.argsort(_rank(stars), kind="stable")
     leader = np.empty(count, np.intp)
     leader[group[order[::-1]]] = order[::-1]

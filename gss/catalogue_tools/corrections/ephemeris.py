@@ -1,8 +1,9 @@
-"""Where Sun, Moon and planets stand, how bright they are, and how the observer moves: the undesired images of a star tracker.
+"""Directions and magnitudes of Sun, Moon and planets, and the Earth's velocity.
 
-ERFA's own series (Simon et al. 1994 for the planets, Meeus 1998 for the Moon, VSOP2000-based for the Earth) need no
-ephemeris file and hold to arcseconds. Time is Terrestrial Time as a Julian year. Directions are ICRS, corrected for the
-light's travel and the observer's place but not for aberration: that is one correction for everything in the sky.
+The series built into ERFA (Simon et al. 1994 for the planets, Meeus 1998 for the Moon, VSOP2000-based for the Earth)
+need no ephemeris file and are accurate to arcseconds. Time is Terrestrial Time as a Julian year. Directions are ICRS,
+corrected for light travel time and the observer's position but not for aberration, which is one correction for the
+whole sky.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ AU_KM = 149_597_870.7
 LIGHT_KM_S = 299_792.458
 DAY_S = 86_400.0
 AU_DAY = AU_KM / DAY_S / LIGHT_KM_S
-# TT − UTC since 2017; the next leap second, should it come, moves the Moon by half an arcsecond.
+# TT − UTC since 2017; another leap second would move the Moon by half an arcsecond.
 TT_MINUS_UTC_S = 69.184
 SUN_RADIUS_KM = 695_700.0
 MOON_RADIUS_KM = 1_737.4
@@ -45,7 +46,7 @@ SATURN_POLE = unit_from_ra_dec(np.radians(40.589), np.radians(83.537))
 
 @dataclass(frozen=True)
 class Disc:
-    """A body with a size: (3,) ICRS direction, angular radius, magnitude V of what is lit, and distance."""
+    """An extended body: (3,) ICRS direction, angular radius, magnitude V of the lit part, and distance."""
 
     icrs: Array
     radius_rad: float
@@ -55,9 +56,11 @@ class Disc:
 
 @dataclass(frozen=True)
 class Bodies:
-    """What shines besides the stars, seen from one place: ``planets_icrs`` (7, 3) and ``planets_v_mag`` (7,) in the
-    order of PLANETS, ``planets_au`` (7,) their distances. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in
-    units of c, ICRS."""
+    """Solar-system bodies seen from one place.
+
+    ``planets_icrs`` (7, 3), ``planets_v_mag`` (7,) and ``planets_au`` (7,), their distances, are in the order of
+    PLANETS. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in units of c, ICRS.
+    """
 
     sun: Disc
     moon: Disc
@@ -68,7 +71,8 @@ class Bodies:
 
 
 def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
-    """Sun, Moon and planets for an observer (3,) km from the Earth's centre in ICRS axes; None: at the centre."""
+    """Compute Sun, Moon and planets for an observer (3,) km from the Earth's centre in ICRS axes; None: at the
+    centre."""
     place_au = np.zeros(3) if observer_km is None else np.asarray(observer_km, float) / AU_KM
     helio, bary = erfa.epv00(J2000_JD, _days(jyear))
     sun_au = -helio["p"] - place_au
@@ -87,13 +91,14 @@ def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
 
 
 def earth_motion(jyear: float) -> tuple[Array, Array]:
-    """(3,) barycentric place of the Earth in au and (3,) velocity in units of c, ICRS."""
+    """(3,) barycentric position of the Earth in au and (3,) velocity in units of c, ICRS."""
     _, bary = erfa.epv00(J2000_JD, _days(jyear))
     return np.asarray(bary["p"]), np.asarray(bary["v"] * AU_DAY)
 
 
 def mean_earth_velocity_c(jyear: float, days: float) -> Array:
-    """(3,) mean barycentric velocity of the Earth in units of c over ``days`` round ``jyear``: the chord of its path."""
+    """(3,) mean barycentric velocity of the Earth in units of c over ``days`` around ``jyear``: the chord of its
+    path."""
     if days <= 0:
         return earth_motion(jyear)[1]
     half_yr = days / DAYS_PER_YEAR / 2
@@ -135,7 +140,7 @@ def _disc(place_au: Array, radius_km: float, v_mag: float) -> Disc:
 
 
 def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Array) -> tuple[Array, float, float]:
-    """ICRS direction, magnitude and distance, where the light left the planet."""
+    """ICRS direction, magnitude and distance at the time the light left the planet."""
     travel_days = 0.0
     for _ in range(2):
         at_sun = erfa.plan94(J2000_JD, _days(jyear) - travel_days, number)["p"]

@@ -1,7 +1,8 @@
-"""Where Sun, Moon and planets stand over the life of a catalogue: images that are in no star list (Moniteq 1983 §2.3).
+"""Tracks of Sun, Moon and planets over the life of a catalogue: bright objects that are in no star list (Moniteq 1983 §2.3).
 
-For the builder to warn of, and for a sensor to be told. Places are apparent ones for an observer at the Earth's centre, with
-annual aberration: from a low orbit the Moon is up to a degree away from there, which ``Track.margin_rad`` states.
+Used for the builder's warnings and for the sensor's exclusion list. Directions are apparent ones for an observer at the
+Earth's centre, with annual aberration. From a low orbit the Moon is up to a degree away from that direction;
+``Track.margin_rad`` gives this bound.
 """
 
 from __future__ import annotations
@@ -23,15 +24,18 @@ PLANET_RADIUS_KM = (2440.5, 6051.8, 3396.2, 71492.0, 60268.0, 25559.0, 24764.0)
 LOW_ORBIT_KM = 7000.0
 MOST_SAMPLES = 20_000
 LONGEST_DAYS = 3660.0
-# Moniteq 1983 §2.3: a "star" brighter than this within so much of the ecliptic may be a planet.
+# Moniteq 1983 §2.3: a "star" brighter than this and within this angle of the ecliptic may be a planet.
 PLANET_GATE_MAG = 3.0
 PLANET_GATE_RAD = float(np.radians(10.0))
 
 
 @dataclass(frozen=True)
 class Track:
-    """One body over the samples: ``icrs`` (k, 3) apparent directions, ``v_mag`` and ``radius_rad`` (k,). ``margin_rad``: by how
-    much it may stand elsewhere for an observer in a low orbit."""
+    """One body over the samples.
+
+    ``icrs``: (k, 3) apparent directions; ``v_mag``, ``radius_rad``: (k,). ``margin_rad``: largest parallax for an
+    observer in a low orbit.
+    """
 
     name: str
     icrs: Array
@@ -41,25 +45,29 @@ class Track:
 
     @property
     def brightest_mag(self) -> float:
-        """Smallest magnitude on the way."""
+        """Smallest magnitude along the track."""
         return float(self.v_mag.min())
 
     @property
     def faintest_mag(self) -> float:
-        """Largest magnitude on the way."""
+        """Largest magnitude along the track."""
         return float(self.v_mag.max())
 
 
 @dataclass(frozen=True)
 class Exclusions:
-    """``jyear``: (k,) samples from start to end, UTC; ``tracks``: Sun, Moon, and planets at times brighter than ``limit_mag``."""
+    """Tracks of the bodies to exclude.
+
+    ``jyear``: (k,) samples from start to end, UTC. ``tracks``: Sun, Moon, and the planets that are brighter than
+    ``limit_mag`` at any sample.
+    """
 
     jyear: Array
     tracks: tuple[Track, ...]
     limit_mag: float
 
     def track(self, name: str) -> Track | None:
-        """The track of a body, None where it stays too faint."""
+        """Return the track of a body; None if it stays too faint."""
         return next((track for track in self.tracks if track.name == name), None)
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,8 +81,11 @@ class Exclusions:
 
 @dataclass(frozen=True)
 class Meeting:
-    """A body closest to one of the directions asked about. ``separation_rad``: from its limb; below zero it covers the place.
-    ``row``: of the direction. ``from_jyear``, ``to_jyear``: first and last sample within reach."""
+    """Closest approach of a body to one of the given directions.
+
+    ``separation_rad``: from the body's limb; negative if it covers the direction. ``row``: index of the direction.
+    ``from_jyear``, ``to_jyear``: first and last sample within reach.
+    """
 
     name: str
     row: int
@@ -88,10 +99,10 @@ class Meeting:
 def exclusions(
     start: datetime, days: float, *, limit_mag: float = 6.0, step_days: float = 1.0, observer_km: Array | None = None
 ) -> Exclusions:
-    """Tracks from ``start`` (with a time zone) over ``days``, both ends included, in steps of at most ``step_days``.
+    """Compute the tracks from ``start`` (with a time zone) over ``days``, both ends included, in steps of at most ``step_days``.
 
-    ``observer_km``: (3,) from the Earth's centre, ICRS axes; None: the centre. The Moon goes 0.5° an hour: steps of 0.1 days or
-    less follow it.
+    ``observer_km``: (3,) from the Earth's centre, ICRS axes; None: the centre. The Moon moves 0.5° per hour, so steps
+    of 0.1 days or less are needed to follow it. Raises BadInput for invalid dates, steps or limits.
     """
     if start.tzinfo is None:
         raise BadInput("the start has no time zone", expected="a time with its offset from UTC", got=str(start))
@@ -119,21 +130,25 @@ def exclusions(
 
 
 def near(tracks: Exclusions, unit: Array, reach_rad: float) -> tuple[Meeting, ...]:
-    """For each body that comes within ``reach_rad`` of any of the (n, 3) directions, limb and margin included: its closest meeting.
+    """Find the bodies that come within ``reach_rad`` of any of the (n, 3) directions, limb and margin included; return
+    the closest approach of each.
 
-    Between two samples a body moves along the great circle, so that coarse steps lose none; the time is that of the nearer sample.
+    Between two samples a body is taken to move along the great circle, so coarse steps miss none; the time is that of
+    the nearer sample.
     """
     places = np.atleast_2d(np.asarray(unit, float))
     return tuple(m for track in tracks.tracks if (m := _meeting(track, tracks.jyear, places, reach_rad)) is not None)
 
 
 def within(tracks: Exclusions, contains: Any, names: tuple[str, ...] = ()) -> dict[str, NDArray[np.bool_]]:
-    """Which samples of each track lie in a region, ``contains`` being a function of (n, 3) directions, as an envelope's."""
+    """(k,) mask per track of the samples inside a region; ``contains`` is a function of (n, 3) directions, such as
+    an envelope's."""
     return {t.name: np.asarray(contains(t.icrs), bool) for t in tracks.tracks if not names or t.name in names}
 
 
 def may_be_a_planet(v_mag: Array, ecliptic_latitude_rad: Array) -> NDArray[np.bool_]:
-    """Moniteq's gate: only bright images near the ecliptic need a look at the planets (Uranus at 5.6 escapes it)."""
+    """Moniteq's criterion: mask of bright images near the ecliptic that may be planets. It misses Uranus, at
+    magnitude 5.6."""
     return np.asarray((np.asarray(v_mag) < PLANET_GATE_MAG) & (np.abs(ecliptic_latitude_rad) < PLANET_GATE_RAD))
 
 
@@ -149,7 +164,8 @@ def _meeting(track: Track, jyear: Array, places: Array, reach_rad: float) -> Mee
 
 
 def _way_past(path: Array, place: Array) -> Array:
-    """(k,) smallest angle between a direction and the half steps of a path of (k, 3) directions before and after each sample."""
+    """(k,) smallest angle between a direction and a path of (k, 3) directions, assigning each step's minimum to its
+    nearer sample."""
     away: Array = np.array(separation_rad(path, place), np.float64)
     if len(path) < 2:
         return away
@@ -157,7 +173,7 @@ def _way_past(path: Array, place: Array) -> Array:
     pole = np.cross(start, end)
     length = np.linalg.norm(pole, axis=1)
     pole = pole / np.where(length > 0, length, 1.0)[:, None]
-    # The foot of the place on the great circle is on the step when it is past its start and before its end.
+    # The direction's foot on the great circle lies on the step if it is past the start and before the end.
     past, before = np.cross(pole, start) @ place > 0, np.cross(end, pole) @ place > 0
     on_step = past & before & (length > 0)
     height = np.where(on_step, np.abs(np.arcsin(np.clip(pole @ place, -1, 1))), np.inf)
@@ -170,7 +186,7 @@ def _way_past(path: Array, place: Array) -> Array:
 def _disc_track(seen: list[Bodies], name: str, parallax_km: float) -> Track:
     discs = [bodies.sun if name == "Sun" else bodies.moon for bodies in seen]
     nearest = min(disc.distance_km for disc in discs)
-    # The Moon shares the Earth's way round the Sun: no annual aberration.
+    # The Moon moves around the Sun with the Earth, so it has no annual aberration.
     places = np.stack([d.icrs if name == "Moon" else _apparent(d.icrs, b) for d, b in zip(discs, seen, strict=True)])
     return Track(
         name,

@@ -1,8 +1,8 @@
-"""The frame of old catalogues, B1950 in the system of the FK4, which Sunsat keeps (Jacobs 1995 §7.7: "Epoch 1950").
+"""The FK4 frame of old catalogues, B1950, used by Sunsat (Jacobs 1995 §7.7: "Epoch 1950").
 
-The FK4 turns slowly against ICRS, so that the rotation depends on the epoch of the place (Murray 1989, A&A 218, 325, eqs. 28
-and 29), and its places contain the part of annual aberration that comes from the ellipse of the Earth's orbit, the E-terms
-(0.34″), which an FK4 place may or may not still have: it must be said. astropy is the outside check.
+The FK4 rotates slowly relative to ICRS, so the rotation depends on the epoch of the position (Murray 1989, A&A 218,
+325, eqs. 28 and 29). FK4 positions may or may not include the E-terms (0.34″), the part of annual aberration due to the
+ellipticity of the Earth's orbit; the caller must specify this. Tests compare with astropy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.rotation import rotation_x, rotation_y, rotation_z
 
-# FK5 at J2000 from FK4 without E-terms at B1950, for places of J1950, and its change per Julian century (Murray 1989).
+# FK5 at J2000 from FK4 without E-terms at B1950, for positions of J1950, and its change per Julian century (Murray
+# 1989).
 FK5_FROM_FK4 = np.array(
     [
         [0.9999256794956877, -0.0111814832204662, -0.0048590038153592],
@@ -37,7 +38,7 @@ E_TERMS_OBLIQUITY_RAD = 84404.84 * ARCSEC_RAD
 
 
 def e_terms() -> Array:
-    """(3,) the E-terms of B1950 as a vector on its axes."""
+    """(3,) E-terms of B1950 as a vector in its axes."""
     size = E_TERMS_ABERRATION_RAD * E_TERMS_ECCENTRICITY
     sin, cos = np.sin(E_TERMS_PERIGEE_RAD), np.cos(E_TERMS_PERIGEE_RAD)
     obliquity = E_TERMS_OBLIQUITY_RAD
@@ -45,22 +46,22 @@ def e_terms() -> Array:
 
 
 def icrs_from_b1950(epoch_jyear: float) -> Array:
-    """(3, 3) ICRS from B1950 without E-terms, for places of that epoch. A rotation to 1e-11."""
+    """(3, 3) ICRS from B1950 without E-terms, for positions of that epoch; a rotation to 1e-11."""
     return np.asarray(FK5_FROM_ICRS.T @ (FK5_FROM_FK4 + FK5_FROM_FK4_PER_CENTURY * (epoch_jyear - 1950.0) / 100))
 
 
 def icrs_from_b1950_per_year() -> Array:
-    """(3, 3) change of that matrix per Julian year: the FK4 turns."""
+    """(3, 3) change of that matrix per Julian year, because the FK4 rotates."""
     return np.asarray(FK5_FROM_ICRS.T @ FK5_FROM_FK4_PER_CENTURY / 100)
 
 
 def add_e_terms(unit: Array) -> Array:
-    """(n, 3) places with E-terms of places without."""
+    """(n, 3) positions with E-terms from positions without."""
     return _unit(np.asarray(unit) + e_terms())
 
 
 def remove_e_terms(unit: Array) -> Array:
-    """The inverse of ``add_e_terms``, exact: the vector that, with the E-terms added, points along ``unit``."""
+    """Exact inverse of ``add_e_terms``: the vector that points along ``unit`` after the E-terms are added."""
     e, u = e_terms(), np.asarray(unit)
     along = u @ e
     length = along + np.sqrt(1 - e @ e + along**2)
@@ -68,7 +69,7 @@ def remove_e_terms(unit: Array) -> Array:
 
 
 def to_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms: bool) -> tuple[Array, Array]:
-    """(n, 3) places and motions on B1950 axes of (n, 3) ICRS ones at ``epoch_jyear``."""
+    """(n, 3) positions and motions in B1950 axes from (n, 3) ICRS ones at ``epoch_jyear``."""
     matrix, rate = icrs_from_b1950(epoch_jyear).T, icrs_from_b1950_per_year().T
     place = _unit(unit @ matrix.T)
     motion = _tangent(motion_rad_yr @ matrix.T + unit @ rate.T, place)
@@ -76,7 +77,7 @@ def to_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms
 
 
 def from_b1950(unit: Array, motion_rad_yr: Array, epoch_jyear: float, with_e_terms: bool) -> tuple[Array, Array]:
-    """(n, 3) ICRS places and motions of B1950 ones at ``epoch_jyear``."""
+    """(n, 3) ICRS positions and motions from B1950 ones at ``epoch_jyear``."""
     matrix, rate = icrs_from_b1950(epoch_jyear), icrs_from_b1950_per_year()
     place = remove_e_terms(unit) if with_e_terms else np.asarray(unit)
     icrs = _unit(place @ matrix.T)

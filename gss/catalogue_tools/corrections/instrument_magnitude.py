@@ -1,5 +1,5 @@
-"""How bright a star is to a camera: its colour as a blackbody through the camera's spectral response (Liebe 1992, "Correction
-to CCD-sensitivity"), and the light lost towards the rim of the field (ibid.).
+"""Magnitude of a star as seen by a camera: its colour as a blackbody through the camera's spectral response (Liebe
+1992, "Correction to CCD-sensitivity"), and the light lost towards the edge of the field (ibid.).
 
 The constant C of the document is set so that a star of B−V = 0 has the same magnitude in both systems.
 """
@@ -17,7 +17,7 @@ from gss.domain.response import SpectralResponse
 
 # Planck's hc/k, in nanometres times kelvin.
 HC_OVER_K_NM_K = 1.438776877e7
-# Beyond these a blackbody says nothing about a star (carbon stars on the red side).
+# Outside this range a blackbody is no model of a star (carbon stars on the red side).
 B_V_RANGE = (-0.4, 2.5)
 ROLL_OFFS = ("off", "average", "worst")
 GRID_STEPS = 581
@@ -31,7 +31,8 @@ WAVELENGTH_NM = np.arange(300.0, 1201.0, 2.0)
 
 
 def temperature_k(b_v: Array | float) -> Array:
-    """Blackbody temperature of a colour index (Ballesteros 2012, EPL 97, 34008, eq. 14); colours are held to B_V_RANGE."""
+    """Blackbody temperature of a colour index (Ballesteros 2012, EPL 97, 34008, eq. 14); colours are clipped to
+    B_V_RANGE."""
     reduced = 0.92 * np.clip(np.asarray(b_v, float), *B_V_RANGE)
     return np.asarray(4600.0 * (1 / (reduced + 1.7) + 1 / (reduced + 0.62)))
 
@@ -43,15 +44,17 @@ def planck(wavelength_nm: Array, kelvin: Array) -> Array:
 
 
 def instrument_minus_v(b_v: Array, response: SpectralResponse, unknown_b_v: float) -> Array:
-    """What to add to V of each star; NaN colours count as ``unknown_b_v``."""
+    """Correction to add to V of each star; NaN colours count as ``unknown_b_v``."""
     grid, correction = _table(response)
     colour = np.where(np.isnan(b_v), unknown_b_v, b_v)
     return np.asarray(np.interp(colour, grid, correction))
 
 
 def roll_off_mag(profile: CameraProfile, which: str) -> float:
-    """Magnitudes lost to the lens: averaged over the detector or in the corner, loss growing with the square of the distance
-    from the optical centre (``Defects.corner_loss``)."""
+    """Magnitudes lost in the lens, averaged over the detector or in the corner.
+
+    The loss grows with the square of the distance from the optical centre (``Defects.corner_loss``).
+    """
     if which not in ROLL_OFFS:
         raise BadInput("unknown lens roll-off", expected=" | ".join(ROLL_OFFS), got=which)
     if which == "off":
@@ -65,7 +68,7 @@ def roll_off_mag(profile: CameraProfile, which: str) -> float:
 
 
 def _mean_square_share(profile: CameraProfile) -> float:
-    """Mean of r² over the detector, over r² of the furthest corner."""
+    """Mean of r² over the detector, divided by r² of the furthest corner."""
     camera = profile.camera
     centres = (camera.centre_col_px, camera.centre_row_px)
     spans = [(-0.5 - c, n - 0.5 - c) for n, c in zip((camera.columns, camera.rows), centres, strict=True)]

@@ -1,7 +1,7 @@
-"""From the stars of a source to the sky that a camera sees: each correction a switch, each recorded.
+"""Apply corrections to the stars of a source; each can be switched on or off, and each is recorded.
 
-The order is that of cause: magnitudes of the date, motion to the epoch, the camera's magnitudes, effective centres of light, then
-the observer's place and velocity, then the axes. With the defaults the result is ``propagate`` and nothing else.
+The order follows the physical cause: magnitudes of the date, motion to the epoch, the camera's magnitudes, effective
+centres of light, the observer's position and velocity, the axes. With the defaults only ``propagate`` is applied.
 """
 
 from __future__ import annotations
@@ -33,8 +33,12 @@ from gss.domain.stars import FLAG_VARIABLE, StarTable
 
 @dataclass(frozen=True)
 class CorrectedSky:
-    """``stars`` in the chosen frame, ``icrs_stars`` the same rows on ICRS axes: the envelope is tested with these. ``rejected``:
-    stars that the policy for doubles took out, ICRS. ``frame``: words for the manifest. ``facts``: plain values."""
+    """Corrected stars with a record of the corrections.
+
+    ``stars``: in the chosen frame. ``icrs_stars``: the same rows in ICRS axes, with which the envelope is tested.
+    ``rejected``: stars removed by the policy for doubles, ICRS. ``frame``: name for the manifest. ``facts``: plain
+    values.
+    """
 
     stars: StarTable
     icrs_stars: StarTable
@@ -45,7 +49,7 @@ class CorrectedSky:
     date_jyear: float
 
     def in_frame(self, stars: StarTable) -> StarTable:
-        """Any rows of ``icrs_stars`` in the chosen frame."""
+        """Convert any rows of ``icrs_stars`` to the chosen frame."""
         return _in_frame(stars, self.corrections, self.date_jyear)
 
 
@@ -57,9 +61,10 @@ def corrected(
     date_jyear: float | None = None,
     profile: CameraProfile | None = None,
 ) -> CorrectedSky:
-    """The sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: the same), a Julian year of TT; UTC is near enough.
+    """Return the sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: the same), a Julian year of TT; UTC is accurate enough.
 
-    Doubles look at all stars given: cut at a limiting magnitude afterwards where faint companions count.
+    Doubles are merged from all given stars, so apply the limiting magnitude afterwards if faint companions matter.
+    BadInput if a date is out of range or a correction needs a camera profile.
     """
     date = epoch_jyear if date_jyear is None else date_jyear
     low, high = EPOCH_RANGE_JYEAR
@@ -178,7 +183,8 @@ def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[
         now = near
     annual = mean_earth_velocity_c(date, c.aberration_days) if c.annual_aberration else np.zeros(3)
     if c.annual_aberration:
-        # Velocities add before they aberrate: the second step starts from the bare places again.
+        # Velocities must be added before aberration is applied, so the second step starts from the uncorrected
+        # positions.
         shifted = replace(now, icrs=aberrate(now.icrs, annual))
         velocity = [float(v) for v in annual * LIGHT_KM_S]
         facts.append(_shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=c.aberration_days))
@@ -201,7 +207,7 @@ def _orbital_velocity_km_s(unit: Array, orbit: OrbitVelocity | MeanOrbitVelocity
 
 
 def _aberrate_each(unit: Array, velocity_c: Array) -> Array:
-    """As ``aberrate``, with a velocity for each direction."""
+    """Apply ``aberrate`` with a separate velocity for each direction."""
     inverse_gamma = np.sqrt(1 - np.sum(velocity_c**2, axis=1))[:, None]
     along = np.sum(unit * velocity_c, axis=1)[:, None]
     return np.asarray((inverse_gamma * unit + (1 + along / (1 + inverse_gamma)) * velocity_c) / (1 + along))

@@ -1,9 +1,9 @@
-"""Variable stars: which ones a catalogue must distrust, and how bright a periodic one is on a date.
+"""Variable stars: which ones to flag in a catalogue, and the magnitude of a periodic one on a date.
 
-Jacobs 1995 Table A-1 lists the variables that matter with their range and period, but no moment of a maximum or minimum, so
-nothing can be computed from it alone. The elements here are those of the GCVS 5.1 (Samus et al. 2017, Astron. Rep. 61, 80) for
-seven of its stars; β Lyrae, whose period grows by 19 s a year, has the elements of Ak et al. 2007 as quoted by Rucinski
-et al. 2019 (arXiv:1906.04831). Only periodic stars can be set; the others are flagged.
+Jacobs 1995 Table A-1 lists the relevant variables with range and period but without the time of a maximum or minimum,
+so nothing can be computed from it alone. The elements here are those of the GCVS 5.1 (Samus et al. 2017, Astron. Rep.
+61, 80) for seven of its stars; β Lyrae, whose period grows by 19 s a year, has the elements of Ak et al. 2007 as quoted
+by Rucinski et al. 2019 (arXiv:1906.04831). Magnitudes are computed for periodic stars only; the others are flagged.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ J2000_JD = 2451545.0
 
 @dataclass(frozen=True)
 class TabledVariable:
-    """A row of Jacobs 1995 Table A-1, found by hand in Hipparcos (the table mixes equinoxes 1950 and 2000 and misprints some).
-    ``period_d`` None: irregular."""
+    """A row of Jacobs 1995 Table A-1, identified manually in Hipparcos (the table mixes equinoxes 1950 and 2000 and
+    has some misprints). ``period_d`` None: irregular."""
 
     hip: int
     kind: str
@@ -32,9 +32,12 @@ class TabledVariable:
 
 @dataclass(frozen=True)
 class Elements:
-    """When a periodic star is how bright. ``shape``: "eclipse" (constant but for the eclipses; ``width``: share of the period),
-    "lyrae" (never constant) or "pulse" (``width``: share of the period that the rise takes). ``epoch_jd``: heliocentric, of the
-    minimum for eclipses, of the maximum for pulses. ``second_mag``: V in the second minimum."""
+    """Light-curve elements of a periodic star.
+
+    ``shape``: "eclipse" (constant outside the eclipses; ``width``: fraction of the period), "lyrae" (never constant) or
+    "pulse" (``width``: fraction of the period that the rise takes). ``epoch_jd``: heliocentric, of the minimum for
+    eclipses, of the maximum for pulses. ``second_mag``: V in the second minimum.
+    """
 
     hip: int
     name: str
@@ -81,7 +84,8 @@ PERIODIC = (
 
 
 def magnitude_at(star: Elements, jyear: float) -> float:
-    """V of a periodic star. The light's way to the Sun (8 min) is left out; old periods drift, Mira's cycles differ by weeks."""
+    """V of a periodic star at a Julian year. The light time to the Sun (8 min) is ignored; old periods drift, and
+    Mira's cycles differ by weeks."""
     days = (jyear - J2000_JYEAR) * DAYS_PER_YEAR + (J2000_JD - star.epoch_jd)
     phase = float(days / star.period_d % 1.0)
     depth = star.faint_mag - star.bright_mag
@@ -97,13 +101,13 @@ def magnitude_at(star: Elements, jyear: float) -> float:
 
 
 def flagged(stars: StarTable) -> StarTable:
-    """The stars of Table A-1 flagged as variable besides those that Hipparcos found."""
+    """Return the stars with those of Table A-1 flagged as variable, in addition to Hipparcos's own flags."""
     listed = np.isin(stars.hip, [row.hip for row in TABLE_A1])
     return replace(stars, flags=np.where(listed, stars.flags | FLAG_VARIABLE, stars.flags).astype(np.uint16))
 
 
 def at_date(stars: StarTable, jyear: float) -> StarTable:
-    """Periodic variables with the magnitude of the date; rows keep their order."""
+    """Return the stars with periodic variables at their magnitude of the date; rows keep their order."""
     v_mag = np.array(stars.v_mag, float)
     for star in PERIODIC:
         v_mag[stars.hip == star.hip] = magnitude_at(star, jyear)
@@ -111,6 +115,6 @@ def at_date(stars: StarTable, jyear: float) -> StarTable:
 
 
 def _dip(phase: float, width: float) -> float:
-    """Depth of an eclipse, 1 in the middle, 0 from half its width on; a raised cosine between."""
+    """Relative depth of an eclipse: 1 in the middle, 0 beyond half its width, a raised cosine between."""
     away = abs((phase + 0.5) % 1.0 - 0.5)
     return float(1 + np.cos(2 * np.pi * away / width)) / 2 if away < width / 2 else 0.0

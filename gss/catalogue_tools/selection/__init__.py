@@ -1,1 +1,1 @@
-"""Which stars go on board, and how well they serve."""
+"""Select the stars to store on board and assess the selection."""

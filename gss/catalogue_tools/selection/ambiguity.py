@@ -1,10 +1,10 @@
-"""How unique the sky is: what else in the catalogue looks like the stars of a field, field by field.
+"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like its stars.
 
-Two kinds of matchers, two figures. One that takes a triangle is misled by other triangles with the same three sides: for
-every triangle of a field's brightest stars those of the catalogue are counted, mirrored ones too, which distances cannot
-tell apart. One that votes is misled where wrong names get as many votes as the right one: ``rivals`` is how many names do
-by chance, from the number of stars and the wrong pairs that each distance brings. Fewer than three stars leave everything
-open: infinite.
+There are two figures for two kinds of matchers. A triangle matcher is misled by other triangles with the same three
+sides: for every triangle of a field's brightest stars the matching ones in the catalogue are counted, including mirror
+images, which distances cannot distinguish. A voting matcher is misled if wrong names get as many votes as the right
+one: ``rivals`` is the number of names that do so by chance, from the number of stars and the wrong pairs that each
+distance returns. With fewer than three stars both are infinite.
 """
 
 from __future__ import annotations
@@ -30,9 +30,12 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class AmbiguityMap:
-    """By HEALPix ring pixel, NaN (``stars``: −1) outside the envelope: stars in a circle there, mean number of other pairs that
-    look like a pair of its brightest, mean number of other triangles that look like one of theirs, and expected number of
-    wrong names per star with as many votes as the right one."""
+    """Figures by HEALPix ring pixel; NaN (``stars``: −1) outside the envelope.
+
+    ``stars``: number in a circle around the pixel. ``wrong_pairs``: mean number of other pairs that match a pair of its
+    brightest. ``wrong_triangles``: mean number of other triangles that match one of theirs. ``rivals``: expected number
+    of wrong names per star with as many votes as the right one.
+    """
 
     nside: int
     tolerance_rad: float
@@ -43,7 +46,8 @@ class AmbiguityMap:
 
     @property
     def worst(self) -> tuple[float, float, float]:
-        """Right ascension, declination and ``rivals`` of the least unique place; among infinite ones that with the fewest stars."""
+        """Right ascension, declination and ``rivals`` of the most ambiguous pixel; of infinite ones, that with the
+        fewest stars."""
         inside = np.flatnonzero(self.stars >= 0)
         if not len(inside):
             return float("nan"), float("nan"), float("nan")
@@ -53,7 +57,7 @@ class AmbiguityMap:
         return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
 
     def facts(self) -> dict[str, Any]:
-        """For the manifest: medians and the share of the envelope with fewer than three stars."""
+        """Medians and the fraction of the envelope with fewer than three stars, for the manifest."""
         inside = self.stars >= 0
         finite = np.isfinite(self.wrong_triangles) & inside
         ra, dec, figure = self.worst
@@ -79,8 +83,11 @@ def ambiguity_map(
     nside: int = 16,
     brightest: int = BRIGHTEST,
 ) -> AmbiguityMap:
-    """The map of (n, 3) ICRS stars, brightest first. ``radius_rad``: of the circle that stands for a field. ``tolerance_rad``:
-    half width of the matcher's distance query. ``max_rad``: longest distance of the table."""
+    """Compute the map of (n, 3) ICRS stars, brightest first.
+
+    ``radius_rad``: of the circle that represents a field. ``tolerance_rad``: half width of the matcher's distance
+    query. ``max_rad``: longest distance of the table.
+    """
     if not tolerance_rad > 0 or brightest < 3 or not 0 < radius_rad < np.pi:
         raise BadInput(
             "ambiguity needs a tolerance, a field and three stars",
@@ -114,16 +121,22 @@ def ambiguity_map(
 
 
 def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
-    """(m,) expected wrong names with at least the votes that the right one is sure of: one per other star of the field. Wrong
-    pairs name two stars each, anywhere in the catalogue: Poisson's law."""
+    """(m,) expected number of wrong names with at least as many votes as the right one is sure to get, one per other
+    star of the field.
+
+    Each wrong pair names two stars anywhere in the catalogue, so the votes follow Poisson's law.
+    """
     votes = field_stars - 1
     mean = votes * 2 * wrong_pairs / max(catalogue_stars, 1)
     return np.asarray(catalogue_stars * gammainc(np.maximum(votes, 1), mean))
 
 
 def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float) -> tuple[Array, Array]:
-    """For (m, 3) rows of triangles: (m,) mean number of other pairs like each of its sides, and (m,) number of other triangles
-    with the same three sides, each within the tolerance; named stars in any order but the same count once."""
+    """Count the matches of (m, 3) rows of triangles: (m,) mean number of other pairs like each side, and (m,) number of
+    other triangles with the same three sides, all within the tolerance.
+
+    Triangles of the same stars in a different order count once.
+    """
     table = _Neighbours(unit, max_rad + tolerance_rad)
     a, b, c = trios.T
     sides = [separation_rad(unit[i], unit[j]) for i, j in ((a, b), (a, c), (b, c))]
@@ -136,7 +149,7 @@ def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float
 
 
 class _Neighbours:
-    """Every star's neighbours by distance, in one sorted list of star number and distance."""
+    """Neighbours of every star by distance, in one list sorted by star number and distance."""
 
     def __init__(self, unit: Array, max_rad: float) -> None:
         near = cKDTree(unit).query_pairs(2 * np.sin(min(max_rad, np.pi) / 2), output_type="ndarray")
@@ -150,19 +163,19 @@ class _Neighbours:
         self.key, self.neighbour = whole[sort], np.concatenate([two, one])[sort]
 
     def range_like(self, side: Array, tolerance_rad: float) -> tuple[Rows, Rows]:
-        """(m,) first and past-the-last place in the table of pairs that long, within the tolerance."""
+        """(m,) first and past-the-end index in the table of the pairs with that length, within the tolerance."""
         low = np.searchsorted(self.by_distance, side - tolerance_rad, "left")
         return low, np.searchsorted(self.by_distance, side + tolerance_rad, "right")
 
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
-        """(m,) how many pairs are that long, within the tolerance."""
+        """(m,) number of pairs with that length, within the tolerance."""
         low, high = self.range_like(side, tolerance_rad)
         return np.asarray(high - low, float)
 
 
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
-    """(m,) other triangles like each: pairs like the first side, both ways round, then third stars by the second side, then
-    the third side."""
+    """(m,) number of other triangles that match each one: find pairs that match the first side, in both directions,
+    then third stars by the second side, then check the third side."""
     low, high = table.range_like(sides[0], tolerance_rad)
     who, row = _expanded(low, high)
     who = np.concatenate([who, who])
@@ -181,7 +194,7 @@ def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Ar
 
 
 def _expanded(low: Rows, high: Rows) -> tuple[Rows, Rows]:
-    """All places of (m,) ranges, and which range each is of."""
+    """Index of every element of (m,) ranges, and the range that each belongs to. Returned as (range, index)."""
     count = np.maximum(high - low, 0)
     who = np.repeat(np.arange(len(low)), count)
     return who, np.arange(len(who)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)

@@ -1,4 +1,4 @@
-"""What is to be known of a catalogue before it goes on board: fields, mistakes, lifetime, the map, planets in the way."""
+"""Assess a catalogue before it goes on board: stars per field, ambiguity, lifetime, map, planets in the envelope."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.domain.stars import DistanceTable, StarTable
 
 MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
-# Fainter than this a planet is one star among many.
+# Planets fainter than this are not reported: they look like one star among many.
 PLANET_MAG = 6.0
 SUN = "Sun"
 WAY_POINTS = 60
@@ -28,7 +28,8 @@ WAY_POINTS = 60
 
 @dataclass(frozen=True)
 class EnvelopeMap:
-    """``fraction``: (12·nside²,) share of time in the field by HEALPix ring pixel. Edges: lines of (k, 3) ICRS directions."""
+    """Map of an envelope. ``fraction``: (12·nside²,) fraction of time in the field by HEALPix ring pixel. Edges:
+    lines of (k, 3) ICRS directions."""
 
     nside: int
     fraction: Array
@@ -38,8 +39,10 @@ class EnvelopeMap:
 
 @dataclass(frozen=True)
 class Wanderer:
-    """The Sun, or a body that the envelope shows at some time: ``track`` (k, 3) ICRS from first to last day, its brightest, and
-    the share of the days on which it is in the envelope."""
+    """The Sun, or a body that is in the envelope at some time.
+
+    ``track``: (k, 3) ICRS from first to last day. ``share``: fraction of the days on which it is in the envelope.
+    """
 
     name: str
     track: Array
@@ -49,7 +52,8 @@ class Wanderer:
 
 @dataclass(frozen=True)
 class Assessment:
-    """``ambiguity`` None for fewer than three stars. ``blinded``: shares of time by what hides the sky, {} for nothing."""
+    """Result of the assessment. ``ambiguity`` is None for fewer than three stars. ``blinded``: fraction of time by
+    hiding body, {} for none."""
 
     quality: Quality
     map: EnvelopeMap
@@ -73,8 +77,10 @@ class Assessment:
 def assess_catalogue(
     p: Plan, kept: StarTable, distances: DistanceTable, directory: StarTable | None = None
 ) -> Assessment:
-    """Judge the stars on ICRS axes and their distances over everything that the plan's envelope shows. ``directory``: those of
-    them that the device searches, which is where they can be mistaken; None: all."""
+    """Assess the stars in ICRS axes and their distances over the whole envelope of the plan.
+
+    ``directory``: the stars that the device searches, among which confusion is possible; None: all.
+    """
     rng = np.random.default_rng(p.request.seed)
     quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
     mistakes = ambiguity(p, p.envelope, kept if directory is None else directory, AMBIGUITY_NSIDE)
@@ -82,7 +88,7 @@ def assess_catalogue(
 
 
 def ambiguity(p: Plan, envelope: Envelope, kept: StarTable, nside: int) -> AmbiguityMap | None:
-    """Where the kept stars look like others; None for fewer than three."""
+    """Map of where kept stars can be confused with others; None for fewer than three stars."""
     if len(kept) < 3:
         return None
     radius, longest = p.shape.equal_circle_rad, p.pair_max_rad
@@ -90,13 +96,14 @@ def ambiguity(p: Plan, envelope: Envelope, kept: StarTable, nside: int) -> Ambig
 
 
 def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
-    """Share of time and edges for the page's map."""
+    """Compute the fraction of time and the edges for the page's map."""
     fraction = envelope.time_fraction(centres(nside))
     return EnvelopeMap(nside, fraction, tuple(envelope.edges(at_end=False)), tuple(envelope.edges(at_end=True)))
 
 
 def wanderers(p: Plan) -> tuple[Wanderer, ...]:
-    """The Sun, and whatever else wanders through the envelope brighter than V 6: spots like stars that are in no catalogue."""
+    """Return the Sun and all other bodies brighter than V 6 that cross the envelope; their images look like stars
+    but are in no catalogue."""
     request = p.request
     if request.start is None:
         return ()
@@ -111,7 +118,7 @@ def wanderers(p: Plan) -> tuple[Wanderer, ...]:
 
 
 def way_deg(body: Wanderer) -> list[tuple[float, float]]:
-    """RA and Dec along a body's way, degrees, for a page."""
+    """(RA, Dec) along a body's track in degrees, for a page."""
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(body.track))
     return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
 
@@ -132,5 +139,5 @@ def _finite(value: float | np.floating[Any]) -> float | None:
 
 
 def plain(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows neither NaN nor infinity."""
+    """Replace NaN and infinity by None, because JSON has neither."""
     return {name: _finite(value) if isinstance(value, float | np.floating) else value for name, value in values.items()}

@@ -1,4 +1,5 @@
-"""How many stars a million fields hold: fields sorted by place, so that each place looks at its own few stars only."""
+"""Count stars in up to a million fields: fields are grouped by pixel of the sky, so that each group is tested
+against few stars."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ from gss.domain.angles import Array
 
 Counts = NDArray[np.int64]
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
-# Fields and stars looked at in one step: fits the processor's cache.
+# Field-star tests in one step, chosen to fit the processor's cache.
 STEP = 131_072
-# Fewer fields than this in a place, or places much smaller than a field, cost more than they save.
+# With fewer fields per pixel than this, or pixels much smaller than a field, grouping costs more than it saves.
 FIELDS_PER_PIXEL = 100
 PIXEL_OF_FIELD = 0.3
 MANY_STARS = 5000
@@ -24,7 +25,8 @@ MANY_STARS = 5000
 
 @dataclass(frozen=True)
 class Shadow:
-    """What the Earth hides: ``nadir``: (m, 3) ICRS unit vectors, one per field; ``radius_rad``: limb and margin."""
+    """Region hidden by the Earth. ``nadir``: (m, 3) ICRS unit vectors, one per field; ``radius_rad``: limb and
+    margin."""
 
     nadir: Array
     radius_rad: float
@@ -37,8 +39,10 @@ def stars_per_field(
     each: Callable[..., Iterable[Counts]] = map,
     shadow: Shadow | None = None,
 ) -> Counts:
-    """(m,) numbers of (n, 3) ICRS stars in the fields of (m, 3, 3) cam_from_icrs. ``each``: how groups are worked off:
-    ``map``, or that of a pool of threads, which the work inside lets run side by side. ``shadow``: stars behind it do not count.
+    """(m,) number of (n, 3) ICRS stars in each of the fields of (m, 3, 3) cam_from_icrs.
+
+    ``each``: how groups are mapped: ``map``, or that of a thread pool (numpy releases the interpreter lock). ``shadow``:
+    stars behind it are not counted.
     """
     counts = np.zeros(len(attitudes), np.int64)
     if not len(unit) or not len(attitudes):
@@ -54,7 +58,7 @@ def stars_per_field(
 
 
 def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None = None) -> Counts:
-    """(n,) numbers of the fields of (m, 3, 3) cam_from_icrs that show each of (n, 3) ICRS directions."""
+    """(n,) number of the fields of (m, 3, 3) cam_from_icrs that contain each of (n, 3) ICRS directions."""
     counts = np.zeros(len(unit), np.int64)
     if len(unit) and len(attitudes):
         for group in _groups(unit, attitudes[:, 2], shape):
@@ -63,7 +67,8 @@ def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, sha
 
 
 def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Group]:
-    """(rows of fields, rows of stars that these may show): by pixel of the sky, as fine as the number of fields pays for."""
+    """(rows of fields, rows of stars that they may contain) per pixel of the sky; the resolution is as fine as the
+    number of fields justifies."""
     nside = 1
     worth = len(boresight) * max(1.0, len(unit) / MANY_STARS)
     while (
@@ -88,7 +93,7 @@ def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Gro
 def _seen(
     unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, group: Group
 ) -> NDArray[np.bool_]:
-    """(fields of the group, stars of the group) which field shows which star."""
+    """(fields of the group, stars of the group) mask: True if the field contains the star."""
     rows, stars = group
     near = unit[stars].T
     v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))

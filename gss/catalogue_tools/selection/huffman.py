@@ -1,4 +1,5 @@
-"""Huffman's catalogue tables rerun on Hipparcos: limiting magnitudes for a number of stars, and the reduced catalogue."""
+"""Huffman's catalogue tables rerun on Hipparcos: limiting magnitudes for a number of stars, and the reduced
+catalogue."""
 
 from __future__ import annotations
 
@@ -19,13 +20,14 @@ PAPER_5_1 = ((25, 3.9, 4.3), (30, 3.6, 3.9), (35, 3.4, 3.6), (40, 3.3, 3.4), (45
 SURVEY_MAG = 6.0
 BRIGHTEST = 8
 SURVEY_STEP_RAD = float(np.radians(1.0))
-# Fields for the reduced catalogue; the document gives 540 stars and no field.
+# Fields for the reduced catalogue; the document states 540 stars but no field.
 REDUCED_SQUARES_DEG = (25, 30, 36, 40, 45)
 PAPER_REDUCED = (5060, 540)
 
 
 def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Magnitude to which a sensor must see for four and six stars (Huffman 2006 §5.1, Table 5.1). ``trials``: random pointings."""
+    """Magnitude that a sensor must reach for four and six stars (Huffman 2006 §5.1, Table 5.1). ``trials``: random
+    pointings."""
     bright = stars.brighter_than(min(SURVEY_MAG, FAINTEST_V_MAG))
     attitudes = _random_attitudes(trials, seed)
     rows: list[tuple[Cell, ...]] = []
@@ -65,8 +67,10 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 def huffman_5_5(
     stars: StarTable, trials: int, seed: int, progress: Progress, step_rad: float = SURVEY_STEP_RAD
 ) -> Experiment:
-    """The reduced catalogue and its pair directory (Huffman 2006 §5.5.4). ``trials``: pointings for the coverage of the frame;
-    ``step_rad``: between the pointings of the survey."""
+    """The reduced catalogue and its pair directory (Huffman 2006 §5.5.4).
+
+    ``trials``: pointings for the coverage of the frame; ``step_rad``: distance between the pointings of the survey.
+    """
     bright = stars.brighter_than(SURVEY_MAG)
     camera = profile("far_mst").camera
     survey, probes = survey_attitudes(step_rad), _random_attitudes(trials, seed)
@@ -109,7 +113,7 @@ def huffman_5_5(
 
 
 def nth_brightest_mag(stars: StarTable, shape: FieldShape | Disc, attitudes: Array, count: int) -> Array:
-    """(m, count) magnitudes of the brightest, second brightest … star in each field; infinite where there are fewer."""
+    """(m, count) magnitudes of the brightest, second brightest … star in each field; infinite if there are fewer."""
     order = np.argsort(stars.v_mag, kind="stable")
     unit, v_mag = stars.icrs[order], np.append(stars.v_mag[order], np.inf)
     found = np.full((len(attitudes), count), len(unit))

@@ -1,4 +1,4 @@
-"""Moniteq's figures of false matches and his screening list, rerun on the real sky (Moniteq 1983 §2.1–2.3, Table 2.4)."""
+"""Moniteq's false-match figures and screening list, rerun on the real sky (Moniteq 1983 §2.1–2.3, Table 2.4)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from gss.catalogue_tools.selection.screening import (
 from gss.domain.experiment import Cell, Experiment, Progress, share_text
 from gss.domain.stars import StarTable
 
-# The density to 6.5 is what gives the document's figures; its words ask for the stars within 0.5 of magnitude 6.
+# The density to 6.5 reproduces the document's figures, although its text specifies stars within 0.5 of magnitude 6.
 LIMIT_MAG, WANTED_MAG = 6.49, 6.0
 
 
 def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Chance companions by Poisson's law and counted, and the stars that the screening marks. ``trials``: stars looked at."""
+    """Chance companions, by Poisson's law and counted, and the stars that the screening marks. ``trials``: number of
+    stars examined."""
     bright = stars.brighter_than(LIMIT_MAG)
     whole, bin_only = false_matches(bright.v_mag), false_matches(bright.v_mag, WANTED_MAG)
     progress(0.2)

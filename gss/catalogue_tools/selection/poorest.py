@@ -1,4 +1,4 @@
-"""The field with the fewest stars: from random fields, ever nearer round the poorest."""
+"""Search for the field with the fewest stars: random fields first, then refinement around the poorest."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from gss.domain.angles import Array
 
 FIRST, KEPT, CHILDREN, ROUNDS = 4096, 24, 24, 8
 START_SCALE, SHRINK = 0.06, 0.6
-# A field this much larger on each side tells which of two equally poor ones is nearer to being poorer.
+# Stars in a field larger by this on each side break ties between two equally poor ones: fewer around means closer to a
+# poorer field.
 COLLAR = 0.15
 BLIND = 1e6
 
 
 @dataclass(frozen=True)
 class Poorest:
-    """(3, 3) attitude of the poorest field found, its stars, and how many fields were looked at."""
+    """(3, 3) attitude of the poorest field found, its number of stars, and the number of fields searched."""
 
     cam_from_icrs: Array
     stars: int
@@ -29,8 +30,10 @@ class Poorest:
 
 
 def search_poorest(unit: Array, envelope: Envelope, shape: FieldShape, seed: int = 0) -> Poorest:
-    """Search the fields of an envelope for the one with the fewest of (n, 3) ICRS stars. A field that Earth, Sun or Moon blind
-    does not count. The answer is the poorest found; nothing proves that there is no poorer one."""
+    """Search the fields of an envelope for the one with the fewest of (n, 3) ICRS stars.
+
+    Fields blinded by Earth, Sun or Moon are excluded. The result is the poorest field found; a poorer one may exist.
+    """
     rng = np.random.default_rng(seed)
     collar = FieldShape(widened(shape.camera, COLLAR * shape.half_diagonal_rad))
     cube = rng.random((FIRST, envelope.dimensions))
@@ -54,7 +57,7 @@ def search_poorest(unit: Array, envelope: Envelope, shape: FieldShape, seed: int
 def _scores(
     unit: Array, envelope: Envelope, shape: FieldShape, collar: FieldShape, cube: Array
 ) -> tuple[Array, Array, Array]:
-    """(n,) stars, (n,) what to make small, (n, 3, 3) attitudes."""
+    """(n,) number of stars, (n,) score to minimise, (n, 3, 3) attitudes."""
     moments = envelope.at(cube)
     shadow = envelope.shadow(moments) if isinstance(envelope, OccultedEnvelope) else None
     stars = stars_per_field(unit, moments.cam_from_icrs, shape, shadow=shadow).astype(float)

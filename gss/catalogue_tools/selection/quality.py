@@ -1,4 +1,4 @@
-"""How well the stars on board fill the fields that will be seen (Jacobs 1995 §5.1: random pointings, counted)."""
+"""Statistics of stars per field over the envelope (Jacobs 1995 §5.1: count over random pointings)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ __all__ = ["Counts", "Quality", "assess", "candidates_per_query", "stars_per_fie
 
 @dataclass(frozen=True)
 class Quality:
-    """``histogram``: how many pointings had 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars that was found, by
-    these pointings and ``searched`` more round the poorest of them. ``candidates_per_query``: mean length of a distance query;
-    ``candidates_per_star``: stars of the catalogue among the answers to all queries of one observed star; NaN without a table.
-    ``blinded_share``: share of the time that Earth, Sun or Moon take; the pointings are those of the rest."""
+    """Stars per field and look-up cost of a catalogue.
+
+    ``histogram``: number of pointings with 0, 1, 2 … stars. ``worst_*``: the field with the fewest stars found, in
+    these pointings and ``searched`` more around the poorest of them. ``candidates_per_query``: mean length of a
+    distance query. ``candidates_per_star``: stars of the catalogue among the answers to all queries of one observed
+    star; NaN without a table. ``blinded_share``: fraction of the time lost to Earth, Sun or Moon; the pointings cover
+    the remaining time.
+    """
 
     pointings: int
     histogram: NDArray[np.int64]
@@ -44,7 +48,7 @@ class Quality:
         return float(self.histogram @ np.arange(len(self.histogram)) / self.pointings)
 
     def p_fewer_than(self, stars: int) -> float:
-        """Share of the pointings with fewer stars."""
+        """Fraction of the pointings with fewer than ``stars`` stars."""
         return float(self.histogram[:stars].sum() / self.pointings)
 
 
@@ -58,8 +62,10 @@ def assess(
     tolerance_rad: float = 0.0,
     each: Callable[..., Iterable[Counts]] = map,
 ) -> Quality:
-    """Count (n, 3) ICRS stars in random fields of the envelope. ``shape``: the field without any margin. ``each``: as for
-    :func:`stars_per_field`."""
+    """Count (n, 3) ICRS stars in random fields of the envelope.
+
+    ``shape``: field of view without the margin. ``each``: as for :func:`stars_per_field`.
+    """
     if isinstance(envelope, OccultedEnvelope):
         moments = envelope.usable_moments(rng, pointings)
         attitudes, shadow, blinded = moments.cam_from_icrs, envelope.shadow(moments), envelope.blinded.total
@@ -78,8 +84,10 @@ def assess(
 
 
 def candidates_per_star(stars: int, per_query: float, per_field: float) -> float:
-    """Different stars among the answers to the queries of one star with each of the others in its field: each query answers
-    with pairs, and these name stars about evenly."""
+    """Expected number of different stars among the answers to the queries of one star with each of the others in its field.
+
+    Each query returns pairs, which are taken to name all stars with equal probability.
+    """
     if stars < 1 or not np.isfinite(per_query):
         return float("nan")
     queries = max(per_field - 1, 0.0)
@@ -87,7 +95,7 @@ def candidates_per_star(stars: int, per_query: float, per_field: float) -> float
 
 
 def candidates_per_query(distances: DistanceTable, tolerance_rad: float) -> float:
-    """Mean number of table entries within ± tolerance of an entry's own distance: what a matcher has to look through."""
+    """Mean number of table entries within ± tolerance of an entry's distance: the number a matcher has to examine."""
     if not len(distances):
         return 0.0
     d = np.asarray(distances.distance_rad, float)

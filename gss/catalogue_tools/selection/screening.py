@@ -1,5 +1,5 @@
-"""How likely a star is taken for another one, from how crowded the sky is (Moniteq 1983 §2.1), and which stars his list
-leaves out or flags (his Table 2.4)."""
+"""Probability of confusing a star with another, from the density of the sky (Moniteq 1983 §2.1), and the stars that
+Moniteq's list omits or flags (Table 2.4)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ ACTIONS = ("drop", "list")
 
 @dataclass(frozen=True)
 class FalseMatches:
-    """Expected numbers of stars that fit by chance, and the Poisson probability of exactly one, which is what the document prints.
+    """Expected numbers of stars that match by chance, and the Poisson probability of exactly one, which the document prints.
 
-    ``second``: in the ring at the arc from a star. ``third``: in the patch where two stars leave room for a third.
+    ``second``: in the ring at the arc from a star. ``third``: in the patch that two stars leave for a third.
     ``joint_probability``: of both, for three stars of one field.
     """
 
@@ -35,17 +35,17 @@ class FalseMatches:
 
     @property
     def second_probability(self) -> float:
-        """Of one star in the ring."""
+        """Probability of one star in the ring."""
         return _one(self.second)
 
     @property
     def third_probability(self) -> float:
-        """Of one star in the patch."""
+        """Probability of one star in the patch."""
         return _one(self.third)
 
     @property
     def joint_probability(self) -> float:
-        """Of a second and a third star by chance."""
+        """Probability of a second and a third star by chance."""
         return self.second_probability * self.third_probability
 
 
@@ -57,10 +57,10 @@ def false_matches(
     arc_rad: float = MONITEQ_ARC_RAD,
     area_sr: float = 4 * np.pi,
 ) -> FalseMatches:
-    """Chance companions in a catalogue of (n,) magnitudes spread over ``area_sr``.
+    """Compute the chance companions in a catalogue of (n,) magnitudes spread over ``area_sr``.
 
-    ``at_mag``: stars within ± ``tolerance_mag`` of it count; None: all of the catalogue, as the document's 0.17 does.
-    The ring of half width δ at arc ρ has 4π·sin ρ·sin δ (4πρδ in the document, 0.3 % more at 8°), the patch 2π(1 − cos δ).
+    ``at_mag``: count stars within ± ``tolerance_mag`` of it; None: the whole catalogue, as for the document's 0.17. The
+    ring of half width δ at arc ρ has 4π·sin ρ·sin δ (4πρδ in the document, 0.3 % more at 8°), the patch 2π(1 − cos δ).
     """
     bad = not (tolerance_mag > 0 and 0 < tolerance_rad < np.pi / 2 and 0 < arc_rad < np.pi and 0 < area_sr <= 4 * np.pi)
     if bad:
@@ -80,8 +80,8 @@ def false_matches(
 def companions(
     unit: Array, v_mag: Array, arc_rad: float, tolerance_rad: float, at_mag: float, tolerance_mag: float
 ) -> Array:
-    """(n,) stars within ± ``tolerance_mag`` of ``at_mag`` that each of (n, 3) stars really has in the ring round it: what
-    :func:`false_matches` takes for the same everywhere."""
+    """(n,) actual number of stars within ± ``tolerance_mag`` of ``at_mag`` in the ring around each of (n, 3) stars.
+    :func:`false_matches` assumes the same density everywhere."""
     wanted = unit[np.abs(np.asarray(v_mag) - at_mag) <= tolerance_mag]
     if not len(wanted) or not len(unit):
         return np.zeros(len(unit))
@@ -93,11 +93,12 @@ def companions(
 
 @dataclass(frozen=True)
 class ScreeningRules:
-    """When a star is on the screening list, and what becomes of it. ``action``: drop, or list, which only names it.
+    """Criteria of the screening list. ``action``: drop removes a listed star, list only reports it.
 
-    ``doubles``, ``variables``, ``fast``: the marks of :func:`screen`. ``most_companions``: more stars than that in the ring at
-    ``arc_rad`` ± ``tolerance_rad`` put a star on the list, whatever their magnitude. ``most_false``: so do more expected false
-    triples, which are its stars in the ring times the stars by chance in the patch of a third one. None: not looked at.
+    ``doubles``, ``variables``, ``fast``: the marks of :func:`screen`. ``most_companions``: a star with more stars than
+    this in the ring at ``arc_rad`` ± ``tolerance_rad`` is listed, whatever their magnitude. ``most_false``: limit on
+    the expected false triples, which are the stars in the ring times the chance stars in the patch of a third one.
+    None: not checked.
     """
 
     action: str = "drop"
@@ -127,7 +128,7 @@ class ScreeningRules:
 
 @dataclass(frozen=True)
 class Screened:
-    """(n,) masks by reason and (n,) figures of the stars that were looked at; ``third``: see :class:`FalseMatches`."""
+    """(n,) masks by reason and (n,) figures of the screened stars; ``third``: see :class:`FalseMatches`."""
 
     reasons: dict[str, NDArray[np.bool_]]
     companions: Array
@@ -135,19 +136,22 @@ class Screened:
 
     @property
     def marked(self) -> NDArray[np.bool_]:
-        """(n,) any reason."""
+        """(n,) mask of stars with any reason."""
         return np.asarray(np.any(list(self.reasons.values()), axis=0))
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many by reason; a star may have several."""
+        """Number of stars by reason; a star may have several."""
         named = {name: int(np.count_nonzero(mask)) for name, mask in self.reasons.items()}
         return named | {"any": int(np.count_nonzero(self.marked))}
 
 
 def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRules) -> Screened:
-    """Screen (n,) stars. ``on_board``: which may go on board, and so be taken for others; the chance of a third star follows from
-    how many of all the stars there are over the sphere."""
+    """Screen (n,) stars.
+
+    ``on_board``: mask of the stars that may go on board, which are those that can be confused. The chance of a third
+    star follows from the number of all stars over the sphere.
+    """
     marks = screen(stars, rules.double_rad, rules.fast_rad_yr)
     ring = companions(stars.icrs, np.where(on_board, 0.0, np.nan), rules.arc_rad, rules.tolerance_rad, 0.0, 1.0)
     third = false_matches(stars.v_mag, None, MONITEQ_MAG, rules.tolerance_rad, rules.arc_rad).third
@@ -173,18 +177,19 @@ class Screening:
 
     @property
     def marked(self) -> NDArray[np.bool_]:
-        """(n,) any of them."""
+        """(n,) mask of stars with any mark."""
         return self.double | self.variable | self.fast
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many by reason; a star may have several."""
+        """Number of stars by reason; a star may have several."""
         named = {"double": self.double, "variable": self.variable, "fast": self.fast, "any": self.marked}
         return {name: int(np.count_nonzero(mask)) for name, mask in named.items()}
 
 
 def screen(stars: StarTable, double_rad: float = DOUBLE_RAD, fast_rad_yr: float = FAST_RAD_YR) -> Screening:
-    """Doubles (a neighbour of the table closer than ``double_rad``, or known as multiple), variables, and stars that move fast."""
+    """Mark doubles (a neighbour in the table closer than ``double_rad``, or flagged as multiple), variables, and
+    stars with fast proper motion."""
     if not (0 <= double_rad < np.pi and fast_rad_yr > 0):
         raise BadInput("screening limits are out of range", expected="separation 0 to 180°, motion above 0")
     close = np.zeros(len(stars), bool)

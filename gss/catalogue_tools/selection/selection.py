@@ -1,4 +1,4 @@
-"""Which of the stars in the envelope go on board, and why the others do not."""
+"""Select the stars of the envelope to store on board, and record the reason for each rejection."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
-# A neighbour this much fainter pulls the common centroid by less than a tenth of the separation.
+# A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
 MOST_LISTED = 500
-# Ways of thinning, and what their fields are called in the funnel.
+# Thinning methods, and the name of their fields in the funnel.
 THINNINGS = {"circles": "field", "frames": "upright frame"}
-# Between frames: an eighth of the field's shorter side, within reason.
+# Step between frames: an eighth of the field's shorter side, within limits.
 FRAME_STEP, FRAME_STEPS_RAD = 1 / 8, (float(np.radians(0.5)), float(np.radians(4.0)))
 
 
 class Fate(IntEnum):
-    """What became of a star within the magnitude limit. The first reason in this order counts."""
+    """Result of the selection for a star within the magnitude limit. The first reason that applies counts."""
 
     KEPT = 0
     OUTSIDE = 1
@@ -39,21 +39,21 @@ class Fate(IntEnum):
     VARIABLE = 3
     TOO_BRIGHT = 4
     THINNED = 5
-    # Looked at before the thinning; its number came later than the others'.
+    # Applied before the thinning; numbered last because it was added later.
     SCREENED = 6
 
     @property
     def map_state(self) -> str:
-        """The map's word: kept, thinned, rejected or outside."""
+        """State shown on the map: kept, thinned, rejected or outside."""
         return {Fate.KEPT: "kept", Fate.OUTSIDE: "outside", Fate.THINNED: "thinned"}.get(self, "rejected")
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Limits in V; smallest separation of two usable stars; how many of the brightest per field (0 = all).
+    """Selection rules: limits in V; smallest separation of two usable stars; number of the brightest per field (0 = all).
 
-    ``thinning``: which fields: circles as large as the camera's, densely over the envelope, or upright frames of the camera's
-    own shape, evenly over the sky (Huffman 2006 §5.5.4). ``screening`` None: no screening list.
+    ``thinning``: the fields used. circles: as large as the camera's field, densely over the envelope. frames: upright
+    frames of the camera's shape, evenly over the sky (Huffman 2006 §5.5.4). ``screening`` None: no screening list.
     """
 
     faint_mag: float
@@ -82,7 +82,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class FunnelStep:
-    """One line of the funnel of counts; ``dropped`` lines count what went, the others what is left."""
+    """One line of the funnel of counts; ``dropped`` lines count removed stars, the others remaining stars."""
 
     label: str
     stars: int
@@ -91,9 +91,12 @@ class FunnelStep:
 
 @dataclass(frozen=True)
 class Selection:
-    """``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each. ``source`` and
-    ``source_stars``: the catalogue they are of; ``blends``: stars that were no longer there to choose from, because their
-    light mixes. ``screened``: the screening list over the candidates, None without one."""
+    """Result of a selection.
+
+    ``candidates``: all stars within the faint limit, brightest first. ``fate``: (n,) Fate of each. ``source``,
+    ``source_stars``: name and size of the source catalogue. ``blends``: number of stars removed before the selection
+    because their light mixes. ``screened``: the screening list over the candidates, None without one.
+    """
 
     candidates: StarTable
     fate: NDArray[np.int8]
@@ -104,21 +107,21 @@ class Selection:
     screened: Screened | None = None
 
     def from_source(self, source: str, stars: int, blends: int) -> Selection:
-        """The same choice with the name and size of the catalogue it was made from."""
+        """Return the same selection with the name and size of its source catalogue."""
         return replace(self, source=source, source_stars=stars, blends=blends)
 
     @property
     def kept(self) -> StarTable:
-        """The stars that go on board, brightest first."""
+        """The stars to store on board, brightest first."""
         return self.candidates.take(self.fate == Fate.KEPT)
 
     def count(self, fate: Fate) -> int:
-        """How many stars had this fate."""
+        """Return the number of stars with this fate."""
         return int(np.count_nonzero(self.fate == fate))
 
     @property
     def funnel(self) -> tuple[FunnelStep, ...]:
-        """From the source to the bank."""
+        """Counts from the source to the bank."""
         n, rules = len(self.candidates), self.rules
         screening = self.rules.screening
         dropped: tuple[FunnelStep, ...] = ()
@@ -146,7 +149,8 @@ class Selection:
 
 
 def screening_facts(selection: Selection) -> dict[str, Any] | None:
-    """Counts by reason over the stars in the envelope, and the worst of them by name, as plain values; None without a list."""
+    """Counts by reason over the stars in the envelope, and the listed stars, brightest first, as plain values; None
+    without a screening list."""
     rules, found = selection.rules.screening, selection.screened
     if rules is None or found is None:
         return None
@@ -178,8 +182,11 @@ def select(
     shape: FieldShape,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Selection:
-    """Apply the rules to ``stars``. ``shape``: the field, for the thinning; ``tell`` gets the share of the frames of a thinning
-    by frames, and may raise to cancel."""
+    """Apply the rules to ``stars``; BadInput if the star table is not valid or no star is within the limit.
+
+    ``shape``: field of view, for the thinning. ``tell`` is called with the fraction of frames done during a thinning by
+    frames, and may raise to cancel.
+    """
     _check_stars(stars)
     candidates = stars.brighter_than(rules.faint_mag)
     if not len(candidates):
@@ -214,8 +221,11 @@ def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None
 
 
 def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
-    """Stars whose image merges with a neighbour's: the fainter of a close pair always, the brighter unless the fainter
-    is harmless. Neighbours beyond the faint limit are not looked at."""
+    """(n,) mask of stars whose image merges with a neighbour's: the fainter of a close pair always, the brighter unless
+    the fainter is harmless.
+
+    Neighbours beyond the faint limit are not considered.
+    """
     spoiled = np.zeros(len(stars), bool)
     if separation_rad <= 0 or len(stars) < 2:
         return spoiled
@@ -227,10 +237,10 @@ def _spoiled(stars: StarTable, separation_rad: float) -> NDArray[np.bool_]:
 
 
 def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -> NDArray[np.bool_]:
-    """Stars (brightest first) that are among the ``count`` brightest of some field: fields are circles on a grid of
-    equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field).
+    """(n,) mask of stars (brightest first) that are among the ``count`` brightest of some field. Fields are circles on
+    a grid of equal-area pixels within the envelope (after Huffman 2006 §5.5.4: the brightest of every field).
 
-    Only the brightest few stars are looked at first, and more of them for the fields that these do not fill.
+    Only the brightest stars are searched at first, and more of them for the fields that these do not fill.
     """
     chosen = np.zeros(len(unit), bool)
     grid = centres(_grid_nside(radius_rad))
@@ -250,7 +260,7 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
 
 
 def frame_looks(stars: int, rules: Rules, shape: FieldShape) -> float:
-    """How often a thinning by frames over the whole sky looks at a star; 0 for other thinnings."""
+    """Estimate how many times a thinning by frames over the whole sky tests a star; 0 for other thinnings."""
     if rules.thinning != "frames" or not rules.brightest_per_field:
         return 0.0
     return looks(stars, shape, round(4 * np.pi / _frame_step_rad(shape) ** 2), rules.brightest_per_field)
@@ -263,8 +273,8 @@ def _frame_step_rad(shape: FieldShape) -> float:
 def _in_frames(
     stars: StarTable, envelope: Envelope, count: int, shape: FieldShape, tell: Callable[[float], None]
 ) -> NDArray[np.bool_]:
-    """Stars that are among the ``count`` brightest of some upright frame of the field's own shape, of those whose boresight
-    the envelope shows (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
+    """(n,) mask of stars that are among the ``count`` brightest of some upright frame of the field's shape with its
+    boresight in the envelope (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
     attitudes = survey_attitudes(_frame_step_rad(shape))
     inside = attitudes[envelope.contains(attitudes[:, 2])]
     if not len(inside) or not len(stars):
@@ -273,13 +283,14 @@ def _in_frames(
 
 
 def _grid_nside(radius_rad: float) -> int:
-    """Pixels no larger than half the radius of a field, within reason."""
+    """HEALPix resolution with pixels no larger than half the radius of a field, within limits."""
     wanted = np.sqrt(np.pi / 3) / (radius_rad / 2)
     return int(np.clip(2 ** np.ceil(np.log2(wanted)), 4, 64))
 
 
 def _check_stars(stars: StarTable) -> None:
-    """A star table from elsewhere is not to be trusted."""
+    """Raise BadInput if a star table has non-finite values or repeated numbers; tables from other sources are not
+    trusted."""
     bad = ~(np.isfinite(stars.icrs).all(axis=1) & np.isfinite(stars.v_mag))
     if bad.any():
         raise BadInput(

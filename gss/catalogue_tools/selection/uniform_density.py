@@ -1,4 +1,4 @@
-"""The reduced catalogue of FAR-MST: doubles merged, then the brightest few of every field (Huffman 2006 §5.5.4)."""
+"""FAR-MST's reduced catalogue: merge doubles, then keep the brightest stars of every field (Huffman 2006 §5.5.4)."""
 
 from __future__ import annotations
 
@@ -17,27 +17,33 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 
 BLOCK = 2048
-# Stars near fields held at one time: bounds the memory, some 200 bytes each.
+# Largest number of (field, star) pairs held at one time; limits the memory, at about 200 bytes each.
 MOST_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """``kept``: (n,) mask over the stars. ``per_field``: (m,) kept stars in each of the ``pointings``, for the report: the
-    document's own set leaves holes, which its size does not show."""
+    """A reduced catalogue.
+
+    ``kept``: (n,) mask over the stars. ``per_field``: (m,) kept stars in each of the ``pointings``, for the report: the
+    document's own set leaves gaps that its size does not reveal.
+    """
 
     kept: NDArray[np.bool_]
     per_field: NDArray[np.int64]
     pointings: int
 
     def share_below(self, stars: int) -> float:
-        """Share of the fields with fewer kept stars."""
+        """Fraction of the fields with fewer than ``stars`` kept stars."""
         return float(np.mean(self.per_field < stars))
 
 
 def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
-    """(m, 3, 3) cam_from_icrs of pointings ``step_rad`` apart in declination and, along each parallel, at least as close in right
-    ascension: the document's 1° steps, thinned towards the poles so that no part of the sky counts twice."""
+    """(m, 3, 3) cam_from_icrs of pointings ``step_rad`` apart in declination and, along each parallel, at most that far
+    apart in right ascension.
+
+    These are the document's 1° steps, thinned towards the poles so that the density over the sky is uniform.
+    """
     if not 0 < step_rad <= np.pi / 4:
         raise BadInput("sky step is impossible", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
     rings = int(np.ceil(np.pi / step_rad))
@@ -49,7 +55,7 @@ def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
 
 
 def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
-    """(m, 3, 3): :func:`gss.domain.frames.cam_from_icrs` of many at once."""
+    """(m, 3, 3) vectorised :func:`gss.domain.frames.cam_from_icrs`."""
     boresight = unit_from_ra_dec(ra_rad, dec_rad)
     east = np.column_stack([-np.sin(ra_rad), np.cos(ra_rad), np.zeros(len(ra_rad))])
     north = np.cross(boresight, east)
@@ -58,7 +64,7 @@ def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
 
 
 def square_field(side_rad: float) -> FieldShape:
-    """A square frame of that full angle; the document does not say which shape its field of view has."""
+    """Return a square field with that full angle; the document does not specify the shape of its field of view."""
     return FieldShape(Camera.from_fov(1000, 1000, side_rad))
 
 
@@ -69,12 +75,14 @@ def reduce_catalogue(
     brightest: int = 8,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Reduced:
-    """The stars that are among the ``brightest`` of some field, and how the fields fare with them. ``tell`` gets the share of
-    the fields done after each block of them, and may raise to cancel."""
+    """Keep the stars that are among the ``brightest`` of some field, and count the kept stars per field.
+
+    ``tell`` is called with the fraction of the fields done after each block, and may raise to cancel.
+    """
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
     kept = np.zeros(len(stars), bool)
-    # The brightest stars of the sky first, and more of them for the fields that these do not fill.
+    # The brightest stars of the sky are tried first, and more of them for the fields that these do not fill.
     pending, depth = attitudes, _depth(shape, brightest)
     while len(pending):
         short = []
@@ -94,17 +102,18 @@ def reduce_catalogue(
 
 
 def looks(stars: int, shape: FieldShape | Disc, fields: int, brightest: int) -> float:
-    """About how often :func:`reduce_catalogue` looks at a star of a field, with ``stars`` evenly over the sky."""
+    """Estimate how many times :func:`reduce_catalogue` tests a star against a field, with ``stars`` uniform over the
+    sky."""
     return fields * min(2.0 * brightest / _share(shape), float(stars)) * _reach_share(shape)
 
 
 def _depth(shape: FieldShape | Disc, brightest: int) -> int:
-    """So many stars of the whole sky hold twice ``brightest`` in an average field."""
+    """Number of stars over the whole sky that gives 2 × ``brightest`` per average field."""
     return int(2 * brightest / _share(shape)) + 1
 
 
 def _share(shape: FieldShape | Disc) -> float:
-    """Of the sky in one field."""
+    """Fraction of the sky in one field."""
     return float((1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi))
 
 
@@ -113,14 +122,15 @@ def _reach(shape: FieldShape | Disc) -> float:
 
 
 def _reach_share(shape: FieldShape | Disc) -> float:
-    """Of the sky in the circle round a field."""
+    """Fraction of the sky in the circle around a field."""
     return float((1 - np.cos(_reach(shape))) / 2)
 
 
 def _blocks(
     unit: Array, shape: FieldShape | Disc, attitudes: Array
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Per block of attitudes: field numbers, ascending, the rows of ``unit`` inside, ascending in each, and how many fields."""
+    """Per block of attitudes: field numbers, ascending; the rows of ``unit`` inside, ascending in each field; and
+    the number of fields."""
     tree = cKDTree(unit)
     reach = 2 * np.sin(_reach(shape) / 2)
     size = int(np.clip(MOST_AT_ONCE / max(len(unit) * _reach_share(shape), 1), 1, BLOCK))
@@ -135,9 +145,10 @@ def _blocks(
 
 
 def merge_doubles(stars: StarTable, separation_rad: float) -> StarTable:
-    """Stars closer than the lens resolves as one: magnitudes add as light, directions weigh by light (eqs. 6.1 and 6.2 with
-    base 10 throughout, which the printed mix of logarithms means).
+    """Merge stars closer than the lens resolves: fluxes add, and directions are weighted by flux (eqs. 6.1 and 6.2 with
+    base 10 throughout, which is what the mixed logarithms in print mean).
 
-    Groups grow over chains of close stars. The brightest member lends its name, motion and colour, and the flag of a multiple.
+    Groups grow over chains of close stars. A merged star has the name, motion and colour of its brightest member, and
+    is flagged as multiple.
     """
     return merge(stars, Doubles("huffman", separation_rad)).stars if separation_rad > 0 else stars
