@@ -1,1 +1,1 @@
-"""Which sky will be seen: orbits, pointing laws, what stands in the way."""
+"""The part of the sky a camera will see: orbits, pointing laws, occultation."""

@@ -1,4 +1,4 @@
-"""Which way the camera looks: a pointing law, how the camera sits in the body, and the limits of roll, pitch and yaw."""
+"""Camera attitude: a pointing law, the mounting of the camera in the body, and the limits of roll, pitch and yaw."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gss.domain.rotation import rotation_x, rotation_z
 ORBIT_LAWS = ("sunsat", "zenith", "nadir", "target")
 SUN_LAWS = ("anti_sun", "sun_pointing")
 FREE_LAWS = ("inertial", *SUN_LAWS)
-# Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) seen from the camera axes (boresight +z).
+# Sunsat's star sensor axes (boresight +y, Jacobs 1995 §1.2) relative to the camera axes (boresight +z).
 SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # Jacobs 1995 §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
 SUNSAT_BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
@@ -36,13 +36,13 @@ BODY_FROM_CAM: dict[str, Array] = {
 class AttitudeLimits:
     """Limits of an Euler 1-2-3 rotation about the axes of the pointing law (Jacobs 1995 eq. 1.13).
 
-    ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the
-    camera looks along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z follows a place on the
-    ground up to ``off_nadir_rad`` from nadir in any direction, body +x stays near the velocity; roll and pitch, which turn
-    the body to the target, are wider by that angle; the camera looks along body −z. inertial: base axes are a camera at
-    ``ra_rad``, ``dec_rad``, ``field_roll_rad``, which is also how a place in the sky is followed. anti_sun: base +z away
-    from the Sun, +x to ecliptic north. sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along body +x.
-    ``body_from_cam``: nine numbers by rows, in place of the law's own mounting.
+    ``pointing``: the law. sunsat, zenith, nadir turn with the orbit: base axes are the orbit's, +z to nadir; the camera
+    points along Sunsat's mounting, to zenith or to nadir. target: an imager along body +z tracks a point on the ground
+    up to ``off_nadir_rad`` from nadir in any direction, and body +x stays near the velocity; roll and pitch, which turn
+    the body to the target, are widened by that angle; the camera points along body −z. inertial: base axes are a camera
+    at ``ra_rad``, ``dec_rad``, ``field_roll_rad``; this is also used to track a point in the sky. anti_sun: base +z
+    away from the Sun, +x to ecliptic north. sun_pointing: base +z to the Sun, +x to ecliptic north, the camera along
+    body +x. ``body_from_cam``: nine numbers by rows, replacing the law's default mounting.
     """
 
     pointing: str
@@ -100,7 +100,7 @@ class AttitudeLimits:
 
     @property
     def cam_from_body(self) -> Array:
-        """(3, 3) mounting."""
+        """(3, 3) rotation of the mounting."""
         if self.body_from_cam is not None:
             return np.asarray(self.body_from_cam, float).reshape(3, 3).T
         return BODY_FROM_CAM[self.pointing].T
@@ -120,7 +120,7 @@ def euler_123(angles_rad: Array) -> Array:
 
 
 def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
-    """(n, 3, 3) rotations orbit_from_icrs of ``gss.domain.frames``, for arrays of n."""
+    """(n, 3, 3) rotations: vectorised ``orbit_from_icrs`` of ``gss.domain.frames``."""
     co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)
     cu, su = np.cos(latitude_rad), np.sin(latitude_rad)
     zenith = np.stack([co * cu - so * su * ci, so * cu + co * su * ci, su * si], axis=-1)
@@ -141,7 +141,8 @@ def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
 
 
 def off_nadir_rad(altitude_m: float, elevation_rad: float) -> float:
-    """Angle from nadir, at the satellite, of a place on the ground that sees it at ``elevation_rad``: sin η = R cos ε / (R + h)."""
+    """Angle from nadir, at the satellite, of a ground point that sees the satellite at ``elevation_rad``: sin η = R
+    cos ε / (R + h)."""
     return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) * np.cos(elevation_rad)))
 
 

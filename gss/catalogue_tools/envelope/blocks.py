@@ -1,7 +1,7 @@
-"""Jacobs' own way to a sub-catalogue: step through all angles, mark blocks of sky, take the stars in them (Jacobs 1995 §5.2.1).
+"""The block method of Jacobs 1995 §5.2.1 for a sub-catalogue: step through all angles, mark blocks of sky, take their stars.
 
-A replica, kept beside the exact envelope to show what it misses. The document gives neither the steps nor when a block is
-"included within the FOV"; both can be chosen.
+A replica, kept beside the exact envelope to show what the method misses. The document gives neither the steps nor when
+a block is "included within the FOV"; both can be chosen.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from gss.domain.errors import BadInput
 RULES = ("centre", "whole", "touched")
 RA_BLOCKS, DEC_BLOCKS = 360, 180
 BLOCK_RAD = float(np.radians(1.0))
-# Points of a block that stand for it: its middle, its corners, or a grid over it.
+# Points that represent a block: its centre, its corners, or a grid over it.
 TOUCH_GRID = 5
 TURN: Range = (0.0, 2 * np.pi - 1e-6)
-# Fields worked out at one time: bounds the memory, some 100 bytes each.
+# Fields computed at one time; limits the memory, at about 100 bytes each.
 CHUNK = 1000
 
 Tell = Callable[[float], None]
 
 
 def _silent(share: float) -> None:
-    """Nobody listens."""
+    """Ignore the progress."""
 
 
 def _deg(value: float) -> float:
@@ -61,16 +61,20 @@ class BlockSteps:
 
 
 def stepped(limits: Range, step_rad: float) -> Array:
-    """From the minimum by the step up to the maximum, which is met only if the steps fit, as in a FOR loop."""
+    """Values from the minimum by the step up to the maximum, which is reached only if the steps fit, as in a FOR
+    loop."""
     low, high = limits
     return np.asarray(low + step_rad * np.arange(int(np.floor((high - low) / step_rad + 1e-9)) + 1), float)
 
 
 @dataclass(frozen=True)
 class BlockEnvelope:
-    """An envelope made of marked blocks. ``rule``: a block is marked when its centre, the whole of it or any part of it is in
-    the field. ``tell`` gets the share done while blocks are marked, and may raise to cancel. Edges, shares of time and attitudes
-    are those of the exact band."""
+    """An envelope made of marked blocks.
+
+    ``rule``: mark a block if its centre, all of it or any part of it is in the field. ``tell`` is called with the
+    fraction done while blocks are marked, and may raise to cancel. Edges, fractions of time and attitudes are those of
+    the exact band.
+    """
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -85,7 +89,7 @@ class BlockEnvelope:
 
     @property
     def dimensions(self) -> int:
-        """As the band's."""
+        """Same as the band's."""
         return self.band.dimensions
 
     @cached_property
@@ -95,10 +99,10 @@ class BlockEnvelope:
 
     @cached_property
     def marked(self) -> NDArray[np.bool_]:
-        """(180, 360) blocks by declination from the south pole and right ascension from 0h.
+        """(180, 360) mask of blocks by declination from the south pole and right ascension from 0h.
 
-        A node turned by whole degrees turns the marks by as many blocks, so that the fields of one node do for all of them
-        whose distance from it is whole; the others are stepped.
+        Moving the node by whole degrees moves the marks by as many blocks, so the fields of one node serve all nodes at
+        a whole number of degrees from it; the others are stepped.
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
         nodes, rest = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
@@ -116,7 +120,7 @@ class BlockEnvelope:
         return blocks
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """Which (n, 3) directions lie in marked blocks."""
+        """(n,) mask of the (n, 3) directions in marked blocks."""
         u = np.asarray(unit, float)
         ra = np.mod(np.arctan2(u[:, 1], u[:, 0]), 2 * np.pi)
         dec = np.arctan2(u[:, 2], np.hypot(u[:, 0], u[:, 1]))
@@ -124,34 +128,34 @@ class BlockEnvelope:
         return np.asarray(self.marked[row, np.clip(ra // BLOCK_RAD, 0, RA_BLOCKS - 1).astype(int)])
 
     def time_fraction(self, unit: Array) -> Array:
-        """The band's share of time, in marked blocks only."""
+        """The band's fraction of time, in marked blocks only."""
         return np.asarray(np.where(self.contains(unit), self.band.time_fraction(unit), 0.0))
 
     def edges(self, at_end: bool) -> list[Array]:
-        """The band's."""
+        """Same as the band's."""
         return self.band.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """The band's."""
+        """Same as the band's."""
         return self.band.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """The band's."""
+        """Same as the band's."""
         return self.band.at(cube)
 
     @property
     def fields(self) -> int:
-        """How many fields the stepping looks at."""
+        """Number of fields of the stepping."""
         return self._fields_at_node * len(stepped(self.orbit.raan_rad, self.steps.raan_rad))
 
     @property
     def looked_at(self) -> int:
-        """How many fields are really worked out: a node a whole degree from another needs none of its own."""
+        """Number of fields actually computed: nodes a whole number of degrees apart share theirs."""
         return self._fields_at_node * len(np.unique(self._node_parts))
 
     @property
     def _node_parts(self) -> Array:
-        """(n,) what each node has beyond whole degrees."""
+        """(n,) fraction of a degree of each node."""
         nodes = stepped(self.orbit.raan_rad, self.steps.raan_rad)
         return np.asarray(np.round(np.mod(np.degrees(nodes), 1.0), 6) % 1.0)
 
@@ -163,7 +167,7 @@ class BlockEnvelope:
 
     @property
     def _boxes(self) -> list[Array]:
-        """Steps of roll, pitch and yaw."""
+        """Steps of roll, pitch and yaw, one array each."""
         s = self.steps
         steps = zip(self.limits.low, self.limits.high, (s.roll_rad, s.pitch_rad, s.yaw_rad), strict=True)
         return [stepped((float(a), float(b)), step) for a, b, step in steps]
@@ -186,7 +190,7 @@ class BlockEnvelope:
             yield (cam[:, None] @ orbits[None]).reshape(-1, 3, 3)
 
     def _marked_at(self, raan_rad: float, tell: Callable[[int], None]) -> NDArray[np.bool_]:
-        """``tell`` gets the number of fields after each chunk of them."""
+        """Mark the blocks for one node. ``tell`` is called with the number of fields after each chunk."""
         offsets = {"centre": [0.5], "whole": [0.0, 1.0], "touched": list(np.linspace(0, 1, TOUCH_GRID))}[self.rule]
         dec = np.arange(DEC_BLOCKS) - 90.0
         ra = np.arange(RA_BLOCKS) + 0.0
@@ -199,19 +203,19 @@ class BlockEnvelope:
         blocks = np.zeros(DEC_BLOCKS * RA_BLOCKS, bool)
         for attitudes in self._attitudes(raan_rad):
             if blocks.all():
-                pass  # nothing more to find; the count goes on to its end
+                pass  # all blocks are marked; continue only to report the progress
             elif self.rule == "whole":
                 self._mark_whole(blocks, attitudes, points)
             else:
                 for unit in points:
-                    # What is marked already need not be looked at again.
+                    # Only unmarked blocks need to be tested.
                     left = np.flatnonzero(~blocks)
                     blocks[left[fields_per_star(unit[left], attitudes, self.shape) > 0]] = True
             tell(len(attitudes))
         return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)
 
     def _mark_whole(self, blocks: NDArray[np.bool_], attitudes: Array, corners: list[Array]) -> None:
-        """Mark blocks with all corners in one and the same field."""
+        """Mark blocks with all corners in the same field."""
         for cam in attitudes:
             near = np.flatnonzero(corners[0] @ cam[2] >= np.cos(self.shape.half_diagonal_rad + BLOCK_RAD))
             near = near[~blocks[near]]

@@ -1,8 +1,8 @@
-"""Which sky will be seen: every star that some orbit and some attitude within the limits brings into the field.
+"""Envelopes: the stars that some orbit and some attitude within the limits bring into the field.
 
-Three shapes of envelope share one face (:class:`Envelope`): the whole sky, a band round the orbit normals for laws
-that turn with the orbit, and a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six
-parameters and marks 1° blocks; here membership follows from the geometry, star by star.
+Three kinds share one interface (:class:`Envelope`): the whole sky, a band around the orbit normals for laws that turn
+with the orbit, and a patch for laws that do not. Jacobs 1995 §5.2.1 steps through all combinations of six parameters
+and marks 1° blocks; here membership follows from the geometry, star by star.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ from gss.domain.rotation import matrix_from_quaternion
 EDGE_POINTS = 121
 FIELD_POINTS = 24
 PATCH_ATTITUDES = 300
-# At 0.15 half of the draws lie within a hundredth of an end.
+# Beta parameter: at 0.15 half of the draws lie within a hundredth of an end.
 CROWDING = 0.15
 WITNESSES = 3000
-# A fifth of the finest profile's pixel; where Sun and attitude move the same way, finer costs seconds.
+# A fifth of the finest profile's pixel; a finer tolerance takes seconds where Sun and attitude move in the same
+# direction.
 PATCH_TOLERANCE_RAD = 5e-5
 MAP_TOLERANCE_RAD = 5e-3
 POLAR_BINS = 1440
@@ -46,8 +47,8 @@ PLANES_PER_BIN = 24
 
 @dataclass(frozen=True)
 class Moments:
-    """n moments: (n, 3, 3) ``cam_from_icrs``, (n,) ``part`` of the validity that has passed, (n, 3) ICRS direction to the
-    Earth's centre where the law says so."""
+    """n moments: (n, 3, 3) ``cam_from_icrs``, (n,) ``part``: elapsed fraction of the validity, (n, 3) ``nadir``:
+    ICRS direction to the Earth's centre, if the law defines it."""
 
     cam_from_icrs: Array
     part: Array
@@ -55,26 +56,26 @@ class Moments:
 
 
 class Envelope(Protocol):
-    """What the builder, the map and the quality report ask of an envelope. Directions are ICRS unit vectors."""
+    """Interface of an envelope for the builder, the map and the quality report. Directions are ICRS unit vectors."""
 
     @property
     def shape(self) -> FieldShape: ...
 
     @property
     def dimensions(self) -> int:
-        """How many numbers say what one moment is: see :meth:`at`."""
+        """Number of coordinates that define one moment; see :meth:`at`."""
         ...
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """Which (n, 3) directions are ever in the field."""
+        """(n,) mask of the (n, 3) directions that are ever in the field."""
         ...
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) share of time in the field, every orbit, date and attitude within the limits being equally likely."""
+        """(n,) fraction of time in the field, with every orbit, date and attitude within the limits equally likely."""
         ...
 
     def edges(self, at_end: bool) -> list[Array]:
-        """Lines of (k, 3) directions: the border of what can be seen at the start or at the end of validity."""
+        """Lines of (k, 3) directions: the border of the visible sky at the start or at the end of validity."""
         ...
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
@@ -82,14 +83,17 @@ class Envelope(Protocol):
         ...
 
     def at(self, cube: Array) -> Moments:
-        """The moments of (n, ``dimensions``) places in the unit cube, which stand for everything that may vary; the first
-        is the share of the validity that has passed. Even over the cube is even over the limits."""
+        """Moments for (n, ``dimensions``) points of the unit cube, whose coordinates map to all varying quantities.
+
+        The first coordinate is the elapsed fraction of the validity. A uniform distribution over the cube is uniform
+        over the limits.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class WholeSky:
-    """No limits at all."""
+    """No orbit and no attitude limits."""
 
     shape: FieldShape
     dimensions: ClassVar[int] = 4
@@ -107,7 +111,7 @@ class WholeSky:
         return np.asarray(matrix_from_quaternion(rng.normal(size=(count, 4))))
 
     def at(self, cube: Array) -> Moments:
-        """Shoemake's even rotations."""
+        """Shoemake's uniform random rotations."""
         part, u, v, w = cube.T
         a, b = 2 * np.pi * v, 2 * np.pi * w
         near, far = np.sqrt(1 - u), np.sqrt(u)
@@ -117,7 +121,7 @@ class WholeSky:
 
 @dataclass(frozen=True)
 class BandEnvelope:
-    """A camera that turns once per orbit, at every argument of latitude."""
+    """Envelope of a camera that turns once per orbit, at every argument of latitude."""
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -126,11 +130,12 @@ class BandEnvelope:
 
     @cached_property
     def polar_interval(self) -> Range:
-        """Components along the orbit's +y axis, against the orbit normal, between which a direction is seen."""
+        """Interval of the components along the orbit's +y axis (against the orbit normal) of all visible directions."""
         return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """A star is in if its component along +y, over all planes, meets the interval that the camera covers."""
+        """(n,) mask: a star is inside if its range of components along +y, over all planes, meets the interval that
+        the camera covers."""
         lowest, highest = self.polar_interval
         smallest, largest = polar_range(self.orbit, unit)
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
@@ -140,7 +145,7 @@ class BandEnvelope:
         return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
 
     def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
-        """(n,) share of the time in the field over (k,) planes, within the limits or not."""
+        """(n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
         knots, share = self._share_by_angle
         flat = np.sin(inclination_rad)
         normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
@@ -169,7 +174,7 @@ class BandEnvelope:
         return np.asarray(self.limits.cam_from_body @ body_from_orbit @ orbit_axes(raan, inclination, latitude))
 
     def at(self, cube: Array) -> Moments:
-        """The node moves evenly from the start of validity to its end."""
+        """See :meth:`Envelope.at`; the node moves uniformly from the start of validity to its end."""
         part, tilt, place = cube[:, 0], cube[:, 1], cube[:, 2]
         raan = self.orbit.raan_at(part)
         low, high = self.orbit.inclination_rad
@@ -178,14 +183,16 @@ class BandEnvelope:
         return Moments(self.limits.cam_from_body @ body_from_orbit @ axes, part, axes[:, 2])
 
     def _planes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-        """Nodes evenly through their range, inclinations at random through theirs."""
+        """``count`` planes: nodes evenly spaced over their range, inclinations random in theirs."""
         low, high = self.orbit.raan_rad
         return low + (high - low) * (np.arange(count) + 0.5) / count, rng.uniform(*self.orbit.inclination_rad, count)
 
     @cached_property
     def _share_by_angle(self) -> tuple[Array, Array]:
-        """Share of an orbit for which a direction at an angle from orbit +y is in the field: the solid angle that field
-        and attitudes together have at that angle, over the ring of sky there. Sampled, seed 0."""
+        """Fraction of an orbit for which a direction at an angle from orbit +y is in the field, as (angles, fractions).
+
+        This is the solid angle of field and attitudes at that angle, divided by the ring of sky there. Sampled, seed 0.
+        """
         rng = np.random.default_rng(0)
         across = _points_in(self.shape, rng, 4000)
         body_from_orbit = euler_123(rng.uniform(self.limits.low, self.limits.high, (250, 3)))
@@ -201,7 +208,8 @@ class BandEnvelope:
 
 @dataclass(frozen=True)
 class PatchEnvelope:
-    """A camera whose base axes do not turn with the orbit: fixed among the stars, or facing the Sun or away from it."""
+    """Envelope of a camera whose base axes do not turn with the orbit: inertial, or pointing towards or away from
+    the Sun."""
 
     shape: FieldShape
     limits: AttitudeLimits
@@ -212,12 +220,15 @@ class PatchEnvelope:
         return self._contains(np.asarray(unit, float), PATCH_TOLERANCE_RAD)
 
     def witnessed(self, unit: Array, fields: int) -> NDArray[np.bool_]:
-        """Which (n, 3) directions one of so many fields within the limits shows, which crowd at the ends of the limits, where
-        the edge of what is seen comes from."""
+        """(n,) mask of the (n, 3) directions in one of ``fields`` sampled fields within the limits.
+
+        The samples are concentrated at the ends of the limits, which determine the edge of the envelope.
+        """
         return fields_per_star(unit, self.crowded(fields, CROWDING), self.shape) > 0
 
     def crowded(self, count: int, crowding: float) -> Array:
-        """(count, 3, 3) cam_from_icrs within the limits; a Beta distribution of that shape along every axis."""
+        """(count, 3, 3) cam_from_icrs within the limits, drawn from a symmetric Beta distribution with parameter
+        ``crowding`` along every axis."""
         along = np.random.default_rng(0).beta(crowding, crowding, (count, 4))
         sun = np.asarray(self.sun_longitude_rad, float)
         base = base_from_icrs(self.limits, sun[0] + (sun[1] - sun[0]) * along[:, 0])
@@ -228,7 +239,8 @@ class PatchEnvelope:
         near = np.flatnonzero(self._near(u))
         result = np.zeros(len(u), bool)
         if self.limits.pointing in SUN_LAWS:
-            # What a field shows needs no search, which is long where Sun and attitude move the same way.
+            # Directions in a sampled field need no search, which is slow where Sun and attitude move in the same
+            # direction.
             result[near] = self.witnessed(u[near], WITNESSES)
             near = near[~result[near]]
         if self.limits.pointing == "inertial":
@@ -239,7 +251,7 @@ class PatchEnvelope:
             pivot, spin = u[near] @ ICRS_FROM_ECLIPTIC, np.asarray(self.sun_longitude_rad)
         low, high, mounting = self.limits.low, self.limits.high, self.limits.cam_from_body
         if high[2] - low[2] >= 2 * np.pi - 1e-9 and abs(mounting[2, 2]) > 1 - 1e-12:
-            # A whole turn about the boresight: the yaw axis need not be searched.
+            # With a full turn about the boresight, the yaw axis need not be searched.
             fixed = np.array([1.0, 1.0, 0.0])
             disc = Disc(self.shape.half_diagonal_rad)
             result[near] = reachable(pivot, base, spin, disc, mounting, low * fixed, high * fixed, tolerance_rad)
@@ -254,7 +266,7 @@ class PatchEnvelope:
         for attitude in self.attitudes(np.random.default_rng(0), PATCH_ATTITUDES):
             share[near] += self.shape.inside(u[near] @ attitude.T)
         share /= PATCH_ATTITUDES
-        # Directions that the sample just missed are seen all the same.
+        # Directions inside the envelope but missed by the sample get half the smallest fraction.
         rare = near[share[near] == 0]
         share[rare[self._contains(u[rare], MAP_TOLERANCE_RAD)]] = 0.5 / PATCH_ATTITUDES
         return share
@@ -271,13 +283,13 @@ class PatchEnvelope:
         return np.asarray(self.limits.cam_from_body @ body_from_base @ base)
 
     def at(self, cube: Array) -> Moments:
-        """The Sun moves evenly along the ecliptic."""
+        """See :meth:`Envelope.at`; the Sun moves uniformly along the ecliptic."""
         sun = self.sun_longitude_rad[0] + np.ptp(self.sun_longitude_rad) * cube[:, 0]
         body_from_base = euler_123(self.limits.low + (self.limits.high - self.limits.low) * cube[:, 1:])
         return Moments(self.limits.cam_from_body @ body_from_base @ base_from_icrs(self.limits, sun), cube[:, 0])
 
     def _near(self, unit: Array) -> NDArray[np.bool_]:
-        """A cheap first sieve: within reach of the middle boresight by any turn in the box."""
+        """Fast pre-selection: directions within reach of the middle boresight for any rotation within the limits."""
         sun = np.array([np.mean(self.sun_longitude_rad)])
         middle = euler_123((self.limits.low + self.limits.high) / 2) @ base_from_icrs(self.limits, sun)[0]
         boresight = (self.limits.cam_from_body @ middle)[2]
@@ -299,7 +311,7 @@ def polar_range(orbit: OrbitRanges, unit: Array) -> tuple[Array, Array]:
 
 
 def field_outline(shape: FieldShape, cam_from_icrs: Array) -> Array:
-    """(k, 3) ICRS directions round one field, closed."""
+    """(k, 3) ICRS directions around one field, closed."""
     return np.asarray(shape.edge(np.linspace(0, 4, FIELD_POINTS * 4 + 1)) @ cam_from_icrs)
 
 

@@ -1,4 +1,4 @@
-"""The outline of a camera's field on the sky, made for millions of cheap questions: is this direction inside?"""
+"""Outline of a camera's field of view on the sky, with fast membership tests for millions of directions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gss.domain.camera import Camera
 PER_SIDE = 256
 CHART_CELLS = 512
 CHART_INSIDE, CHART_EDGE = 1, 2
-# Cosines nearer than this to a limit are looked at again in full.
+# Cosines closer than this to a limit are tested again exactly.
 HAIR = 1e-9
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
 
 
 def widened(camera: Camera, margin_rad: float) -> Camera:
-    """The camera with a detector larger by the margin on each side, measured at the optical centre's scale."""
+    """Return the camera with a detector enlarged by the margin on each side, at the scale of the optical centre."""
     pixels = round(margin_rad / camera.pixel_rad)
     return replace(
         camera,
@@ -34,7 +34,8 @@ def widened(camera: Camera, margin_rad: float) -> Camera:
 
 
 class Region(Protocol):
-    """A part of the sky round the boresight that answers the two questions of :mod:`gss.catalogue_tools.envelope.reach`."""
+    """A part of the sky around the boresight with the two tests that :mod:`gss.catalogue_tools.envelope.reach`
+    needs."""
 
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]: ...
 
@@ -43,7 +44,7 @@ class Region(Protocol):
 
 @dataclass(frozen=True)
 class Disc:
-    """All that a field sweeps when it turns freely about its boresight."""
+    """Circular field: the area that a field sweeps when it turns freely about its boresight."""
 
     radius_rad: float
 
@@ -56,7 +57,7 @@ class Disc:
         return self.may_be_within(unit_cam, 0.0)
 
     def inside_planes(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
-        """:meth:`inside` for components apart, arrays of one shape; made for millions."""
+        """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions."""
         limit = np.cos(min(self.radius_rad, np.pi))
         seen = np.asarray(z >= limit)
         doubtful = np.nonzero(np.abs(z - limit) < HAIR)
@@ -70,15 +71,15 @@ class Disc:
 
 @dataclass(frozen=True)
 class FieldShape:
-    """Star-shaped region round the boresight: a tangent-plane radius for every azimuth from camera +x towards +y.
+    """Star-shaped region around the boresight: a tangent-plane radius for every azimuth from camera +x towards +y.
 
-    Interpolation between the 4·256 outline points errs by the bow of one piece, below 1e-6 rad for all profiles.
+    The outline has 4·256 points with linear interpolation between them; the error is below 1e-6 rad for all profiles.
     """
 
     camera: Camera
 
     def edge(self, along: Array) -> Array:
-        """(k, 3) camera-frame unit vectors of the outline at (k,) places in [0, 4): one unit per side."""
+        """(k, 3) camera-frame unit vectors of the outline at (k,) positions in [0, 4): one unit per side."""
         place = np.mod(along, 4.0)
         side = np.minimum(place.astype(int), 3)
         part = (place - side)[:, None]
@@ -108,18 +109,20 @@ class FieldShape:
         return float(np.arccos(1 - self.area_sr / (2 * np.pi)))
 
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]:
-        """Which (…, 3) camera-frame unit vectors the field shows."""
+        """(…) mask of the (…, 3) camera-frame unit vectors that are in the field."""
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         return np.asarray((z > 0) & (np.hypot(x, y) <= z * self._radius(np.arctan2(y, x))))
 
     def inside_planes(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
-        """:meth:`inside` for components apart, arrays of one shape; made for millions: a chart of the tangent plane
-        settles all but the cells that the outline crosses."""
+        """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions.
+
+        A chart of the tangent plane decides all directions except those in cells that the outline crosses.
+        """
         chart, scale, offset = self._chart
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = scale / z
             col, row = x * inverse, y * inverse
-        # Outside the chart, behind the camera and not a number all land on its empty rim.
+        # Directions outside the chart or behind the camera, and NaN, all map to its empty border.
         ahead = (z > 0) & (np.abs(col) < offset) & (np.abs(row) < offset)
         col[~ahead] = row[~ahead] = offset
         state = chart[(row + (offset + 1)).astype(np.int32), (col + (offset + 1)).astype(np.int32)]
@@ -129,11 +132,11 @@ class FieldShape:
         return seen
 
     def may_be_within(self, unit_cam: Array, slack_rad: Array | float) -> NDArray[np.bool_]:
-        """False only where the field is certainly more than (…,) ``slack_rad`` away from (…, 3) ``unit_cam``.
+        """False only if the field is certainly more than (…,) ``slack_rad`` away from (…, 3) ``unit_cam``.
 
         A field point at distance d from a point at angle a from the boresight is at least a − d from the boresight and
-        at most asin(sin d / sin a) away in azimuth. The largest field radius in that window decides: from a table for
-        wide windows, from the radius here and its steepest slope for narrow ones.
+        at most asin(sin d / sin a) away in azimuth. The test uses the largest field radius in that window: from a table
+        for wide windows, from the radius at the azimuth and its steepest slope for narrow ones.
         """
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         flat = np.hypot(x, y)
@@ -152,8 +155,10 @@ class FieldShape:
 
     @cached_property
     def _chart(self) -> tuple[NDArray[np.uint8], float, float]:
-        """Cells of the tangent plane with a rim of empty ones, cells per unit, half width in cells. Cells that the outline
-        crosses, and their neighbours, are edges; the others are what their middle is."""
+        """Cells of the tangent plane with a border of empty ones, cells per unit, half width in cells.
+
+        Cells crossed by the outline, and their neighbours, are edges; the others have the state of their centre.
+        """
         offset = CHART_CELLS / 2
         u = self.outline
         plane = u[:, :2] / u[:, 2:]
@@ -189,7 +194,8 @@ class FieldShape:
 
     @cached_property
     def _window_max(self) -> Array:
-        """(levels, 1024) largest angular radius within ±2^level steps of each of 1024 azimuths; the last is the overall one."""
+        """(levels, 1024) largest angular radius within ±2^level steps of each of 1024 azimuths; the last level is
+        the overall maximum."""
         count = 1024
         fine = np.linspace(-np.pi, np.pi, 16 * count, endpoint=False)
         blocks = np.arctan(self._radius(fine)).reshape(count, 16).max(axis=1)

@@ -1,5 +1,7 @@
-"""Equal-area pixels on the sphere, ring order: centres and a search index (Górski et al. 2005). astropy-healpix is the
-outside check; these few lines spare the page the second that importing astropy takes."""
+"""Equal-area pixels on the sphere in ring order: centres and a search index (Górski et al. 2005).
+
+Tests compare with astropy-healpix, which is not used here because importing astropy takes a second.
+"""
 
 from __future__ import annotations
 
@@ -57,6 +59,6 @@ def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
 
 
 def pixel_radius_rad(nside: int) -> float:
-    """No direction is farther than this from the centre of its pixel."""
-    # The farthest corner is that of the pixels between cap and belt; this bound holds for every nside (checked by test).
+    """Upper bound of the distance of a direction from the centre of its pixel."""
+    # The farthest corner is in the pixels between cap and belt; a test checks this bound for every nside.
     return float(1.1 * np.sqrt(pixel_area_sr(nside)))

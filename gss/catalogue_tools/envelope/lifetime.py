@@ -1,4 +1,4 @@
-"""How long a catalogue serves after its validity: until drift has moved too much of the fields out of its envelope.
+"""Time for which a catalogue remains useful after its validity, until drift has moved too much of the fields out of its envelope.
 
 Moniteq 1983 §2.5: node drift against the margin gives the days between two uploads.
 """
@@ -25,8 +25,8 @@ SUN_ATTITUDES = 1000
 
 @dataclass(frozen=True)
 class Lifetime:
-    """``days`` after the end of validity until the share of what the fields show that lies in the envelope falls under
-    ``threshold``; infinite if it does not. ``until``: that date. The curve: (k,) days and (k,) shares."""
+    """``days`` after the end of validity until the fraction of the visible sky inside the envelope falls below
+    ``threshold``; infinite if it does not. ``until``: that date. The curve: (k,) days and (k,) fractions."""
 
     threshold: float
     days: float
@@ -42,8 +42,11 @@ def lifetime(
     threshold: float = 0.95,
     longest_days: float = 366.0,
 ) -> Lifetime:
-    """When an envelope has drifted out. ``rate_rad_day``: of the node for laws that turn with the orbit, of the Sun for laws
-    that follow it. Laws that do neither last. What Earth, Sun and Moon hide is not looked at."""
+    """Compute when an envelope has drifted out of use.
+
+    ``rate_rad_day``: of the node for laws that turn with the orbit, of the Sun for laws that follow it. Envelopes of
+    other laws do not expire. Occultation by Earth, Sun and Moon is ignored. BadInput if an argument is out of range.
+    """
     if not 0 < threshold <= 1:
         raise BadInput("threshold is out of range", expected="above 0, at most 1", got=f"{threshold:g}")
     if not (np.isfinite(rate_rad_day) and 0 < longest_days < 1e5):
@@ -55,14 +58,14 @@ def lifetime(
     if not drifting or rate_rad_day == 0:
         return Lifetime(threshold, float("inf"), None, np.array([0.0, longest_days]), np.ones(2))
     grid = centres(NSIDE)
-    # What the map shows is enough for laws that follow the Sun, and many times faster.
+    # The sampled map is accurate enough for laws that follow the Sun, and many times faster.
     held = base.contains(grid) if isinstance(base, BandEnvelope) else base.time_fraction(grid) > 0
 
     def share(days: float) -> float:
         seen = _seen_after(base, rate_rad_day * days, grid)
         return float(seen[held].sum() / max(float(seen.sum()), 1e-300))
 
-    # A turn of the node brings everything back: the first fall counts.
+    # A full turn of the node restores everything, so the first fall below the threshold counts.
     longest = min(longest_days, 2 * np.pi / abs(rate_rad_day))
     days_curve = np.linspace(0, longest, CURVE_POINTS)
     share_curve = np.array([share(float(d)) for d in days_curve])
@@ -79,7 +82,7 @@ def lifetime(
 
 
 def _seen_after(base: Envelope, angle_rad: float, grid: Array) -> Array:
-    """Share of the time in the field at one moment after the end: node or Sun further on by the angle."""
+    """(n,) fraction of the time in the field with node or Sun advanced by the angle from the end of validity."""
     if isinstance(base, BandEnvelope):
         raan = np.array([base.orbit.raan_end_rad + angle_rad])
         return base.share_in_planes(grid, raan, np.array([np.mean(base.orbit.inclination_rad)]))

@@ -1,14 +1,14 @@
-"""What Earth, Sun and Moon take away from an envelope (Jacobs 1995 §7.6, Moniteq 1983 §2.3).
+"""Envelope minus the sky hidden by Earth, Sun and Moon (Jacobs 1995 §7.6, Moniteq 1983 §2.3).
 
-A star counts while its line of sight passes the Earth's limb by the margin; a field counts while its boresight does too
-and keeps the baffle's angles to Sun and Moon. Eclipse is not looked at: the Sun's keep-out holds in the Earth's shadow as
-well, which only makes the catalogue's promise safer. The orbit is a circle, Sun and Moon are seen from the Earth's centre
-(in a low orbit the Moon stands up to 1.1° elsewhere: put that into its angle).
+A star counts if its line of sight passes the Earth's limb by the margin. A field counts if its boresight does too and
+keeps the baffle's angles to Sun and Moon. Eclipses are ignored: the Sun's keep-out angle applies in the Earth's shadow
+as well, which is conservative. The orbit is a circle, and the directions of Sun and Moon are those from the Earth's
+centre (from a low orbit the Moon is up to 1.1° away; add that to its angle).
 
-Exact: what the Earth hides from a camera that turns with the orbit, to ``hidden_bands.END_RAD``; from other laws it hides
-nothing for ever, unless limb and margin exceed 90°, when boresight and star are judged apart. Sampled, in favour of seeing
-by ``baffle_search.NEAR_RAD``: Sun and Moon, at dates a degree of the Sun's or the node's way apart. Shares of time are
-those of random moments, the node moving evenly over the validity.
+Exact: the sky that the Earth hides from a camera that turns with the orbit, to ``hidden_bands.END_RAD``. For other laws
+the Earth hides nothing permanently, unless limb and margin exceed 90°, when boresight and star are tested separately.
+Sampled, with a bias of ``baffle_search.NEAR_RAD`` towards visibility: Sun and Moon, at dates a degree of solar or node
+motion apart. Fractions of time are over random times, with the node moving uniformly over the validity.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from gss.domain.errors import BadInput
 
 __all__ = ["Blinded", "Occultation", "OccultedEnvelope", "altitude_of_tle"]
 
-# Found stars need no proof: these random fields settle nearly all before the search.
+# Stars seen in one of these random fields need no search; they settle nearly all stars.
 WITNESSES = 4096
 SAMPLE = 20_000
 HITS_PER_DIRECTION = 100
@@ -42,8 +42,11 @@ HOPELESS_DRAWS, DRAWS_PER_FIELD = 100_000, 5000
 
 @dataclass(frozen=True)
 class Occultation:
-    """``altitude_m`` None: no Earth. ``earth_margin_rad``: beyond the limb. ``sun_rad``, ``moon_rad``: least angle from the
-    boresight, which is the baffle's (28.1° for Sunsat, Jacobs 1995 eq. 7.26); 0 switches it off."""
+    """Bodies that hide the sky.
+
+    ``altitude_m`` None: no Earth. ``earth_margin_rad``: beyond the limb. ``sun_rad``, ``moon_rad``: smallest angle from
+    the boresight, as set by the baffle (28.1° for Sunsat, Jacobs 1995 eq. 7.26); 0 disables the body.
+    """
 
     altitude_m: float | None = None
     earth_margin_rad: float = 0.0
@@ -70,26 +73,26 @@ class Occultation:
 
     @property
     def earth_rad(self) -> float:
-        """Angle from nadir to limb and margin; 0 without an Earth."""
+        """Angle from nadir to limb plus margin; 0 without an Earth."""
         if self.altitude_m is None:
             return 0.0
         return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + self.altitude_m))) + self.earth_margin_rad
 
     @property
     def baffled(self) -> bool:
-        """Sun or Moon matter."""
+        """True if Sun or Moon are included."""
         return self.sun_rad > 0 or self.moon_rad > 0
 
     @property
     def active(self) -> bool:
-        """Anything matters."""
+        """True if any body is included."""
         return self.baffled or self.altitude_m is not None
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How closely is looked: random fields as witnesses, moments for the shares of time, rounds of the search for the ends of a
-    band, views and dates for what Sun and Moon hide."""
+    """Sampling effort: random fields as witnesses, moments for the fractions of time, rounds of the search for the
+    ends of a band, views and dates for the effect of Sun and Moon."""
 
     witnesses: int
     moments: int
@@ -100,13 +103,14 @@ class Effort:
 
 
 THOROUGH = Effort(WITNESSES, SAMPLE, ROUNDS, VIEWS_PER_STAR, EPOCH_RAD, MOON_STEP_DAYS)
-# For a page that follows the hand.
+# For interactive previews.
 QUICK = Effort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
 
 
 @dataclass(frozen=True)
 class Blinded:
-    """Shares of all moments at which the boresight is too near to each body, and to any of them; from ``SAMPLE`` moments."""
+    """Fractions of all times at which the boresight is too close to each body, and to any of them; from ``SAMPLE``
+    moments."""
 
     earth: float
     sun: float
@@ -116,8 +120,11 @@ class Blinded:
 
 @dataclass(frozen=True)
 class OccultedEnvelope:
-    """An envelope less what is hidden. ``orbit``: for laws that do not say where the Earth is; None: it may be anywhere.
-    ``start_jyear``, ``end_jyear``: the validity, which Sun and Moon need. ``effort``: how long to look."""
+    """An envelope minus what is hidden.
+
+    ``orbit``: for laws that do not define the Earth's direction; None: it may be anywhere. ``start_jyear``,
+    ``end_jyear``: the validity, required for Sun and Moon. ``effort``: sampling effort.
+    """
 
     base: Envelope
     occultation: Occultation
@@ -132,7 +139,7 @@ class OccultedEnvelope:
 
     @cached_property
     def baffle(self) -> Baffle:
-        """Sun and Moon over the validity."""
+        """Directions of Sun and Moon over the validity; BadInput without dates."""
         if self.start_jyear is None or self.end_jyear is None:
             raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
         angles, steps = (
@@ -143,35 +150,35 @@ class OccultedEnvelope:
 
     @property
     def shape(self) -> FieldShape:
-        """The field of the envelope."""
+        """Field of view of the envelope."""
         return self.base.shape
 
     @property
     def dimensions(self) -> int:
-        """Those of the envelope, and two for the place of the Earth where its law does not say it."""
+        """Dimensions of the base envelope, plus two for the direction of the Earth if the law does not define it."""
         return self.base.dimensions + (0 if isinstance(self.base, BandEnvelope) else 2)
 
     def edges(self, at_end: bool) -> list[Array]:
-        """The border without anything hidden."""
+        """Border of the base envelope, without occultation."""
         return self.base.edges(at_end)
 
     def at(self, cube: Array) -> Moments:
-        """Moments of the envelope with the Earth's place."""
+        """Moments of the base envelope, with the direction of the Earth."""
         moments = self.base.at(cube[:, : self.base.dimensions])
         return moments if moments.nadir is not None else replace(moments, nadir=self._nadir(moments.part, cube[:, -2:]))
 
     def usable(self, moments: Moments) -> NDArray[np.bool_]:
-        """(n,) whether the field counts."""
+        """(n,) mask of the moments whose field is not blinded."""
         return np.asarray(~np.logical_or.reduce(self._blinding(moments)))
 
     def shadow(self, moments: Moments) -> Shadow | None:
-        """What the Earth hides at these moments."""
+        """Region hidden by the Earth at these moments; None without an Earth."""
         if self.occultation.altitude_m is None or moments.nadir is None:
             return None
         return Shadow(moments.nadir, self.occultation.earth_rad)
 
     def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
-        """Random usable ones."""
+        """Return ``count`` random usable moments; BadInput if (nearly) all fields are blinded."""
         got: list[Moments] = []
         drawn = found = 0
         draw = min(max(2 * count, 1000), HOPELESS_DRAWS)
@@ -195,14 +202,14 @@ class OccultedEnvelope:
 
     @cached_property
     def blinded(self) -> Blinded:
-        """How much of the time is lost."""
+        """Fractions of time lost to each body."""
         earth, sun, moon = self._blinding(self.at(np.random.default_rng(0).random((SAMPLE, self.dimensions))))
         return Blinded(*(float(np.mean(b)) for b in (earth, sun, moon, earth | sun | moon)))
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) share of all time in a field that counts, and clear of the Earth. Sampled: see HITS_PER_DIRECTION."""
+        """(n,) fraction of all time in a usable field and clear of the Earth. Sampled; see HITS_PER_DIRECTION."""
         u = np.asarray(unit, float)
-        # Only a band can be asked cheaply beforehand; a field looks only at what is near it anyway.
+        # Only a band has a cheap membership test; the count over fields examines nearby directions only in any case.
         band = isinstance(self.base, BandEnvelope)
         possible = np.flatnonzero(self.base.contains(u)) if band else np.arange(len(u))
         per_field = max(1.0, len(u) * self.base.shape.area_sr / (4 * np.pi))
@@ -215,7 +222,7 @@ class OccultedEnvelope:
         return share
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """Which (n, 3) directions are ever seen in a field that counts."""
+        """(n,) mask of the (n, 3) directions that are ever seen in a usable field."""
         u = np.asarray(unit, float)
         seen = self.base.contains(u)
         seen[seen] = self._clear_of_earth(u[seen])
@@ -238,7 +245,7 @@ class OccultedEnvelope:
                 )
             )
         if earth_rad <= np.pi / 2 or self.orbit is None:
-            # At some place of every orbit the Earth is behind.
+            # At some point of every orbit the Earth is behind the camera.
             return np.ones(len(u), bool)
         smallest, largest = polar_range(self.orbit, u)
         height = np.where((smallest <= 0) & (largest >= 0), 0.0, np.minimum(np.abs(smallest), np.abs(largest)))
@@ -277,7 +284,7 @@ class OccultedEnvelope:
         return earth, sun_near, moon_near
 
     def _nadir(self, part: Array, place: Array) -> Array:
-        """(n, 3) directions to the Earth at (n, 2) places of the unit square: along the orbit, or anywhere."""
+        """(n, 3) directions to the Earth for (n, 2) points of the unit square: along the orbit, or anywhere."""
         turn = 2 * np.pi * place[:, 0]
         if self.orbit is None:
             z = 2 * place[:, 1] - 1

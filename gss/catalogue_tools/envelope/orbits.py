@@ -1,4 +1,4 @@
-"""Which orbital planes there will be: from limits of the elements, or from a TLE over a span of days."""
+"""Ranges of orbital planes, from limits of the elements or from a TLE over a span of days."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Range = tuple[float, float]
 EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3_S2 = 3.986004418e14
 J2 = 1.08262668e-3
-# Below this an orbit does not last a turn.
+# Below this altitude a satellite does not complete an orbit.
 LOWEST_ORBIT_M = 100e3
-# Node prediction from mean elements is good to 0.1° for about this long in a low orbit.
+# In a low orbit, node prediction from mean elements is accurate to 0.1° for about this long.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
 SGP4_WORDS = {
@@ -33,7 +33,7 @@ SGP4_WORDS = {
 
 @dataclass(frozen=True)
 class OrbitRanges:
-    """Orbital planes in ICRS axes: every inclination with every node, every argument of latitude.
+    """Orbital planes in ICRS axes: every inclination with every node, at every argument of latitude.
 
     ``raan_start_rad``, ``raan_end_rad``: the node at the two ends of validity.
     """
@@ -44,12 +44,12 @@ class OrbitRanges:
     raan_end_rad: float
 
     def raan_at(self, part: Array) -> Array:
-        """Node after (n,) shares of the validity."""
+        """Node after (n,) fractions of the validity."""
         return np.asarray(self.raan_start_rad + (self.raan_end_rad - self.raan_start_rad) * np.asarray(part))
 
 
 def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
-    """Planes from given limits (Jacobs 1995 Table 5-2); a node range across 0° is written 350° to 370°."""
+    """Return the planes for given limits (Jacobs 1995 Table 5-2); a node range across 0° is written 350° to 370°."""
     low, high = ordered("inclination", inclination_rad)
     if low < 0 or high > np.pi:
         raise BadInput(
@@ -60,21 +60,25 @@ def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
 
 
 def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
-    """Planes of a satellite over ``days`` from ``start`` (UTC, with a time zone): secular J2 drift of SGP4's mean node,
-    turned from the equator of date to ICRS."""
+    """Return the planes of a satellite over ``days`` from ``start`` (UTC, with a time zone).
+
+    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. BadInput if the TLE or the
+    dates are not valid.
+    """
     satellite = read_tle(text)
     end = start + timedelta(days=days)
     _check_span(satellite, start, end)
     normals = [_mean_normal(satellite, start + (end - start) * part) for part in (0.0, 0.5, 1.0)]
     inclination = [float(np.arctan2(np.hypot(n[0], n[1]), n[2])) for n in normals]
     raan = [float(np.arctan2(n[0], -n[1]) % (2 * np.pi)) for n in normals]
-    for k in (1, 2):  # follow the drift across 0°
+    for k in (1, 2):  # unwrap the drift across 0°
         raan[k] = raan[k - 1] + float(wrap_pi_rad(raan[k] - raan[k - 1]))
     return OrbitRanges((min(inclination), max(inclination)), (min(raan), max(raan)), raan[0], raan[2])
 
 
 def read_tle(text: str) -> Satrec:
-    """The satellite of a two-line element set, with or without a name line; every line is checked."""
+    """Return the satellite of a two-line element set, with or without a name line; BadInput if any line is not
+    valid."""
     lines = [line.rstrip() for line in text.strip().splitlines() if line.strip()]
     lines = lines[1:] if len(lines) == 3 else lines
     if len(lines) != 2 or not (lines[0].startswith("1 ") and lines[1].startswith("2 ")):
@@ -111,20 +115,20 @@ def read_tle(text: str) -> Satrec:
 
 
 def altitude_of_tle(text: str) -> float:
-    """Metres above the equator of the mean orbit, its long axis less the Earth's radius."""
+    """Metres above the equator of the mean orbit: its semi-major axis minus the Earth's radius."""
     satellite = read_tle(text)
     return float(satellite.a * EARTH_RADIUS_M - EARTH_RADIUS_M)
 
 
 def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
-    """Drift of the node of a circular orbit by the Earth's flattening (Moniteq 1983 §2.5)."""
+    """Drift of the node of a circular orbit due to the Earth's oblateness (Moniteq 1983 §2.5)."""
     radius_m = EARTH_RADIUS_M + altitude_m
     mean_motion = np.sqrt(EARTH_MU_M3_S2 / radius_m**3)
     return float(-1.5 * J2 * mean_motion * (EARTH_RADIUS_M / radius_m) ** 2 * np.cos(inclination_rad))
 
 
 def ordered(what: str, limits: Range, hint: str = "") -> Range:
-    """The limits, if they are numbers in order."""
+    """Return the limits if they are finite and in order; BadInput otherwise."""
     low, high = float(limits[0]), float(limits[1])
     if not (np.isfinite(low) and np.isfinite(high)):
         raise BadInput(f"{what} is not a number", expected="two finite limits", got=f"{low} to {high}")
@@ -195,6 +199,6 @@ def _julian(moment: datetime) -> tuple[float, float]:
 
 
 def jyear_of(moment: datetime) -> float:
-    """Julian year of a moment with a time zone."""
+    """Julian year of a time with a time zone."""
     jd, part = _julian(moment)
     return 2000.0 + (jd - 2451545.0 + part) / 365.25

@@ -1,4 +1,5 @@
-"""Can the camera see it? Exact answers over whole boxes of attitudes, without stepping through every combination."""
+"""Visibility of directions over whole ranges of attitudes, computed exactly instead of stepping through every
+combination."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.envelope.field import PER_SIDE, FieldShape, Region
 from gss.domain.angles import Array
 
-# A direction closer than this to the edge of what can be seen counts as seen.
+# A direction closer than this to the edge of the visible sky counts as visible.
 TOLERANCE_RAD = 2e-6
-# Boxes looked at together; beyond this the undecided directions count as seen, so that no star is ever missed.
+# Boxes processed together; beyond this the undecided directions count as visible, so that no star is ever missed.
 MOST_BOXES = 4_000_000
 FIRST_GRID, ZOOM_GRID, ZOOMS, ZOOM = 25, 9, 9, 0.3
 
@@ -25,11 +26,11 @@ def cosine_range(amplitude: Array, peak_rad: Array, low_rad: float, high_rad: fl
 
 
 def polar_interval(shape: FieldShape, cam_from_body: Array, low: Array, high: Array) -> tuple[float, float]:
-    """Smallest and largest component along the orbit's +y axis of anything seen at any roll, pitch, yaw of the box.
+    """Smallest and largest component along the orbit's +y axis of any visible direction at any roll, pitch, yaw of the box.
 
-    A camera that turns with a circular orbit sweeps every azimuth about the orbit normal, and what it sees at one
-    moment over all attitudes of the box is one connected patch: a star is seen at some moment if and only if its own
-    component lies between these two numbers.
+    A camera that turns with a circular orbit sweeps every azimuth about the orbit normal, and the directions it sees at
+    one time over all attitudes of the box form one connected patch. So a star is visible at some time if and only if
+    its component lies between these two numbers.
     """
     axis = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     sees_axis, sees_opposite = reachable(axis, np.eye(3), np.zeros(2), shape, cam_from_body, low, high)
@@ -39,8 +40,11 @@ def polar_interval(shape: FieldShape, cam_from_body: Array, low: Array, high: Ar
 
 
 def _largest(shape: FieldShape, cam_from_body: Array, low: Array, high: Array) -> float:
-    """Largest +y component over the outline of the field and the box: a grid in pitch, yaw and place on the outline
-    with roll in closed form, then the same round the best point, ever smaller."""
+    """Largest +y component over the outline of the field and the box.
+
+    Grid search in pitch, yaw and position on the outline, with roll in closed form; then repeated finer around the best
+    point.
+    """
     pitch, yaw = (np.linspace(low[k], high[k], FIRST_GRID) for k in (1, 2))
     place = np.arange(4 * PER_SIDE, step=4) / PER_SIDE
     best = -np.inf
@@ -62,7 +66,7 @@ def _over_roll(unit_body: Array, pitch: Array, yaw: Array, roll_low: float, roll
     """(k, pitch, yaw) largest +y orbit component of (k, 3) body vectors over the roll range."""
     x, y, z = (unit_body[:, n, None, None] for n in range(3))
     cp, sp, ct, st = np.cos(yaw), np.sin(yaw), np.cos(pitch)[:, None], np.sin(pitch)[:, None]
-    # Undo yaw, then pitch; what is left turns about x with roll.
+    # Undo yaw, then pitch; the remaining rotation is roll, about x.
     x1, by = cp * x - sp * y, np.broadcast_to(sp * x + cp * y, np.broadcast_shapes(x.shape, (len(pitch), len(yaw))))
     bz = -st * x1 + ct * z
     return cosine_range(np.hypot(by, bz), -np.arctan2(bz, by), roll_low, roll_high)[1]
@@ -78,12 +82,12 @@ def reachable(
     high: Array,
     tolerance_rad: float = TOLERANCE_RAD,
 ) -> NDArray[np.bool_]:
-    """Which (n, 3) directions the field shows for some spin in [spin₀, spin₁] and some roll, pitch, yaw of the box.
+    """(n,) mask of the (n, 3) directions in the field for some spin in [spin₀, spin₁] and some roll, pitch, yaw of the box.
 
     A direction of the pivot frame is turned by the spin about pivot z (coordinate change), then by ``base_from_pivot``,
-    then by roll, pitch, yaw and the mounting. Branch and bound: a box is settled when its middle sees the direction, or
-    when the direction is farther from the field than the box can turn; otherwise it is halved. Exact to
-    ``tolerance_rad``, in favour of seeing.
+    then by roll, pitch, yaw and the mounting. Branch and bound: a box is decided if the direction is in the field at
+    its centre, or farther from the field than the box can turn it; otherwise it is halved. Exact to ``tolerance_rad``,
+    with undecided directions counted as visible.
     """
     found = np.zeros(len(unit), bool)
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
@@ -96,10 +100,10 @@ def reachable(
             break
         body = _turned(_spun(unit[who], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
-        # Spin comes first, about pivot z, and moves a direction by no more than its distance from that axis.
+        # Spin comes first, about pivot z, and moves a direction at most in proportion to its distance from that axis.
         spun = half[0] * off_axis[who]
         other = spun + half[1] + half[2]
-        # Yaw comes last, about body z: a direction near that axis hardly moves.
+        # Yaw comes last, about body z, and hardly moves a direction near that axis.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
         found[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True

@@ -1,4 +1,5 @@
-"""The field on its way through the envelope, for the map: once round the orbit, or from the first to the last day."""
+"""Sequence of fields of view across the envelope, for the map: once around the orbit, or from the first to the last
+day."""
 
 from __future__ import annotations
 
@@ -13,17 +14,20 @@ from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.angles import Array
 
 STEPS = 48
-# Points of a side: between them a map draws great circles, which is what a lens without distortion shows.
+# Points per side; the map draws great circles between them, which is exact for a lens without distortion.
 PER_SIDE = 4
 MIDDLE = 0.5
-# Places of the argument of latitude and of the share of validity among an envelope's numbers.
+# Indices of the argument of latitude and of the fraction of validity in an envelope's coordinates.
 LATITUDE_AXIS, PART_AXIS = 2, 0
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """``over``: orbit, validity, or "" where the field does not move. ``fields``: (n, k, 3) ICRS outlines, closed;
-    ``boresights``: (n, 3). Attitude, inclination and, over an orbit, the date are in the middle of their limits."""
+    """``over``: orbit, validity, or "" if the field does not move. ``fields``: (n, k, 3) ICRS outlines, closed;
+    ``boresights``: (n, 3).
+
+    Attitude, inclination and, over an orbit, the date are in the middle of their limits.
+    """
 
     over: str
     fields: Array
@@ -31,15 +35,15 @@ class Sweep:
 
 
 def sweep(base: Envelope, shape: FieldShape, steps: int = STEPS) -> Sweep:
-    """One field for each of ``steps`` moments; none for the whole sky, one for a camera fixed among the stars.
+    """Compute one field for each of ``steps`` moments; none for the whole sky, one for an inertial camera.
 
-    ``base``: the envelope before anything hides the sky; ``shape``: the camera's field, without the margin.
+    ``base``: the envelope before occultation; ``shape``: field of view without the margin.
     """
     over, axis = _moves(base)
     count = steps if over else int(axis is not None)
     cube = np.full((count, base.dimensions), MIDDLE)
     if over and axis is not None:
-        # An orbit closes on itself; a validity has two ends.
+        # An orbit is periodic, so its end point is omitted; a validity has two ends.
         cube[:, axis] = np.linspace(0.0, 1.0, count, endpoint=over == "validity")
     cam_from_icrs = base.at(cube).cam_from_icrs if count else np.empty((0, 3, 3))
     return Sweep(over, outlines(shape, cam_from_icrs), cam_from_icrs[:, 2])
@@ -52,7 +56,8 @@ def outlines(shape: FieldShape, cam_from_icrs: Array) -> Array:
 
 
 def _moves(base: Envelope) -> tuple[str, int | None]:
-    """What the field moves over, and which number of the envelope stands for it; None where no field is meant."""
+    """What the field moves over, and the index of that coordinate in the envelope; None if there is no field to
+    show."""
     if isinstance(base, BandEnvelope | BlockEnvelope):
         return "orbit", LATITUDE_AXIS
     if isinstance(base, PatchEnvelope):

@@ -1,4 +1,4 @@
-"""A pool of views within attitude limits: witnesses that a direction is seen, which spare most of the search for proof."""
+"""Random views within attitude limits: witnesses that a direction is visible, which avoid most of the exact search."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.angles import Array
 
 ATTITUDES, POINTS = 512, 384
-# Limits are drawn this much too wide and cut off, so that their ends and corners come up often.
+# Samples are drawn this much beyond the limits and clipped, so that ends and corners occur often.
 OVERDRAW = 0.25
 
 
 @dataclass(frozen=True)
 class Views:
-    """n views: (n, 3) ``direction`` that is seen and (n, 3) ``boresight``, both in the law's base axes."""
+    """n views: (n, 3) visible ``direction`` and (n, 3) ``boresight``, both in the law's base axes."""
 
     direction: Array
     boresight: Array
@@ -27,7 +27,7 @@ class Views:
         return len(self.direction)
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Views:
-        """Some of them."""
+        """Return the selected views."""
         return Views(self.direction[rows], self.boresight[rows])
 
     @property
@@ -37,12 +37,13 @@ class Views:
 
 
 def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
-    """All pairs of attitudes at random within the limits and points of the field, half of them on its outline."""
+    """All combinations of random attitudes within the limits and points of the field, of which about a quarter are
+    on its outline."""
     rng = np.random.default_rng(seed)
     cam_from_base = cams_within(limits, ATTITUDES, seed + 1)
     corners = 4 * np.arange(POINTS // 4) / (POINTS // 4)
     outline = shape.edge(np.concatenate([corners, np.arange(4.0)]))
-    # Points between boresight and outline; a hair inside, where the field is sure of them.
+    # Points between boresight and outline; those on the outline are moved slightly inwards to avoid rounding.
     part = np.concatenate([np.full(len(outline), 1 - 1e-9), rng.uniform(0, 1, POINTS - len(outline)) ** 0.5])
     edge = shape.edge(rng.uniform(0, 4, POINTS - len(outline)))
     points = np.concatenate([outline, edge]) * part[:, None] + np.array([0.0, 0.0, 1.0]) * (1 - part[:, None])
@@ -52,6 +53,6 @@ def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
 
 
 def cams_within(limits: AttitudeLimits, count: int, seed: int) -> Array:
-    """(count, 3, 3) rotations cam_from_base within the limits, their ends and corners among them."""
+    """(count, 3, 3) rotations cam_from_base within the limits, including their ends and corners."""
     cube = np.random.default_rng(seed).uniform(-OVERDRAW, 1 + OVERDRAW, (count, 3))
     return np.asarray(limits.cam_from_body @ euler_123(limits.low + (limits.high - limits.low) * np.clip(cube, 0, 1)))
