@@ -1,1 +1,2 @@
-"""On-board formats: one file each, one registry, everything byte-exact both ways (docs/catalogue-formats.md)."""
+"""On-board formats: one module per format and a registry; encoding and decoding are byte-exact
+(docs/catalogue-formats.md)."""

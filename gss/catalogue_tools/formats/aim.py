@@ -1,9 +1,11 @@
-"""aim: Moniteq 1983 §6.1, the star list and its linked list of neighbours: per star a count and a pointer, each link at both ends.
+"""aim: star list and linked list of neighbours of Moniteq 1983 §6.1, with a count and a pointer per star and each link
+at both ends.
 
-The document has 3 000 stars in 70 kbyte, of which the links take 36, and says nothing of the bytes of a star; 11 are left for
-each (chosen): right ascension and declination as whole parts of a turn in 2³² (0.0003″), magnitude in thousandths, eight
-flags. Links are 16 bits wide instead of 12, for any processor to read: 8n − 12 numbers, 16 bytes a star. Pointers of 16 bits
-limit the list to 10 924 stars. No distance table: the chain has no use for one.
+The document stores 3 000 stars in 70 kbyte, of which the links take 36, and does not specify the bytes of a star. The
+11 bytes left for each are chosen as: right ascension and declination as whole parts of a turn in 2³² (0.0003″),
+magnitude in thousandths, eight flags. Links are 16 bits wide instead of 12, so that any processor can read them: 8n −
+12 numbers, 16 bytes per star. Pointers of 16 bits limit the list to 10 924 stars. There is no distance table, because
+the chain does not use one.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ STARS = Rows(
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of the star list."""
+    """Return the columns of the star list; BadInput if a star's flags do not fit."""
     ra, dec = ra_dec_from_unit(stars.icrs)
     if np.any(stars.flags > 255):
         raise BadInput("a star's flags do not fit eight bits", expected="at most 255", got=str(int(stars.flags.max())))
@@ -47,7 +49,7 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns."""
+    """Return the catalogue of the columns; CorruptData if a value is out of range."""
     dec = stars["dec_turn32"]
     check_range("a declination", dec, -POLE, POLE)
     icrs = unit_from_ra_dec(stars["ra_turn32"].astype(float) * UNIT_RAD, dec.astype(float) * UNIT_RAD)

@@ -1,5 +1,7 @@
-"""A body as a row of blocks: arrays of one type each, in the order of their bytes. C source, table files and the written byte
-tables all come from this one description."""
+"""Body of an image as a sequence of blocks: arrays of one type each, in the order of their bytes.
+
+C source, table files and the documented byte tables are all generated from this description.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,11 @@ class Field:
 
 @dataclass(frozen=True)
 class Block:
-    """``count`` values of ``dtype`` in a row. A scalar column has a ``name``; records name their own. ``bits``: the dtype is bytes
-    that hold whole numbers of so many bits, lowest first, under the names in ``name``, separated by blanks."""
+    """``count`` consecutive values of ``dtype``.
+
+    A scalar column has a ``name``; records name their own. ``bits``: the dtype is bytes that hold whole numbers of
+    these widths, lowest first, with the space-separated names in ``name``.
+    """
 
     table: str
     dtype: np.dtype[Any]
@@ -41,13 +46,13 @@ class Block:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return self.dtype.itemsize * self.count
 
 
 @dataclass(frozen=True)
 class Rows:
-    """How a format keeps one table: records one after the other, columns one after the other, or bits packed into bytes."""
+    """Storage of one table in a format: consecutive records, consecutive columns, or bits packed into bytes."""
 
     table: str
     fields: tuple[Field, ...]
@@ -56,13 +61,13 @@ class Rows:
 
     @property
     def row_bytes(self) -> int:
-        """Bytes of a row."""
+        """Bytes per row."""
         if self.bits:
             return -(-sum(self.bits) // 8)
         return sum(np.dtype(f.type).itemsize for f in self.fields)
 
     def blocks(self, count: int) -> tuple[Block, ...]:
-        """The blocks of so many rows."""
+        """Blocks of ``count`` rows."""
         if self.bits:
             names = " ".join(f.name for f in self.fields)
             return (Block(self.table, np.dtype(("u1", (self.row_bytes,))), count, names, self.bits),)
@@ -72,8 +77,10 @@ class Rows:
 
 
 def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
-    """The type that a file's layout describes: a number, so many of it in a row, or a record. ValueError for all else: numpy reads
-    a small language, which no file may speak to it."""
+    """Return the type described by a file's layout: a number, a short array of numbers, or a record.
+
+    ValueError for anything else: numpy's type descriptions are a small language, which an untrusted file must not use.
+    """
     if isinstance(described, str) and NUMBER_TYPE.fullmatch(described):
         sizes = [n for n in shape if type(n) is int and 0 < n <= MOST_IN_A_ROW]
         if len(sizes) == len(shape) <= 1:
@@ -86,7 +93,7 @@ def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
 
 
 def to_bytes(blocks: Sequence[Block], columns: Columns) -> bytes:
-    """The bytes of columns by name."""
+    """Encode columns by name."""
     return b"".join(_block_bytes(block, columns) for block in blocks)
 
 
@@ -102,7 +109,7 @@ def _block_bytes(block: Block, columns: Columns) -> bytes:
 
 
 def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
-    """Columns by name from bytes that are at least long enough."""
+    """Decode columns by name from bytes, which must be at least as long as the blocks."""
     found: Columns = {}
     at = 0
     for block in blocks:
@@ -112,7 +119,7 @@ def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
 
 
 def block_columns(block: Block, data: bytes) -> Columns:
-    """The columns of one block."""
+    """Decode the columns of one block."""
     if block.bits:
         packed = np.frombuffer(data, np.uint8).reshape(block.count, block.dtype.itemsize)
         return dict(zip(block.name.split(), unpack_bits(packed, block.bits), strict=True))
@@ -123,7 +130,8 @@ def block_columns(block: Block, data: bytes) -> Columns:
 
 
 def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uint8]:
-    """(n, bytes): whole numbers of so many bits in little-endian words, the first in the lowest bits; spare bits are zero."""
+    """(n, bytes): pack whole numbers of the given widths into little-endian words, the first in the lowest bits;
+    spare bits are zero."""
     word = np.zeros(len(values[0]), np.uint64)
     shift = 0
     for value, width in zip(values, bits, strict=True):
@@ -133,7 +141,7 @@ def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uin
 
 
 def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray]:
-    """The numbers of (n, bytes), as u16."""
+    """Unpack the numbers of (n, bytes), as u16."""
     whole = np.zeros((len(packed), 8), np.uint8)
     whole[:, : packed.shape[1]] = packed
     word = whole.view("<u8")[:, 0]
@@ -145,12 +153,12 @@ def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray
 
 
 def raw(data_or_size: int, name: str = "") -> Block:
-    """Bytes that are no table's."""
+    """Block of bytes that belong to no table."""
     return Block("raw", np.dtype("u1"), data_or_size, name)
 
 
 def padding(size: int, to: int = 4) -> int:
-    """Zero bytes up to the next multiple."""
+    """Number of zero bytes up to the next multiple."""
     return -size % to
 
 

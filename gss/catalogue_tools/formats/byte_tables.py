@@ -1,4 +1,4 @@
-"""The byte tables of docs/catalogue-formats.md, made from what the code writes."""
+"""Generate the byte tables of docs/catalogue-formats.md from the format definitions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gss.catalogue_tools.formats.sections import SECTIONS
 
 
 def format_table(fmt: BankFormat) -> str:
-    """Markdown: offset in the image, type, count, unit, meaning; n stars and m pairs."""
+    """Markdown table of a format: offset in the image, type, count, unit, meaning, for n stars and m pairs."""
     lines = _rows(fmt.stars, "n", _Place(HEADER_BYTES, 0, 0))
     if fmt.pairs:
         lines += _rows(fmt.pairs, "m", _Place(HEADER_BYTES, fmt.stars.row_bytes, 0))
@@ -19,7 +19,7 @@ def format_table(fmt: BankFormat) -> str:
 
 
 def section_table(tag: str) -> str:
-    """Markdown: the fields of a section's content in their order."""
+    """Markdown table of the fields of a section, in order."""
     lines = [f"| {_type(f.type)} | {f.name} | {f.unit} | {f.meaning} |" for f in SECTIONS[tag].fields]
     return "\n".join(["| type | field | unit | meaning |", "|---|---|---|---|", *lines])
 

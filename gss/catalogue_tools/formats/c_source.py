@@ -1,8 +1,8 @@
-"""A bank image as C source: constant arrays to paste into firmware, as CubeStar's are (Erlank 2013 §5.3.2), and back.
+"""Convert a bank image to C source, with constant arrays to paste into firmware as in CubeStar's (Erlank 2013 §5.3.2), and back.
 
-Every block of the image is one array, in the order of the bytes: columns as plain arrays, records as structures without gaps,
-packed entries as bytes. So a compiler's arrays, one after the other, are the image. Decimal numbers have the digits that
-single (9) or double (17) precision needs to come back the same.
+Every block of the image is one array, in the order of the bytes: columns as plain arrays, records as structures without
+padding, packed entries as bytes. Concatenated, the compiled arrays are the image. Decimal numbers have enough digits to
+restore single (9) or double (17) precision exactly.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PER_LINE = 8
 
 
 def c_source(image: bytes) -> str:
-    """The source of a checked bank image."""
+    """Return the C source of a bank image, which is checked first."""
     decode(image)
     header, parts = read_header(image), [p for p in blocks_of(image) if p[0].size]
     layout = json.dumps([_described(block) for block, _ in parts], separators=(",", ":"))
@@ -59,7 +59,7 @@ def c_source(image: bytes) -> str:
 
 
 def identifier(block: Block) -> str:
-    """The name of a block's array."""
+    """Name of a block's array."""
     own = "" if block.dtype.names or block.bits else block.name
     return PREFIX + "_".join(word for word in (block.table.removeprefix("raw"), own) if word)
 
@@ -109,8 +109,10 @@ def _wrapped(texts: list[str], per_line: int) -> list[str]:
 
 
 def read_c_source(text: str) -> bytes:
-    """The bank image in a source that :func:`c_source` wrote, checked as :func:`decode` does. BadInput where it is no such source,
-    CorruptData where a number was changed."""
+    """Return the bank image in a source written by :func:`c_source`, checked as in :func:`decode`.
+
+    BadInput if the text is not such a source, CorruptData if a number was changed.
+    """
     found = LAYOUT.search(text)
     if found is None:
         raise BadInput("not a catalogue in C source", expected="the gss-layout line of its first comment")

@@ -1,4 +1,4 @@
-"""What a star list and its pairs must be, before encoding (BadInput) and after decoding (CorruptData)."""
+"""Checks of a star list and its pairs, before encoding (BadInput) and after decoding (CorruptData)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check_pairs(fmt: BankFormat, stars: int, distances: DistanceTable) -> None:
 
 
 def check_content(icrs: NDArray[np.floating], distances: DistanceTable, stars: int) -> None:
-    """A right CRC does not make a right catalogue: the same checks a careful reader of the bytes would make."""
+    """Raise CorruptData if decoded directions or pairs are not valid; a correct CRC does not guarantee this."""
     norm = np.linalg.norm(icrs.astype(float), axis=1)
     if not np.all(np.abs(norm - 1) < NORM_TOLERANCE):
         raise CorruptData("a star's direction is no unit vector", expected="length 1", got=f"row {_worst(icrs)}")

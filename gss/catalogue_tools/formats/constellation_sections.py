@@ -1,4 +1,5 @@
-"""Liebe's data base in sections: its classes, and the constellations of each kind of uncertainty (Liebe 1992)."""
+"""Liebe's triplet database in sections: its classes, and the constellations of each kind of uncertainty (Liebe
+1992)."""
 
 from __future__ import annotations
 
@@ -17,30 +18,31 @@ COLUMNS = (("star", "<u2"), ("first", "<u2"), ("second", "<u2"), ("angle_low", "
 
 
 def class_blocks() -> tuple[Block, ...]:
-    """One record of f64."""
+    """Block of the classes: one record of f64."""
     return (Block("triplet_classes", np.dtype([(name, "<f8") for name in CLASSES]), 1),)
 
 
 def class_columns(made: Constellations) -> Columns:
-    """What the classes are."""
+    """Return the columns of the classes."""
     numbers = {name: getattr(made.classes, name) for name in CLASSES[:3]}
     numbers |= {name: getattr(made, name) for name in CLASSES[3:]}
     return {name: np.array([value], float) for name, value in numbers.items()}
 
 
 def constellation_blocks(kind: int, count: int) -> tuple[Block, ...]:
-    """Five columns."""
+    """Blocks of the constellations of one kind: five columns."""
     return tuple(Block(f"triplets_{NAMES[kind]}", np.dtype(t), count, name) for name, t in COLUMNS)
 
 
 def constellation_columns(made: Constellations, kind: int) -> Columns:
-    """Those of one kind."""
+    """Return the columns of the constellations of one kind."""
     which = np.flatnonzero(made.kind == kind)
     return {name: getattr(made, name)[which] for name, _ in COLUMNS}
 
 
 def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellations:
-    """All kinds together; one that the bank leaves out is empty."""
+    """Read the constellations of all kinds; a kind missing from the bank is empty. CorruptData if they are not
+    valid."""
     if "TCLS" not in content:
         raise CorruptData("triplets without their classes", expected="section TCLS", got=", ".join(content))
     classes = {k: float(v[0]) for k, v in to_columns(class_blocks(), content["TCLS"]).items()}

@@ -1,7 +1,8 @@
-"""cubestar: Erlank 2013 §5.3.2, four constant arrays of stars and three of pairs, as its firmware has them.
+"""cubestar: tables of Erlank 2013 §5.3.2: four constant arrays of stars and three of pairs, as in its firmware.
 
-14 bytes per star and 8 per pair: 405 stars are 5.54 KiB and 11 484 pairs 89.7 KiB. Star numbers are signed 16 bits wide, so that a
-list has at most 32 768 rows. No magnitudes: the order of the rows is that of brightness where the builder keeps it so.
+14 bytes per star and 8 per pair: 405 stars take 5.54 KiB and 11 484 pairs 89.7 KiB. Star numbers are signed 16 bits
+wide, so a list has at most 32 768 rows. There are no magnitudes; the rows are in order of brightness if the builder
+keeps them so.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ PAIRS = Rows(
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of both tables."""
+    """Return the columns of both tables."""
     x, y, z = stars.icrs.T
     own = {"id": np.arange(len(stars)), "x": x, "y": y, "z": z}
     return own, {"first": distances.first, "second": distances.second, "distance_rad": distances.distance_rad}
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns."""
+    """Return the catalogue of the columns; CorruptData if the star numbers are not the row numbers."""
     n = header.stars
     if not np.array_equal(stars["id"], np.arange(n)):
         raise CorruptData("star numbers are not the row numbers", expected=f"0 to {n - 1} in order", got="another list")
@@ -50,7 +51,7 @@ def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
 
 
 def distances_of(pairs: Columns, header: BankHeader) -> DistanceTable:
-    """The distance table of columns first, second, distance_rad."""
+    """Return the distance table of columns first, second, distance_rad."""
     return DistanceTable(
         pairs["first"].astype(np.int32),
         pairs["second"].astype(np.int32),

@@ -1,9 +1,9 @@
-"""far-mst: the star list and the pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the k-vector.
+"""far-mst: star list and pair directory of Huffman 2006 §5.5.4: two star numbers and sin²θ, ascending, with the k-vector.
 
-The document keeps sin²θ because no arccosine is needed on board and because it rises nearly straight over the table; it gives
-no bytes (chosen): 14 per star, 8 per pair, and the k-vector as a section of 2 or 4 bytes per pair. sin² is monotone to 90° only,
-which is the largest distance. Where the bank has a reduced catalogue, the directory is about its stars and the whole list
-serves to confirm.
+The document stores sin²θ because it needs no arccosine on board and rises almost linearly over the table. It does not
+specify the bytes (chosen): 14 per star, 8 per pair, and the k-vector as a section of 2 or 4 bytes per pair. sin² is
+monotonic only up to 90°, which is the largest distance. If the bank has a reduced catalogue, the directory covers its
+stars, and the whole list is used for confirmation.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ PAIRS = Rows(
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of both tables."""
+    """Return the columns of both tables."""
     sine = np.sin(distances.distance_rad.astype(float))
     pairs = {"first": distances.first, "second": distances.second, "sin2": (sine * sine).astype(np.float32)}
     return vector_list.star_columns(stars), pairs
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns. Distances are in double precision, so that they give the same sin² again."""
+    """Return the catalogue of the columns. Distances are in double precision, so that they yield the same sin²
+    again."""
     sin2 = pairs["sin2"].astype(np.float32)
     check_range("a sin²", sin2, 0.0, 1.0)
     table = DistanceTable(

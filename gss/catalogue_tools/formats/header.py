@@ -1,8 +1,8 @@
-"""The 64 bytes before every bank image. All numbers are little endian: CubeStar's Cortex-M3 and Sunsat's transputer both are.
+"""Header of every bank image, 64 bytes. All numbers are little endian, as on CubeStar's Cortex-M3 and Sunsat's transputer.
 
 offset type meaning
      0  4s   magic "GSSB"
-     4  u8   version: 1, or 2 where sections follow the star list and the pairs
+     4  u8   version: 1, or 2 if sections follow the star list and the pairs
      5  u8   format: its number in the registry
      6  u16  length of the header, 64
      8  u32  number of stars, n
@@ -15,7 +15,7 @@ offset type meaning
     56  u32  CRC-32 of the body
     60  u32  CRC-32 of the 60 bytes before
 
-The layout is ours (chosen): no document has a header.
+The layout is chosen; no document has a header.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NAME_BYTES = 16
 
 @dataclass(frozen=True)
 class BankHeader:
-    """What the header of a bank image says. ``version`` 2: sections follow the pairs."""
+    """Fields of the header. ``version`` 2: sections follow the pairs."""
 
     format_name: str
     stars: int
@@ -51,7 +51,7 @@ class BankHeader:
 
 
 def pack_header(header: BankHeader, number: int) -> bytes:
-    """The bytes; ``number`` stands for the format."""
+    """Encode the header; ``number`` is the number of the format."""
     name = header.profile_name.encode()
     if len(name) > NAME_BYTES:
         raise BadInput("camera profile name is too long for the bank header", expected="16 bytes", got=name.decode())
@@ -73,7 +73,7 @@ def pack_header(header: BankHeader, number: int) -> bytes:
 
 
 def unpack_header(image: bytes, names: dict[int, str]) -> BankHeader:
-    """The header of a bank image, checked; the body is not looked at. ``names``: known formats by number."""
+    """Decode and check the header of a bank image; the body is not checked. ``names``: known formats by number."""
     if len(image) < HEADER_BYTES:
         raise CorruptData("not a bank image", expected=f"at least {HEADER_BYTES} bytes", got=f"{len(image)} bytes")
     magic, version, number, length, stars, pairs, epoch, low, high, name, profile_hash, crc = HEADER.unpack_from(image)

@@ -1,4 +1,4 @@
-"""What a format is, and the checks that several share."""
+"""Definition of an on-board format, and checks shared by several formats."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from gss.domain.stars import DistanceTable, StarTable
 
 @dataclass(frozen=True)
 class Content:
-    """What is between header and sections. ``icrs``: (n, 3) at the device's width. ``tables``: those that the star list or the
-    pairs themselves bring."""
+    """Decoded content between header and sections.
+
+    ``icrs``: (n, 3) at the precision stored on the device. ``tables``: those contained in the star list or the pairs.
+    """
 
     icrs: NDArray[np.floating]
     v_mag: NDArray[np.floating]
@@ -28,10 +30,11 @@ class Content:
 
 @dataclass(frozen=True)
 class BankFormat:
-    """A format: ``number`` in the header and on the wire, its tables, its limits, and how its columns are made and read.
+    """A format: its ``number`` in the header and on the wire, its tables and limits, and the functions that write and
+    read its columns.
 
-    ``pairs`` None: no distance table. ``ascending``: of the pairs' columns the values they are sorted by, as a reader has them,
-    over which a k-vector runs. ``sections``: tags of the sections it cannot do without.
+    ``pairs`` None: no distance table. ``ascending``: returns, from the pairs' columns as read, the values by which they
+    are sorted; the k-vector is built over these. ``sections``: tags of the required sections.
     """
 
     name: str
@@ -48,17 +51,17 @@ class BankFormat:
     sections: tuple[str, ...] = ()
 
     def blocks(self, stars: int, pairs: int) -> tuple[Block, ...]:
-        """Star list and pairs, without header and sections."""
+        """Blocks of star list and pairs, without header and sections."""
         return self.stars.blocks(stars) + (self.pairs.blocks(pairs) if self.pairs else ())
 
     @property
     def pair_bytes(self) -> int:
-        """Bytes of a pair, 0 where there are none."""
+        """Bytes per pair; 0 without pairs."""
         return self.pairs.row_bytes if self.pairs else 0
 
 
 def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int, high: int) -> NDArray[np.int64]:
-    """Values as multiples of ``unit``; BadInput where one is outside [low, high]."""
+    """Return values as multiples of ``unit``; BadInput if one is outside [low, high]."""
     steps = np.rint(np.asarray(values, float) / unit)
     bad = ~((steps >= low) & (steps <= high))
     if bad.any():
@@ -71,7 +74,7 @@ def whole_numbers(name: str, values: NDArray[np.floating], unit: float, low: int
     return steps.astype(np.int64)
 
 
-# Magnitudes as whole thousandths; a star without one has the lowest number.
+# Magnitudes are whole thousandths; the lowest number means unknown.
 NO_MAGNITUDE = -(1 << 15)
 
 
@@ -83,12 +86,12 @@ def to_millimag(v_mag: NDArray[np.floating]) -> NDArray[np.int16]:
 
 
 def from_millimag(steps: NDArray[np.int16]) -> NDArray[np.float32]:
-    """Magnitudes, NaN where there is none."""
+    """Return magnitudes, NaN if unknown."""
     return np.where(steps == NO_MAGNITUDE, np.nan, steps.astype(float) * 1e-3).astype(np.float32)
 
 
 def check_range(name: str, values: NDArray[np.floating], low: float, high: float) -> None:
-    """CorruptData where a stored number is not finite or outside."""
+    """Raise CorruptData if a stored number is not finite or out of range."""
     if not np.all((values >= low) & (values <= high)):
         worst = values[np.argmax(~((values >= low) & (values <= high)))]
         raise CorruptData(f"{name} is impossible", expected=f"{low:g} to {high:g}", got=f"{worst:g}")

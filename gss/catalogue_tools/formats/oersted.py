@@ -1,10 +1,11 @@
-"""oersted: Liebe 1992, the star list and the data base of triplets, one section for each of its kinds of uncertainty.
+"""oersted: star list and triplet database of Liebe 1992, with one section for each kind of uncertainty.
 
-The document's data base has 185 000 references in about 1 Mbyte and no bytes (chosen here). A reference is one of the classes
-that a constellation of three stars may be measured in, so that about a dozen of them say the same; the bank keeps the
-constellations, 8 bytes each, and the processor spreads them when it reads the bank. Sections: what the classes are; the
-constellations of stars that are always seen; those where a neighbour may be missed or blends; those that an error of position
-brings about. A bank without the last two still works, and finds fewer stars. No distance table: the chain has no use for one.
+The document's database has 185 000 references in about 1 Mbyte; it does not specify the bytes (chosen here). A
+reference is one of the classes that a constellation of three stars may be measured in, so about a dozen references
+describe the same constellation. The bank stores the constellations, 8 bytes each, and the processor expands them when
+it reads the bank. Sections: the classes; constellations of stars that are always detected; those with a neighbour that
+may be missed or blended; those that only a position error produces. A bank without the last two works, but identifies
+fewer stars. There is no distance table, because the chain does not use one.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from gss.domain.stars import DistanceTable, StarTable
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of the star list."""
+    """Return the columns of the star list."""
     return vector_list.star_columns(stars), {}
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns."""
+    """Return the catalogue of the columns."""
     return Content(vector_list.directions(stars), vector_list.magnitudes(stars), no_distances(header))
 
 
 def no_distances(header: BankHeader) -> DistanceTable:
-    """An empty table with the header's limits."""
+    """Return an empty table with the header's limits."""
     none = np.empty(0, np.int32)
     return DistanceTable(none, none, np.empty(0, np.float32), header.min_rad, header.max_rad)
 

@@ -1,4 +1,4 @@
-"""The tables of a format that follow from its stars: k-vector, reduced catalogue, triplets, links."""
+"""Tables of a format that are computed from its stars: k-vector, reduced catalogue, triplets, links."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.domain.neighbours import neighbour_links
 from gss.domain.stars import DistanceTable, StarTable
 from gss.domain.triplets import Constellations, TripletClasses, faintest_mag, find_constellations
 
-# Liebe 1992: 3′, which are 1.39 px of its own camera, 5° and 25 %; companions within three pixels blend (ours).
+# Liebe 1992: 3′ (1.39 px of its camera), 5° and 25 %; the blend distance of three pixels is chosen.
 DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
 UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / 6.287e-4
 ANGLE_CLASS_RAD = float(np.radians(5.0))
@@ -28,7 +28,7 @@ FRAME_PX = 1000
 
 @dataclass(frozen=True)
 class OwnTables:
-    """What a bank image is made of beside its stars: the distances that the format stores, and further tables."""
+    """Tables of a bank image besides its stars: the distances that the format stores, and further tables."""
 
     distances: DistanceTable
     tables: BankTables
@@ -45,12 +45,12 @@ def tables_for(
     reduced: ReducedFrame | ReducedCatalogue | None = None,
     index: bool = False,
 ) -> OwnTables:
-    """Distances and tables for :func:`registry.encode`, with a camera's own numbers.
+    """Compute distances and tables for :func:`registry.encode`, using the camera's parameters.
 
-    ``limit_mag``: of oersted's triplets, where a star is seen every second time; None: as faint as the list allows.
-    ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera. ``reduced``: adds a reduced catalogue
-    (or that one), to whose stars the distances are cut down; far-mst has one of its camera's frame where none is given.
-    ``index``: adds a k-vector.
+    ``limit_mag``: for oersted's triplets, the magnitude at which a star is detected half of the time; None: as faint as
+    the list allows. ``uncertainty_rad``: of one position; None: the document's 3′ as pixels of this camera.
+    ``reduced``: frame of a reduced catalogue to add (or the catalogue itself), to whose stars the distances are
+    limited; None: none, except for far-mst, which uses the camera's frame. ``index``: adds a k-vector.
     """
     tables = BankTables()
     frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)
@@ -66,7 +66,7 @@ def tables_for(
         made = constellations_of(stars, own_rad, camera.diagonal_rad, limit_mag, BLEND_PX * camera.pixel_rad)
         tables = replace(tables, constellations=made)
     if index and format_name != "far-mst":
-        # At the width that the device stores, which encode() knows; far-mst has one of its sin² anyway.
+        # ``encode()`` recomputes it at the precision stored on the device; far-mst always has a k-vector, of its sin².
         tables = replace(tables, index=line_index(distances.distance_rad))
     return OwnTables(distances, tables)
 
@@ -74,7 +74,10 @@ def tables_for(
 def constellations_of(
     stars: StarTable, uncertainty_rad: float, max_rad: float, limit_mag: float | None = None, blend_rad: float = 0.0
 ) -> Constellations:
-    """Liebe's data base of a list. Without ``limit_mag`` as deep as the list allows: it must reach 25 % below the limit."""
+    """Compute Liebe's database of a star list.
+
+    ``limit_mag`` None: as faint as the list allows, which must reach 25 % below the limit in brightness.
+    """
     known = stars.v_mag[np.isfinite(stars.v_mag)]
     if limit_mag is None:
         limit_mag = (float(known.max()) if len(known) else 99.0) - faintest_mag(0.0, BRIGHTNESS_ERROR)
@@ -90,26 +93,26 @@ def constellations_of(
 
 
 def frame_of(camera: Camera, step_rad: float = float(np.radians(1.0))) -> ReducedFrame:
-    """The camera's own frame as the one that a reduced catalogue is made for."""
+    """Return the camera's frame as that of a reduced catalogue."""
     width_rad, height_rad = camera.fov_rad
     return ReducedFrame(width_rad, height_rad, step_rad=step_rad)
 
 
 def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue:
-    """The brightest of every upright frame."""
+    """Select the brightest stars of every upright frame."""
     shape = FieldShape(frame_camera(frame))
     kept = reduce_catalogue(stars, shape, survey_attitudes(frame.step_rad), frame.brightest).kept
     return ReducedCatalogue(kept, frame)
 
 
 def frame_camera(frame: ReducedFrame) -> Camera:
-    """A camera without distortion that sees just that frame."""
+    """Return a camera without distortion whose field of view is that frame."""
     made = Camera.from_fov(FRAME_PX, FRAME_PX, frame.width_rad)
     return replace(made, focal_row_px=FRAME_PX / (2 * np.tan(frame.height_rad / 2)))
 
 
 def pairs_among(distances: DistanceTable, reduced: ReducedCatalogue) -> DistanceTable:
-    """The pairs of which both stars are kept."""
+    """Return the pairs whose stars are both kept."""
     both = np.flatnonzero(reduced.kept[distances.first] & reduced.kept[distances.second])
     return replace(
         distances,
@@ -122,8 +125,10 @@ def pairs_among(distances: DistanceTable, reduced: ReducedCatalogue) -> Distance
 def completed(
     fmt: BankFormat, stars: StarTable, stored: Columns, distances: DistanceTable, tables: BankTables
 ) -> BankTables:
-    """``tables`` with those that the format cannot do without. ``stored``: the pairs' columns at the device's width, over which
-    every k-vector is made."""
+    """Add the tables that the format requires to ``tables``.
+
+    ``stored``: the pairs' columns at the precision stored on the device, from which every k-vector is computed.
+    """
     if tables.index is not None or "KVEC" in fmt.sections:
         tables = replace(tables, index=line_index(fmt.ascending(stored)) if stored else None)
     if "LINK" in fmt.sections and tables.links is None:

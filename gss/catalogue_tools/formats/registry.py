@@ -1,7 +1,7 @@
-"""All on-board formats by name, and the way between a catalogue and the bytes of a bank.
+"""Registry of the on-board formats, with encoding and decoding of bank images.
 
-A bank image is the header, the star list, the pairs and, in header version 2, sections. The numbers of stars are row numbers from
-0; the Hipparcos numbers of the rows are in the manifest.
+A bank image is the header, the star list, the pairs and, in header version 2, sections. Star numbers are row numbers
+from 0; the manifest has the Hipparcos numbers of the rows.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ FORMATS = {name: f.number for name, f in BY_NAME.items()}
 NAMES = {number: name for name, number in FORMATS.items()}
 C_SUFFIX = "-c"
 C_FORMATS = tuple(name + C_SUFFIX for name in FORMATS)
-# What the sections of a whole-sky list take per star and per pair, for a size before it is made; measured to V 4.5.
+# Typical bytes of the triplet sections per star, to estimate the size of a whole-sky image before it is made; measured
+# to V 4.5.
 TYPICAL_TRIPLET_BYTES_PER_STAR = 53
 
 
 @dataclass(frozen=True)
 class QuantisationError:
-    """What the on-board number widths cost: worst position, distance and magnitude; NaN where the format has no magnitude, 0
-    where it has no distances."""
+    """Largest errors of position, distance and magnitude due to the on-board number widths; NaN if the format has no
+    magnitude, 0 if it has no distances."""
 
     position_rad: float
     distance_rad: float
@@ -44,37 +45,41 @@ class QuantisationError:
 
 
 def check_format(format_name: str) -> str:
-    """The name, if it is a known format."""
+    """Return the name if it is a known format; BadInput otherwise."""
     if format_name not in BY_NAME:
         raise BadInput("unknown on-board format", expected=" | ".join(BY_NAME), got=format_name)
     return format_name
 
 
 def format_of(format_name: str) -> BankFormat:
-    """The format of that name."""
+    """Return the format of that name."""
     return BY_NAME[check_format(format_name)]
 
 
 def base_format(name: str) -> str:
-    """The format whose bytes a C format writes as source: "cubestar-c" is cubestar; others are their own."""
+    """Return the binary format that a C format writes as source: "cubestar-c" is cubestar; other names are returned
+    unchanged."""
     return check_format(name.removesuffix(C_SUFFIX))
 
 
 def own_format(profile_name: str) -> str:
-    """The format of a profile's own system; CubeStar's where it has none."""
+    """Return the format of a profile's native system; CubeStar's if it has none."""
     name = profile_name.replace("_", "-")
     return name if name in BY_NAME else cubestar.FORMAT.name
 
 
 def core_bytes(format_name: str, stars: int, pairs: int) -> int:
-    """Header, star list and pairs."""
+    """Bytes of header, star list and pairs."""
     fmt = format_of(format_name)
     return HEADER_BYTES + stars * fmt.stars.row_bytes + pairs * fmt.pair_bytes
 
 
 def image_bytes(format_name: str, stars: int, pairs: int) -> int:
-    """Length of a bank image before it is made: exact for the formats without sections and for the links of stars all over the
-    sky, an experience for triplets, whose number depends on the sky."""
+    """Estimate the length of a bank image before it is made.
+
+    Exact for formats without sections and for the links of whole-sky lists; based on typical figures for triplets,
+    whose number depends on the sky.
+    """
     size = core_bytes(format_name, stars, pairs)
     extra = 0
     for tag in format_of(format_name).sections:
@@ -95,9 +100,11 @@ def encode(
     profile_hash: bytes = bytes(8),
     tables: BankTables | None = None,
 ) -> bytes:
-    """The bank image of a star list and the distance table over its rows. ``tables``: further ones (see
-    :func:`own_tables.tables_for`); those that the format cannot do without are made where they are missing. A format without
-    a distance table leaves the distances out."""
+    """Encode a star list and the distance table over its rows as a bank image; BadInput if they do not fit the format.
+
+    ``tables``: further tables (see :func:`own_tables.tables_for`); those that the format requires are computed if
+    missing. A format without a distance table omits the distances.
+    """
     fmt = format_of(format_name)
     check_stars(fmt, stars)
     if fmt.pairs is None:
@@ -128,12 +135,12 @@ def encode(
 
 
 def read_header(image: bytes) -> BankHeader:
-    """The header of a bank image, checked; the body is not looked at."""
+    """Return the header of a bank image, with its checksum verified; the body is not checked."""
     return unpack_header(image, NAMES)
 
 
 def image_end(image: bytes, header: BankHeader | None = None) -> int:
-    """Length of the image in these bytes, which may be longer: flash is."""
+    """Length of the image, which may be less than that of ``image``: flash is larger than its content."""
     h = header or read_header(image)
     total = core_bytes(h.format_name, h.stars, h.pairs)
     if len(image) < total:
@@ -142,10 +149,10 @@ def image_end(image: bytes, header: BankHeader | None = None) -> int:
 
 
 def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
-    """The catalogue in a bank image, at the device's number widths.
+    """Decode a bank image at the device's number widths; CorruptData if it is not valid.
 
-    ``hip``: (n,) Hipparcos numbers by row, from the manifest; without them the row numbers stand in. Bytes after the
-    end of the body are ignored: a bank of flash is longer than its image.
+    ``hip``: (n,) Hipparcos numbers by row, from the manifest; None: use the row numbers. Trailing bytes are ignored,
+    because a flash bank is larger than its image.
     """
     header = read_header(image)
     whole = memoryview(image)[: _checked_end(image, header)]
@@ -181,7 +188,8 @@ def _checked_end(image: bytes, header: BankHeader) -> int:
 
 
 def blocks_of(image: bytes) -> list[tuple[Block, bytes]]:
-    """Every block of a checked image with its bytes, header first: together they are the image."""
+    """Return every block of an image with its bytes, header first, after the checksums are verified. Concatenated
+    they are the image."""
     header = read_header(image)
     total, n, m = _checked_end(image, header), header.stars, header.pairs
     core = core_bytes(header.format_name, n, m)
@@ -199,7 +207,8 @@ def _cut(image: bytes, blocks: list[Block]) -> Iterator[tuple[Block, bytes]]:
 
 
 def part_bytes(image: bytes) -> dict[str, int]:
-    """Bytes of header, stars, distances and of each section by its tag; ``sections`` is what holds these together."""
+    """Bytes of header, stars, distances and of each section by its tag; ``sections`` is the overhead of the
+    sections."""
     header = read_header(image)
     fmt, total = format_of(header.format_name), image_end(image, header)
     parts = {
@@ -215,7 +224,7 @@ def part_bytes(image: bytes) -> dict[str, int]:
 
 
 def stars_of(catalogue: OnboardCatalogue, epoch_jyear: float) -> StarTable:
-    """A decoded catalogue as a star list again, for encoding anew: what the bank does not say is zero or NaN."""
+    """Convert a decoded catalogue to a star table for encoding; values that the bank does not store are zero or NaN."""
     n, flags = len(catalogue), catalogue.tables.flags
     return StarTable(
         hip=catalogue.hip,
@@ -230,7 +239,7 @@ def stars_of(catalogue: OnboardCatalogue, epoch_jyear: float) -> StarTable:
 
 
 def encoded_again(image: bytes) -> bytes:
-    """What :func:`encode` makes of what :func:`decode` found: the same bytes."""
+    """Encode the decoded content of an image; returns the same bytes."""
     header, found = read_header(image), decode(image)
     stars = stars_of(found, header.epoch_jyear)
     tables = replace(found.tables, flags=None)
@@ -238,8 +247,10 @@ def encoded_again(image: bytes) -> bytes:
 
 
 def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes) -> QuantisationError:
-    """Largest differences between what was meant and what a bank image holds. ``distances``: of the pairs in the image; not
-    looked at where the format has none."""
+    """Largest differences between the input and the content of a bank image.
+
+    ``distances``: of the pairs in the image; ignored if the format has none. BadInput if the number of pairs differs.
+    """
     stored = decode(image)
     position = separation_rad(stored.icrs.astype(float), stars.icrs)
     magnitude = np.abs(stored.v_mag - stars.v_mag)
@@ -258,7 +269,10 @@ def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes)
 
 
 def _check_sections(fmt: BankFormat, header: BankHeader, image: memoryview, core: int) -> None:
-    """A format's own tables may only be missing where they cannot be made: a k-vector of less than two different pairs."""
+    """Raise CorruptData if a required section is missing.
+
+    A k-vector may be missing, because it needs two different pairs; so may the optional kinds of triplets.
+    """
     have = {tag for tag, _, _ in walk(image, core)} if header.version == SECTIONS_VERSION else set()
     missing = [tag for tag in fmt.sections if tag not in have and tag not in ("KVEC", "TMAY", "TEXC")]
     if missing:

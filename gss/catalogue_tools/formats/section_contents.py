@@ -1,4 +1,4 @@
-"""The contents of the sections that any format may carry: k-vector, reduced catalogue, linked list of neighbours."""
+"""Contents of the sections that any format may have: k-vector, reduced catalogue, linked list of neighbours."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ WIDE = 1 << 16
 FRAME = [("width_rad", "<f4"), ("height_rad", "<f4"), ("step_rad", "<f4"), ("brightest", "<u4")]
 LINE = [("start", "<f8"), ("step", "<f8")]
 
-# --- k-vector: f64 start, f64 step, then a count for every pair, u16 where all pairs can be counted in it, else u32 ---
+# --- k-vector: f64 start, f64 step, then one count per pair: u16 if the number of pairs fits, else u32 ---
 
 
 def line_index(values: NDArray[np.floating]) -> LineIndex | None:
-    """The k-vector of ascending values; None where two different ones are missing."""
+    """Return the k-vector of ascending values; None if there are fewer than two different ones."""
     if len(values) < 2 or not values[-1] > values[0]:
         return None
     made = k_vector(np.asarray(values, float))

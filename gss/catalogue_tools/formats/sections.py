@@ -1,13 +1,13 @@
-"""What follows the pairs in an image of header version 2: sections, each with its tag and length (chosen).
+"""Sections after the pairs in an image of header version 2, each with its tag and length (chosen).
 
-After the star list and the pairs come zero bytes to a multiple of four from the start of the image, then
+The star list and the pairs are followed by zero bytes up to a multiple of four from the start of the image, then
 
 offset type meaning
      0  4s   magic "GSSX"
      4  u32  bytes from here to the end of the image
      8       sections, one after the other: 4s tag, u32 bytes of content, content, zero bytes to a multiple of four
 
-They are part of the body under the CRC-32 of the header. A reader of version 1 refuses such an image; it cannot misread it.
+They are part of the body covered by the CRC-32 in the header. A reader of version 1 rejects such an image.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ def _write_classes(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 @dataclass(frozen=True)
 class Section:
-    """``write``: (tables, stars, pairs) to content, None where there is none. ``blocks``: (bytes of content, stars, pairs)."""
+    """One kind of section. ``write``: (tables, stars, pairs) to content, None if there is none. ``blocks``: from
+    (bytes of content, stars, pairs)."""
 
     tag: str
     title: str
@@ -144,11 +145,12 @@ SECTIONS: dict[str, Section] = {
 }
 
 
-# --- the row of sections ---
+# --- the sequence of sections ---
 
 
 def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) -> bytes:
-    """Everything after the pairs; empty where there is no section. ``core_bytes``: header, star list and pairs."""
+    """Encode everything after the pairs; empty without sections. ``core_bytes``: length of header, star list and
+    pairs."""
     content: Sections = {}
     for tag, section in SECTIONS.items():
         made = section.write(tables, stars, pairs)
@@ -163,7 +165,8 @@ def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) 
 
 
 def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
-    """Where an image with sections ends, as its bytes say; not checked by more than that they are all there."""
+    """Return the end of an image with sections, as stated in it; CorruptData if the image is shorter. The content is
+    not checked."""
     at = core_bytes + padding(core_bytes)
     if len(image) < at + HEAD_BYTES:
         raise CorruptData(
@@ -178,14 +181,14 @@ def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
 
 
 def walk(image: bytes | memoryview, core_bytes: int) -> Iterator[tuple[str, int, int]]:
-    """(tag, offset of the content, its bytes) of each section, once the CRC is known to be right."""
+    """Yield (tag, offset of the content, its bytes) of each section; call only after the CRC has been verified."""
     at, end = core_bytes + padding(core_bytes) + HEAD_BYTES, sections_end(image, core_bytes)
     last = -1
     while at < end:
         tag = bytes(image[at : at + 4]).decode("latin-1")
         order = list(SECTIONS).index(tag) if tag in SECTIONS else -1
         size = int(u32.unpack_from(image, at + 4)[0]) if at + HEAD_BYTES <= end else end
-        # In the order of the registry, each once.
+        # Sections must be in the order of the registry, each once.
         if order <= last or at + HEAD_BYTES + size + padding(size) > end:
             raise CorruptData("unknown or misplaced section", expected=", ".join(SECTIONS), got=repr(tag))
         last = order
@@ -196,7 +199,7 @@ def walk(image: bytes | memoryview, core_bytes: int) -> Iterator[tuple[str, int,
 def read_sections(
     image: bytes | memoryview, core_bytes: int, own: BankTables, distances: DistanceTable, stars: int, pairs: int
 ) -> BankTables:
-    """``own`` tables with those of the sections, all checked."""
+    """Return the ``own`` tables with those of the sections added; CorruptData if a section is not valid."""
     content: Sections = {}
     for tag, at, size in walk(image, core_bytes):
         data = bytes(image[at : at + size])
@@ -225,7 +228,7 @@ def _check_index(tables: BankTables, distances: DistanceTable) -> None:
 
 
 def section_blocks(image: bytes | memoryview, core_bytes: int, stars: int, pairs: int) -> list[Block]:
-    """The blocks of everything after the pairs."""
+    """Blocks of everything after the pairs."""
     gap = padding(core_bytes)
     blocks = [raw(gap + HEAD_BYTES, "sections_head")]
     for tag, _, size in walk(image, core_bytes):

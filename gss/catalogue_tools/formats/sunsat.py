@@ -1,6 +1,8 @@
-"""sunsat: Jacobs 1995 app. D.1 and G.4, REAL32 right ascension, declination and magnitude; pairs of two cardinals and a REAL32.
+"""sunsat: tables of Jacobs 1995 app. D.1 and G.4: REAL32 right ascension, declination and magnitude; pairs of two
+cardinals and a REAL32.
 
-12 bytes per star and 8 per pair: the document's 288 464 entries take 2.3 MB. Star numbers are 16 bits wide, at most 65 536 rows.
+12 bytes per star and 8 per pair: the document's 288 464 entries take 2.3 MB. Star numbers are 16 bits wide, so at most
+65 536 rows.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ PAIRS = Rows(
     ),
     records=True,
 )
-# The single-precision numbers next to 2π and π/2 lie beyond them: a star there would come back on the other side.
+# The single-precision numbers nearest to 2π and π/2 exceed them, so a star there would be decoded on the other side.
 FULL_TURN = np.float32(2 * np.pi)
 POLE = np.nextafter(np.float32(np.pi / 2), np.float32(0))
 
@@ -45,18 +47,18 @@ def star_columns(stars: StarTable) -> Columns:
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of both tables."""
+    """Return the columns of both tables."""
     pairs = {"first": distances.first, "second": distances.second, "distance_rad": distances.distance_rad}
     return star_columns(stars), pairs
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns."""
+    """Return the catalogue of the columns."""
     return content_of(stars, distances_of(pairs, header))
 
 
 def content_of(stars: Columns, distances: DistanceTable) -> Content:
-    """Directions from angles, in double precision."""
+    """Compute directions from the angles, in double precision; CorruptData if an angle is out of range."""
     check_range("a right ascension", stars["ra_rad"], -np.pi, 2 * np.pi + 1e-6)
     check_range("a declination", stars["dec_rad"], -np.pi / 2 - 1e-6, np.pi / 2 + 1e-6)
     icrs = unit_from_ra_dec(stars["ra_rad"].astype(float), stars["dec_rad"].astype(float))

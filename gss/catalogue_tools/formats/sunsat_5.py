@@ -1,10 +1,11 @@
-"""sunsat-5: Sunsat's star list with the small distance table of Jacobs 1995 app. D.1: two star numbers of 13 bits and a distance
-of 13 bits in five bytes of their own.
+"""sunsat-5: Sunsat's star list with the small distance table of Jacobs 1995 app. D.1, which packs two star numbers and
+a distance of 13 bits each into five bytes.
 
-The document asks for 50 µrad of accuracy, which is 4 878 steps to 13.9°; a step here is those 50 µrad. So a distance errs by at
-most 25 µrad (5.2″), 14 µrad rms. Limits: 8 192 stars, and 8 191 steps or 23.46° of distance. The order of the three numbers is
-not in the document (chosen): first star in bits 0 to 12, second in 13 to 25, distance in 26 to 38 of a little-endian word of
-five bytes; bit 39 is zero. Equal numbers keep the order of the true distances.
+The document requires an accuracy of 50 µrad, which is 4 878 steps to 13.9°; a step here is 50 µrad, so the error of a
+distance is at most 25 µrad (5.2″), 14 µrad rms. Limits: 8 192 stars, and 8 191 steps or 23.46° of distance. The
+document does not give the order of the three numbers (chosen): first star in bits 0 to 12, second in 13 to 25, distance
+in 26 to 38 of a little-endian word of five bytes; bit 39 is zero. Pairs with equal steps keep the order of the true
+distances.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ PAIRS = Rows(
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
-    """Columns of both tables."""
+    """Return the columns of both tables; BadInput if a distance is out of range."""
     steps = whole_numbers("a distance", distances.distance_rad, STEP_RAD, 0, MOST_STEPS)
     zero = np.zeros(len(distances), np.uint8)
     return sunsat.star_columns(stars), {
@@ -47,12 +48,12 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def distances_rad(pairs: Columns) -> NDArray[np.float32]:
-    """(m,) distances in the middle of their steps."""
+    """(m,) distances at the middle of their steps."""
     return (pairs["steps"].astype(float) * STEP_RAD).astype(np.float32)
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """The catalogue of the columns."""
+    """Return the catalogue of the columns; CorruptData if a spare bit is set."""
     if np.any(pairs["zero"]):
         raise CorruptData("the spare bit of a pair is set", expected="0", got="1")
     table = DistanceTable(

@@ -1,9 +1,9 @@
-"""A bank image as tables of other programs and back to the very same bytes: FITS in one file; CSV, ECSV and Parquet in a ZIP with
-one file per table, which these kinds cannot hold together.
+"""Convert a bank image to table files of other programs and back, byte for byte. FITS uses one file; CSV, ECSV and
+Parquet use a ZIP with one file per table, because these kinds hold a single table.
 
-Every block of the image is a table or a column of one, in the numbers of the device (see docs/catalogue-formats.md); what holds
-them together, header and section heads, is a table of bytes. ``layout`` says in which order they make the image. Nothing is
-lost: single precision keeps its digits, and packed entries come as their whole numbers.
+Every block of the image is a table or a column of one, in the device's number types (see docs/catalogue-formats.md);
+header and section heads are tables of bytes. ``layout`` gives their order in the image. Nothing is lost: single
+precision keeps its digits, and packed entries are written as whole numbers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ Tables = dict[str, Columns]
 
 
 def export_table(image: bytes, kind: str) -> bytes:
-    """The file of a checked bank image; ``kind``: fits, csv, ecsv or parquet, the last three a ZIP."""
+    """Return the file of a bank image, which is checked first. ``kind``: fits, csv, ecsv or parquet; the last three
+    are a ZIP."""
     decode(image)
     tables, layout = _tables(image)
     facts = _facts(image)
@@ -41,8 +42,10 @@ def export_table(image: bytes, kind: str) -> bytes:
 
 
 def import_table(data: bytes, kind: str) -> bytes:
-    """The bank image of a file that :func:`export_table` wrote, checksums checked. BadInput where it is no such file, CorruptData
-    where a table, a column or a number is not what it was."""
+    """Return the bank image in a file written by :func:`export_table`, with its checksums verified.
+
+    BadInput if it is not such a file, CorruptData if a table, a column or a number was changed.
+    """
     layout, read = (_read_fits if _check(kind) == "fits" else _read_zip)(data, kind)
     image = b""
     for name, block in layout:
@@ -73,7 +76,7 @@ def _facts(image: bytes) -> dict[str, Any]:
 
 
 def _tables(image: bytes) -> tuple[Tables, list[dict[str, Any]]]:
-    """Columns by table, and of each block: table, names, type, shape, bits, count."""
+    """Columns by table, and for each block: table, names, type, shape, bits, count."""
     tables: Tables = {}
     layout = []
     for block, data in blocks_of(image):
@@ -128,7 +131,8 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
 
 
 def _require_whole(what: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
-    """A whole number of the device must come as one that fits: NaN would quietly become 0, and 256 in a byte too."""
+    """Raise CorruptData unless all values are whole numbers within the type. A cast would silently turn NaN into 0
+    and wrap 256 in a byte."""
     whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
     if len(values) and not (whole and low <= values.min() and values.max() <= high):
         raise CorruptData(
@@ -143,7 +147,7 @@ def _require_whole(what: str, values: np.ndarray[Any, Any], low: int, high: int)
 
 def _write_fits(tables: Tables, layout: list[dict[str, Any]], facts: Mapping[str, Any]) -> bytes:
     from astropy.io import fits
-    from astropy.table import Table  # a second of import, paid only by who exports
+    from astropy.table import Table  # imported here because it takes a second
 
     primary = fits.PrimaryHDU()
     primary.header.update({f"{name[:8].upper()}": value for name, value in facts.items()})
@@ -171,7 +175,7 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
             }
     except MemoryError:
         raise
-    except Exception as error:  # whatever a reader of foreign bytes stumbles over
+    except Exception as error:  # readers raise arbitrary exceptions for malformed files
         raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
     if LAYOUT not in held or held[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
         raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(held), hint=HINT)
@@ -197,7 +201,7 @@ def _zipped(files: Mapping[str, bytes], layout: list[dict[str, Any]], facts: Map
             **files,
         }
         for name, data in content.items():
-            # The same catalogue gives the same file, whenever it is written.
+            # A fixed date makes the file identical for the same catalogue.
             archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
     return file.getvalue()
 
@@ -210,7 +214,7 @@ def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable
             files = {name: archive.read(name) for name in archive.namelist()}
     except MemoryError:
         raise
-    except Exception as error:  # whatever a reader of foreign bytes stumbles over
+    except Exception as error:  # readers raise arbitrary exceptions for malformed files
         raise BadInput(
             "not a ZIP of tables", expected="one that export_table wrote", got=str(error), hint=HINT
         ) from None
@@ -227,7 +231,7 @@ def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable
                 read[name] = READERS[kind](files[f"{name}.{kind}"])
             except MemoryError:
                 raise
-            except Exception as error:  # whatever a reader of foreign bytes stumbles over
+            except Exception as error:  # readers raise arbitrary exceptions for malformed files
                 raise CorruptData(f"table {name} cannot be read", expected=kind, got=str(error)) from None
         return read[name]
 
@@ -238,7 +242,7 @@ def _write_csv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    # numpy's own text of a number is the shortest that comes back the same.
+    # numpy prints the shortest text that restores the same number.
     writer.writerows(zip(*([str(v) for v in c] for c in columns.values()), strict=True))
     return text.getvalue().encode()
 

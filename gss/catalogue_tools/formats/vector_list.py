@@ -1,6 +1,6 @@
-"""The star list of far-mst and oersted, whose documents give no bytes (chosen): unit vectors and magnitudes, 14 bytes a star.
+"""Star list of far-mst and oersted, whose documents specify no bytes (chosen): unit vectors and magnitudes, 14 bytes per star.
 
-Single precision errs by less than 0.02″; magnitudes are whole thousandths, −32 768 where there is none.
+The error of single precision is less than 0.02″; magnitudes are whole thousandths, −32 768 if unknown.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ STARS = Rows(
 
 
 def star_columns(stars: StarTable) -> Columns:
-    """Columns of the star list."""
+    """Return the columns of the star list."""
     x, y, z = stars.icrs.T
     return {"x": x, "y": y, "z": z, "v_mmag": to_millimag(stars.v_mag)}
 
 
 def directions(stars: Columns) -> NDArray[np.float32]:
-    """(n, 3) unit vectors at the device's width."""
+    """(n, 3) unit vectors at the precision stored on the device."""
     return np.column_stack([stars["x"], stars["y"], stars["z"]]).astype(np.float32)
 
 

@@ -1,1 +1,1 @@
-"""Where the stars come from: Hipparcos, Gaia, lists that people bring."""
+"""Sources of stars: Hipparcos, Gaia, users' lists."""

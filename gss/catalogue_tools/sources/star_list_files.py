@@ -1,4 +1,4 @@
-"""The files of star lists as plain columns: CSV, ECSV, FITS and VOTables, with the units, epoch and frame that they state."""
+"""Read star list files (CSV, ECSV, FITS, VOTable) as plain columns, with the units, epoch and frame that they state."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gss.catalogue_tools.sources.star_list_guards import (
 from gss.domain.errors import BadInput
 
 MOST_EXTENSIONS = 100
-# The libraries would unpack these on their own, to any size.
+# The libraries would decompress these automatically, to any size.
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
 CAMERA_KEYS = ("camera", "profile")
@@ -44,8 +44,10 @@ FRAME_WORDS = {
 
 @dataclass
 class RawList:
-    """Columns as the file has them: numbers with NaN where empty, or text. ``rows``: (n,) numbers of the rows, from 1 after the
-    header; ``broken``: rows that were no rows, with the reason."""
+    """Columns as in the file: numbers with NaN if empty, or text.
+
+    ``rows``: (n,) numbers of the rows, from 1 after the header; ``broken``: (row, reason, text) of malformed rows.
+    """
 
     columns: dict[str, NDArray[Any]]
     rows: NDArray[np.int64]
@@ -57,7 +59,7 @@ class RawList:
 
 
 def read_columns(data: bytes, kind: str) -> RawList:
-    """All columns of a file. Fails on a file that is not of its kind."""
+    """Read all columns of a file; BadInput if the file is not of that kind."""
     readers = {"csv": _csv, "ecsv": _ecsv, "fits": _fits, "votable": _votable}
     if kind not in readers:
         raise BadInput("unknown kind of star list", expected=" | ".join(readers), got=str(kind))
@@ -76,7 +78,7 @@ def read_columns(data: bytes, kind: str) -> RawList:
         raw = readers[kind](data)
     except (BadInput, MemoryError):
         raise
-    except Exception as error:  # each library has its own family of errors for a file that is not one
+    except Exception as error:  # each library raises different exceptions for an invalid file
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BadInput(f"the star list is not a {kind} table", expected=f"a {kind} file", got=text[:200]) from None
     check_column_names(list(raw.columns))
@@ -85,7 +87,7 @@ def read_columns(data: bytes, kind: str) -> RawList:
 
 
 def frame_word(text: str) -> str | None:
-    """Our word for a frame that a file names, None for one that we do not have."""
+    """Return our name of a frame named in a file; None if it is not supported."""
     return FRAME_WORDS.get(re.sub(r"[^a-z0-9]", "", text.lower()))
 
 
@@ -103,8 +105,8 @@ def _stated(meta: Mapping[str, Any], keys: Iterable[str]) -> str | None:
 
 
 def _csv(data: bytes) -> RawList:
-    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …``, ``frame = …`` and
-    ``camera = …``."""
+    """Comma, semicolon or tab; lines with # in front may state ``epoch_jyear = …``, ``frame = …`` and ``camera =
+    …``."""
     text = _text(data)
     meta: dict[str, str] = {}
     start = 0
@@ -128,7 +130,7 @@ def _statement(comment: str) -> tuple[str, str] | None:
 
 
 def _ecsv(data: bytes) -> RawList:
-    from astropy.table import meta as astropy_meta  # a second of import, paid only by who reads such a file
+    from astropy.table import meta as astropy_meta  # imported here because it takes a second
 
     text = _text(data)
     if not text.startswith("# %ECSV"):
@@ -163,8 +165,8 @@ def _text(data: bytes) -> str:
 
 
 def _delimited(text: str, delimiter: str | None) -> RawList:
-    """Columns of a table of text. Rows with too many or too few values are broken."""
-    import pyarrow as pa  # half a second of import, paid only by who reads such a file
+    """Parse the columns of a text table. Rows with too many or too few values are recorded as broken."""
+    import pyarrow as pa  # imported here because it takes half a second
     import pyarrow.csv as arrow_csv
 
     text = text.lstrip("\r\n")
@@ -201,7 +203,8 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
 
 
 def _numbers_or_text(column: Any) -> NDArray[Any]:
-    """Whole numbers, numbers with NaN where empty, or text: the first that all values of a column of text can be."""
+    """Convert a text column to whole numbers, to numbers with NaN for empty values, or leave it as text: the first
+    that fits all values."""
     import pyarrow as pa
     import pyarrow.compute as arrow_compute
 
@@ -237,7 +240,7 @@ def _fits(data: bytes) -> RawList:
 
 
 def _check_fits_table(header: Mapping[str, Any]) -> None:
-    """What the header says of the table is measured before anything is allocated."""
+    """Check the table size in the header before anything is allocated."""
     count = int(header["TFIELDS"])
     require_columns(count)
     check_table_size(int(header["NAXIS2"]), int(header["NAXIS1"]))

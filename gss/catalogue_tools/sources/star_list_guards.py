@@ -1,8 +1,9 @@
 """Checks of a star list before a library reads it: references to other files, entities, aliases, open quotes, and size.
 
-The sender of a list is not trusted. A VOTable may name a file or an address in place of its rows, and a reader that follows it
-opens what the sender chose. Entities, aliases, fixed-length text, powers in units and nested headers turn a few bytes into
-gigabytes or minutes; each check takes time in proportion to the size of the file.
+The sender of a list is not trusted. A VOTable may refer to a file or an address instead of holding its rows, and a
+reader that follows the reference opens whatever the sender chose. Entities, aliases, fixed-length text, powers in units
+and nested headers expand a few bytes to gigabytes or minutes. Each check takes time in proportion to the size of the
+file.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import yaml
 from gss.domain.errors import BadInput
 
 ECSV_HEADER_BYTES = 1 << 17
-"""Gaia's source table, the longest list we know, describes its 152 columns in a quarter of it."""
+"""The longest list known to us, Gaia's source table, describes its 152 columns in a quarter of this."""
 DEEPEST_HEADER = 20
 MOST_COLUMNS = 1000
 """FITS allows 999."""
@@ -29,16 +30,17 @@ LONGEST_LINE = 1 << 16
 LONGEST_NAME = 200
 LONGEST_UNIT = 64
 LONGEST_TEXT = 1024
-"""Characters of a value of fixed length."""
+"""Largest number of characters of a fixed-length value."""
 LARGEST_TABLE_BYTES = 1 << 29
-"""Of the columns as the reader holds them in memory."""
+"""Limit on the size of the columns in memory."""
 DEEPEST_VOTABLE = 32
 WIDTHS = {"char": 1, "unicodeChar": 4, "floatComplex": 8, "doubleComplex": 16}
 SHOWN = 60
 
 
 def check_unit(unit: str) -> None:
-    """Refuses a unit that is long or has a number of more than four digits before its point: the parser computes 10**9999999."""
+    """Raise BadInput for a unit that is long or has a number of more than four digits before its point: the parser
+    computes 10**9999999."""
     if len(unit) > LONGEST_UNIT or re.search(r"(?<![.\d])\d{5}", unit):
         raise BadInput(
             "a unit of the star list is too long",
@@ -49,7 +51,7 @@ def check_unit(unit: str) -> None:
 
 
 def require_columns(count: int) -> None:
-    """Refuses too many columns."""
+    """Raise BadInput for too many columns."""
     if count > MOST_COLUMNS:
         raise BadInput(
             "the star list has too many columns",
@@ -60,7 +62,7 @@ def require_columns(count: int) -> None:
 
 
 def check_column_names(names: Sequence[str]) -> None:
-    """Refuses too many columns, a name that is too long and a name that occurs twice."""
+    """Raise BadInput for too many columns, a name that is too long or a repeated name."""
     require_columns(len(names))
     if long := next((name for name in names if len(name) > LONGEST_NAME), None):
         raise BadInput(
@@ -74,7 +76,7 @@ def check_column_names(names: Sequence[str]) -> None:
 
 
 def check_table_size(rows: int, row_bytes: int) -> None:
-    """Refuses a table by the size that its header states."""
+    """Raise BadInput for a table that is too large according to its header."""
     if not 0 <= rows <= MOST_ROWS:
         raise BadInput("the star list is too long", expected=f"at most {MOST_ROWS} rows", got=str(rows))
     if rows * row_bytes > LARGEST_TABLE_BYTES:
@@ -87,7 +89,7 @@ def check_table_size(rows: int, row_bytes: int) -> None:
 
 
 def check_lines(data: bytes) -> None:
-    """Refuses a line that is too long to be a row of a table."""
+    """Raise BadInput for a line that is too long to be a row of a table."""
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     lengths = np.diff(ends, prepend=-1, append=len(data))
     if lengths.max() > LONGEST_LINE:
@@ -99,13 +101,13 @@ def check_lines(data: bytes) -> None:
 
 
 class _VotableSize:
-    """Adds up what a VOTable makes its reader allocate."""
+    """Adds up the memory that a VOTable makes its reader allocate."""
 
     def __init__(self) -> None:
         self._depth = self._fields = self._rows = self._row_bytes = 0
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
-        """Count an element; refuse one that is too large on its own."""
+        """Count an element; BadInput if it is too large by itself."""
         self._depth += 1
         if self._depth > DEEPEST_VOTABLE:
             raise BadInput("the VOTable is nested too deeply", expected=f"{DEEPEST_VOTABLE} levels", got="more")
@@ -119,7 +121,7 @@ class _VotableSize:
             self._value(name, attributes)
 
     def end(self, name: str) -> None:
-        """Check the rows of a table that is complete."""
+        """Check the size of a completed table."""
         self._depth -= 1
         if name == "table":
             check_table_size(self._rows, self._row_bytes)
@@ -139,7 +141,10 @@ class _VotableSize:
 
 
 def check_votable(data: bytes) -> None:
-    """Refuses a VOTable that points elsewhere or defines entities. LINK only names a page for people and is never opened."""
+    """Raise BadInput for a VOTable with external references or entities.
+
+    LINK is allowed: it names a page for users and is never opened.
+    """
     parser = expat.ParserCreate()
 
     def doctype(*_: Any) -> None:
@@ -178,25 +183,25 @@ def check_votable(data: bytes) -> None:
 
 
 def _count(what: str, text: str) -> int:
-    """A whole number of a VOTable's attribute; int() would take long for many digits."""
+    """Parse a whole number from a VOTable attribute; the length is limited because int() is slow for many digits."""
     if not re.fullmatch(r"\s{0,9}\d{1,18}\s{0,9}", text, re.ASCII):
         raise BadInput(f"{what} of the VOTable is not a number", expected="a whole number", got=text[:SHOWN])
     return int(text)
 
 
 def _elements(arraysize: str) -> int:
-    """Elements of fixed size: 12 for "3x4", "3x4*" and "3x4x*"."""
+    """Number of elements of fixed size: 12 for "3x4", "3x4*" and "3x4x*"."""
     parts = [part for part in arraysize.strip().rstrip("*").split("x", 9) if part.strip()]
     return math.prod(_count("arraysize", part) for part in parts)
 
 
 def _local(name: str) -> str:
-    """A name without its prefix; XML is strict about case, a sender need not be."""
+    """Name without its prefix, in lower case: XML is case-sensitive, but senders are not always careful."""
     return name.rpartition(":")[2].lower()
 
 
 def check_ecsv_header(lines: list[str]) -> None:
-    """Refuses a header that is too long, nested too deeply, or repeats parts of itself by YAML's anchors and aliases."""
+    """Raise BadInput for a header that is too long, nested too deeply, or repeats parts by YAML anchors and aliases."""
     size = sum(map(len, lines))
     if size > ECSV_HEADER_BYTES:
         raise BadInput(
@@ -225,7 +230,10 @@ CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndTok
 
 
 def _repeats_itself(header: str) -> bool:
-    """True if there are anchors or aliases. Stops at the deepest level allowed: the scanner's time grows with the square of it."""
+    """True if the header has anchors or aliases.
+
+    Raises BadInput beyond the deepest level allowed, because the scanner's time grows with the square of the depth.
+    """
     depth = 0
     for token in yaml.scan(header):
         if isinstance(token, yaml.AliasToken | yaml.AnchorToken):
@@ -241,8 +249,10 @@ def _repeats_itself(header: str) -> bool:
 
 
 def check_quotes(text: str, delimiter: str) -> None:
-    """Refuses a quote that is not closed on its line: the rows below would vanish in it. A quote opens only where a value begins;
-    elsewhere it is a second of arc."""
+    """Raise BadInput for a quote that is not closed on its line: the reader would take the following rows as part of it.
+
+    A quote is opening only at the beginning of a value; elsewhere it is an arcsecond sign.
+    """
     if '"' not in text:
         return
     value = rf'(?:"(?:[^"]|"")*+"|(?!"))[^{re.escape(delimiter)}]*+'

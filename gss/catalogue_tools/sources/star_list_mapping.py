@@ -1,4 +1,4 @@
-"""Which column of a user's star list is what, in which unit: by the usual names, or as told."""
+"""Assign the columns of a user's star list to fields and units: by the usual names, or as specified by the user."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIST_FRAMES = ("icrs", "fk5", "b1950")
 BAD_ROWS = ("drop", "refuse")
 FIELDS = ("id", "ra", "dec", "v", "b_v", "pm_ra", "pm_dec", "parallax", "name", "flags")
 REQUIRED = ("ra", "dec", "v")
-# Usual names by field, without case, blanks, underscores, dots and brackets; the first that a file has counts.
+# Usual names by field, ignoring case, blanks, underscores, dots and brackets; the first one present in a file is used.
 USUAL_NAMES: dict[str, tuple[str, ...]] = {
     name: tuple(words.split())
     for name, words in {
@@ -34,7 +34,7 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     }.items()
 }
 DEGREE_RAD = float(np.pi / 180)
-# Factors to what we keep inside; "sexagesimal" is read as text: hours for a right ascension, degrees for a declination.
+# Factors to internal units; "sexagesimal" is read as text: hours for a right ascension, degrees for a declination.
 ANGLE_UNITS = {
     "deg": DEGREE_RAD,
     "rad": 1.0,
@@ -58,7 +58,7 @@ UNITS_OF = {
     "v": ("mag",),
     "b_v": ("mag",),
 }
-# What a file means that does not say: degrees and milliarcseconds, as Hipparcos's and Gaia's own lists.
+# Default units if a file states none: degrees and milliarcseconds, as in the lists of Hipparcos and Gaia.
 USUAL_UNITS = {
     "ra": "deg",
     "dec": "deg",
@@ -78,12 +78,12 @@ TIMES = {"a": "yr", "y": "yr", "year": "yr", "yr": "yr", "cy": "century", "centu
 
 @dataclass(frozen=True)
 class ListMapping:
-    """How to read a star list; all may be left away where the file speaks for itself.
+    """How to read a star list; every setting may be omitted if the file states it.
 
-    ``columns``: our FIELDS to the file's columns. ``units``: our fields to units. ``epoch_jyear``: Julian year of the places,
-    needed when the file does not state one. ``frame``: LIST_FRAMES ("fk5" is J2000, "b1950" the FK4 with E-terms).
-    ``pm_ra_has_cos_dec``: whether the motion in right ascension is along the sky. ``bad_rows``: drop them with a report, or refuse
-    the list.
+    ``columns``: our FIELDS to the file's columns. ``units``: our fields to units. ``epoch_jyear``: Julian year of the
+    positions, required if the file does not state one. ``frame``: LIST_FRAMES ("fk5" is J2000, "b1950" the FK4 with
+    E-terms). ``pm_ra_has_cos_dec``: True if the motion in right ascension includes cos δ. ``bad_rows``: drop them with
+    a report, or refuse the list.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class ListMapping:
             raise BadInput("unknown way with bad rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
 
     def _check_types(self) -> None:
-        """What comes from JSON may be anything; "no" must not count as true."""
+        """Raise BadInput for values of a wrong type, which JSON may hold; "no" must not count as true."""
         for name in ("columns", "units"):
             held = getattr(self, name)
             if not isinstance(held, Mapping) or not all(isinstance(t, str) for pair in held.items() for t in pair):
@@ -133,7 +133,7 @@ def _short(value: object) -> str:
 
 
 def plain_unit(name: str, unit: str) -> str:
-    """The unit of a field in our spelling."""
+    """Return the unit of a field in our spelling; BadInput if it is not known."""
     check_unit(unit)
     text = str(unit).strip().lower().replace(" ", "").replace("**-1", "-1").replace("^-1", "-1")
     if match := re.fullmatch(r"(.+?)(?:/|\.?)(a|y|yr|year|cy|century|ha)(-1)?", text):
@@ -153,7 +153,7 @@ def factor_of(name: str, unit: str) -> float:
 
 
 def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
-    """Our fields to the file's columns. Fails when a place or a magnitude is not found, or one name could be two columns."""
+    """Map our fields to the file's columns; BadInput if a required column is missing or a field is ambiguous."""
     found: dict[str, str] = {}
     for ours, theirs in mapping.columns.items():
         if theirs not in names:
@@ -182,7 +182,7 @@ def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
 
 
 def _each_once(found: Mapping[str, str]) -> None:
-    """A number that is the name too is no mistake; a place that is its own magnitude is."""
+    """Raise BadInput if a column is used for two fields, unless one of them is the name."""
     for ours, theirs in found.items():
         others = [name for name, column in found.items() if column == theirs and "name" not in (name, ours)]
         if len(others) > 1:
@@ -195,7 +195,7 @@ def _each_once(found: Mapping[str, str]) -> None:
 
 
 def unit_in_name(ours: str, column: str) -> str | None:
-    """A unit that a column's name ends with, as in ``ra_deg`` or ``pm_ra_mas_yr``."""
+    """Unit that a column's name ends with, as in ``ra_deg`` or ``pm_ra_mas_yr``; None if there is none."""
     text = column.strip().lower()
     for unit in sorted(UNITS_OF.get(ours, ()), key=len, reverse=True):
         if text.endswith(("_" + unit.replace("/", "_"), f"[{unit}]", f"({unit})", f" {unit}")):

@@ -1,4 +1,4 @@
-"""The values of a star list: numbers from columns, and the rows that hold none or none that a star can have."""
+"""Values of a star list: convert columns to numbers, and mark rows with missing or impossible values."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from gss.catalogue_tools.sources.star_list_mapping import (
 from gss.domain.angles import ARCSEC_RAD, TWO_PI_RAD, Array
 from gss.domain.errors import BadInput
 
-# Sirius is the brightest star; nothing that a star camera sees is fainter.
+# Sirius is the brightest star; no star camera detects anything fainter than the upper limit.
 V_RANGE_MAG = (-2.0, 25.0)
 B_V_RANGE_MAG = (-1.0, 8.0)
-# Barnard's star moves 10.4″ a year, Proxima's parallax is 0.77″.
+# Barnard's star moves 10.4″ per year; Proxima's parallax is 0.77″.
 FASTEST_RAD_YR = 20.0 * ARCSEC_RAD
 LARGEST_PARALLAX_RAD = 1.0 * ARCSEC_RAD
-# A place at an end of its range, rounded.
+# Tolerance for positions at an end of their range.
 ROUNDING_RAD = 1e-9
 LARGEST_NUMBER = 2**31 - 1
 LONGEST_NUMBER = 100
-"""Characters; NUMBERS may try a text of blanks in many ways."""
-# So few rows say nothing of a unit.
+"""Characters; the regular expression NUMBERS may backtrack on long blank text."""
+# With fewer rows than this the unit cannot be guessed.
 TELLING_ROWS = 20
 NUMBERS = re.compile(
     r"^\s*([+-]?)\s*(\d+(?:\.\d*)?)(?:[\s:hd°]+(\d+(?:\.\d*)?))?(?:[\s:m'′]+(\d+(?:\.\d*)?))?[\s\"″s]*$"
@@ -41,7 +41,8 @@ NUMBERS = re.compile(
 
 @dataclass(frozen=True)
 class DroppedRow:
-    """A row that is not in the table. ``row``: from 1 after the header; ``column``: of the file; ``value``: what it held."""
+    """A row that was not imported. ``row``: from 1 after the header; ``column``: of the file; ``value``: its
+    content."""
 
     row: int
     column: str
@@ -50,7 +51,7 @@ class DroppedRow:
 
 
 class BadRows:
-    """Which rows cannot be used and why; the first reason counts."""
+    """Rows that cannot be used, with the reason; the first reason counts."""
 
     def __init__(self, raw: RawList, columns: dict[str, str]) -> None:
         self._raw, self._columns = raw, columns
@@ -58,7 +59,7 @@ class BadRows:
         self._reasons: list[tuple[str, str]] = []
 
     def mark(self, which: NDArray[np.bool_], name: str, reason: str) -> None:
-        """Rows of a mask are bad for what is in a field."""
+        """Mark the rows of a mask as bad because of a field."""
         self._reasons.append((name, reason))
         self._reason[which & (self._reason == 0)] = len(self._reasons)
 
@@ -69,7 +70,7 @@ class BadRows:
         return int(np.count_nonzero(self._reason)) + len(self._raw.broken)
 
     def report(self, most: int) -> tuple[DroppedRow, ...]:
-        """The first of them in the order of the file."""
+        """Return the first bad rows in the order of the file, at most ``most``."""
         found = [DroppedRow(row, "", reason, text) for row, reason, text in self._raw.broken]
         for i in np.flatnonzero(self._reason)[:most]:
             name, reason = self._reasons[self._reason[i] - 1]
@@ -79,7 +80,7 @@ class BadRows:
 
 
 def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
-    """Refuses truth values and complex numbers where a star has numbers; text may be one and is looked at row by row."""
+    """Raise BadInput for boolean or complex columns; text may hold numbers and is checked row by row."""
     for name, column in columns.items():
         kind = raw.columns[column].dtype.kind
         if name != "name" and kind in "bc":
@@ -91,7 +92,8 @@ def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
 
 
 def unit_of(name: str, column: str, raw: RawList, mapping: ListMapping) -> str:
-    """As told, else as the file states, else as the name of the column says, else the usual one."""
+    """Unit of a field: as given by the caller, otherwise as stated in the file, as in the column's name, or the
+    usual one."""
     told = mapping.units.get(name) or raw.units.get(column)
     if told is not None:
         return plain_unit(name, told)
@@ -110,7 +112,8 @@ def _looks_sexagesimal(values: NDArray[Any]) -> bool:
 
 
 def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) -> Array:
-    """A field in radians, radians a year or magnitudes, NaN where empty; what is no number is marked."""
+    """Convert a field to radians, radians per year or magnitudes, NaN if empty; values that are not numbers are
+    marked as bad."""
     values = raw.columns[column]
     if unit == SEXAGESIMAL:
         degrees = np.array([_degrees(str(v), 15.0 if name == "ra" else 1.0) for v in values])
@@ -130,7 +133,7 @@ def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) ->
 
 
 def number_of(value: object) -> float:
-    """The number in a text, NaN where there is none."""
+    """Parse the number in a text; NaN if there is none."""
     text = str(value)
     try:
         return float(text) if len(text) <= LONGEST_NUMBER else np.nan
@@ -151,14 +154,15 @@ def _degrees(text: str, scale: float) -> float:
 def ask_for_unit(
     values: dict[str, Array], units: dict[str, str], columns: dict[str, str], raw: RawList, mapping: ListMapping
 ) -> None:
-    """Hours or radians taken for degrees put all stars in a corner of the sky: where nobody stated the unit, ask."""
+    """Raise BadInput if right ascensions without a stated unit look like hours or radians; taken as degrees, they
+    would put all stars in a corner of the sky."""
     if units["ra"] != "deg" or "ra" in mapping.units or columns["ra"] in raw.units or unit_in_name("ra", columns["ra"]):
         return
     ra, dec = np.degrees(values["ra"]), np.degrees(values["dec"])
     if np.count_nonzero(np.isfinite(ra)) < TELLING_ROWS:
         return
     low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
-    # A whole circle in hours or in radians, not a small field in degrees.
+    # Accept only ranges that look like a whole circle in hours or radians, not a small field in degrees.
     if 20 < high <= 24 and 0 <= low < 4:
         guess = "hourangle"
     elif 5 < high <= TWO_PI_RAD + 1e-6 and 0 <= low < 1.3 and dec_end <= np.pi / 2 + 1e-6:
@@ -174,7 +178,7 @@ def ask_for_unit(
 
 
 def check_ranges(values: dict[str, Array], bad: BadRows) -> None:
-    """Marks rows without place or magnitude, and with values that no star has. A colour that none has is no colour."""
+    """Mark rows without position or magnitude, or with impossible values. An impossible colour becomes NaN."""
     for name in ("ra", "dec", "v"):
         bad.mark(~np.isfinite(values[name]), name, "empty")
     ra, dec, v_mag = values["ra"], values["dec"], values["v"]
@@ -197,7 +201,11 @@ def check_ranges(values: dict[str, Array], bad: BadRows) -> None:
 def numbering_of(
     raw: RawList, columns: dict[str, str], bad: BadRows, notes: list[str]
 ) -> tuple[NDArray[np.int32], list[str]]:
-    """Numbers of the stars and names, "" for none. Numbers that fit are kept; text and longer numbers become names."""
+    """Return the numbers of the stars and their names ("" for none).
+
+    Numbers that fit in 32 bits are kept; if the column has text or longer numbers, they become names and the rows are
+    numbered.
+    """
     count = len(raw.rows)
     names = [_text(v) for v in raw.columns[columns["name"]]] if "name" in columns else [""] * count
     serial = np.arange(1, count + 1, dtype=np.int32)
@@ -219,7 +227,7 @@ def numbering_of(
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
     kept = np.where(whole, numbers, 0).astype(np.int32)
     if not columns["id"].lower().startswith("hip"):
-        # A number of another list must not be shown as one of Hipparcos or Gaia.
+        # A number from another list must not be displayed as one of Hipparcos or Gaia.
         names = [name or f"{columns['id']} {number}" for name, number in zip(names, kept.tolist(), strict=True)]
     return kept, names
 
@@ -229,7 +237,7 @@ def _text(value: object) -> str:
 
 
 def _repeated(values: NDArray[Any], among: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """All but the first of equal values among the good rows."""
+    """Mask of all but the first of equal values among the good rows."""
     rows = np.flatnonzero(among)
     _, first = np.unique(values[rows], return_index=True)
     again = np.zeros(len(values), bool)

@@ -1,4 +1,4 @@
-"""A user's star list as a StarTable, with a report of every row that could not be used, and back."""
+"""Convert a user's star list to a StarTable, with a report of every row that could not be used."""
 
 from __future__ import annotations
 
@@ -31,14 +31,18 @@ from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
 LONGEST_EPOCH = 100
-"""Characters of what a file states about its epoch and frame."""
+"""Largest number of characters of a file's epoch or frame."""
 
 
 @dataclass(frozen=True)
 class ImportedList:
-    """``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred; ``dropped_count``: all.
-    ``columns`` and ``units``: how each field was read. ``frame``: of the file. ``notes``: what a user should know. ``camera``: the
-    profile that the file says it is for, "" where it says none; what is no profile of ours is only noted."""
+    """Result of reading a star list.
+
+    ``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred dropped rows;
+    ``dropped_count``: all. ``columns``, ``units``: how each field was read. ``frame``: of the file. ``notes``: remarks
+    for the user. ``camera``: the profile for which the file was made, "" if it states none; an unknown profile is only
+    noted.
+    """
 
     stars: StarTable
     dropped: tuple[DroppedRow, ...]
@@ -52,7 +56,7 @@ class ImportedList:
 
 
 def require_camera(camera: str, profile_name: str) -> None:
-    """A list that is meant for one camera must not be used with another; "" is meant for any."""
+    """Raise BadInput if a list made for one camera is used with another; "" means any camera."""
     if camera and camera != profile_name:
         raise BadInput(
             "this star list is for another camera",
@@ -63,7 +67,10 @@ def require_camera(camera: str, profile_name: str) -> None:
 
 
 def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -> ImportedList:
-    """The stars of a file. Fails with row and column where a list as a whole cannot be read; rows that cannot be are reported."""
+    """Read the stars of a file.
+
+    BadInput with row and column if the list as a whole cannot be read; single rows that cannot be used are reported.
+    """
     mapping = mapping or ListMapping()
     raw = read_columns(data, kind)
     columns = columns_of(list(raw.columns), mapping)
@@ -118,7 +125,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
 
 
 def _epoch(raw: RawList, mapping: ListMapping) -> float:
-    """Julian year of the places. A contradiction between file and caller is not settled here."""
+    """Julian year of the positions; BadInput if it is missing, or if the file and the caller state different years."""
     stated = None
     if raw.epoch is not None:
         match = re.search(r"(B?)\s{0,8}(\d{4}(?:\.\d*)?)", raw.epoch[:LONGEST_EPOCH])
@@ -140,7 +147,7 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
             "the star list is of another epoch", expected=f"J{stated:g} (stated in the file)", got=f"J{told:g}"
         )
     epoch = stated if stated is not None else told
-    assert epoch is not None  # noqa: S101  # one of the two is there
+    assert epoch is not None  # noqa: S101  # checked above: one of the two is set
     low, high = EPOCH_RANGE_JYEAR
     if not low <= epoch <= high:
         raise BadInput(
@@ -192,7 +199,7 @@ def _table(
     unit, motion = unit_from_ra_dec(ra, dec), pm_ra[:, None] * east + np.where(still, 0.0, pm_dec)[:, None] * north
     if frame == "b1950":
         moved = from_b1950(unit, motion, epoch, True)
-        # Without a motion of its own a star stands still against the galaxies, not against the turning FK4.
+        # A star without proper motion is fixed relative to the galaxies, not to the rotating FK4.
         unit, motion = moved[0], np.where(still[:, None], 0.0, moved[1])
     elif frame == "fk5":
         unit, motion = unit @ FK5_FROM_ICRS, motion @ FK5_FROM_ICRS
