@@ -1,4 +1,4 @@
-"""The engineer's part: what a camera, built or only thought of, would see and how well it would know where it points.
+"""Camera design: what a real or planned camera detects, and how accurately it determines its attitude.
 
-Pure, like the rest of the catalogue tools: angles in radians, light in electrons, brightness in magnitudes V.
+No side effects, like the other catalogue tools: angles in radians, light in electrons, brightness in magnitudes V.
 """

@@ -1,7 +1,7 @@
-"""How well an attitude will be known: the stars in view, each with its Cramér–Rao bound, through the Fisher information of
-the small rotation; over the sky, against exposure and against the magnitude limit.
+"""Attitude accuracy from noise: the stars in view, each with its Cramér–Rao bound, combined by the Fisher information
+of the small rotation; over the sky, against exposure and against the magnitude limit.
 
-It is what noise allows. Errors of calibration, distortion, catalogue and a biased centroid come on top.
+Errors of calibration, distortion and catalogue, and centroid bias, are not included.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ MAG_STEP = 0.05
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations over pointings; ``share`` of them has at least :data:`LEAST_STARS` stars.
+    """Standard deviations over pointings; the fraction ``share`` of them has at least :data:`LEAST_STARS` stars.
 
-    ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about it. ``median``, ``p95``: half, and
-    95 of 100, of all pointings are better; one with too few stars is better than none, so that they are +inf where too
-    many have too few. ``mean``, ``worst``: over those with enough; NaN where none has.
+    ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about the boresight.
+    ``median``, ``p95``: over all pointings, where those with too few stars count as +inf. ``mean``, ``worst``: over
+    pointings with enough stars; NaN if there are none.
     """
 
     share: float
@@ -44,8 +44,9 @@ class Accuracy:
 def sigma_rad(c: DesignCamera, pairs: Pairs, star_sigma_px: Array) -> tuple[Array, Array]:
     """(m,) standard deviations (across, about) of the attitude of each field; NaN with fewer than three stars.
 
-    ``star_sigma_px``: (n,) per star of the table, +inf for those not used. A star at (x, y) of the tangent plane moves by
-    (−xy, 1 + x², −y)·ρ and (−1 − y², xy, x)·ρ with the small rotation ρ, which makes the information exact for wide fields.
+    ``star_sigma_px``: (n,) per star of the table, +inf for unused stars. With the small rotation ρ a star at (x, y) of
+    the tangent plane moves by (−xy, 1 + x², −y)·ρ and (−1 − y², xy, x)·ρ, which makes the information exact for wide
+    fields.
     """
     m = len(pairs.count)
     sigma = star_sigma_px[pairs.star]
@@ -70,7 +71,7 @@ def sigma_rad(c: DesignCamera, pairs: Pairs, star_sigma_px: Array) -> tuple[Arra
 
 
 def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
-    """(rows,) centroid error of the brightest stars; one that saturates counts as one that just does not."""
+    """(rows,) centroid error of the brightest stars; a saturated star counts as one just below saturation."""
     bright = saturation_mag(c)
     v = np.maximum(stars.v_mag[:rows], bright if np.isfinite(bright) else -2.0)
     grid = np.arange(np.floor(v.min()) if rows else 0.0, (v.max() if rows else 0.0) + 2 * MAG_STEP, MAG_STEP)
@@ -78,13 +79,13 @@ def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
 
 
 def accuracy(c: DesignCamera, stars: StarTable, pairs: Pairs, limit: float | None = None) -> Accuracy:
-    """Over the pairs' pointings, with the stars to the limit in force, or to ``limit``."""
+    """Compute the accuracy over the pairs' pointings, with the stars to the limit in use, or to ``limit``."""
     rows = bright_rows(stars, limit_mag(c) if limit is None else limit)
     return summary(*sigma_rad(c, pairs.brighter_than(rows), star_sigma_px(c, stars, rows)))
 
 
 def summary(across: Array, about: Array) -> Accuracy:
-    """Figures of (m,) standard deviations, NaN where there is no attitude."""
+    """Statistics of (m,) standard deviations, NaN for fields without an attitude."""
     known = np.isfinite(across) & np.isfinite(about)
 
     def four(values: Array) -> tuple[float, float, float, float]:
@@ -97,7 +98,8 @@ def summary(across: Array, about: Array) -> Accuracy:
 
 
 def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
-    """The limit in force with another exposure: the radiometry's, or a given one, which only a shorter exposure lowers."""
+    """Magnitude limit with another exposure: the radiometric one, or a given one, which only a shorter exposure can
+    make brighter."""
     other = replace(c, exposure_s=exposure_s)
     if c.mag_limit is None:
         return limit_mag(other)
@@ -105,12 +107,12 @@ def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
 
 
 def against_exposure(c: DesignCamera, stars: StarTable, pairs: Pairs, exposure_s: Array) -> list[Accuracy]:
-    """Noise equivalent angle: the accuracy with each exposure (s), the camera at rest."""
+    """Noise equivalent angle: the accuracy for each exposure (s), with the camera at rest."""
     return [
         accuracy(replace(c, exposure_s=float(t)), stars, pairs, limit_at_mag(c, float(t))) for t in np.ravel(exposure_s)
     ]
 
 
 def against_limit(c: DesignCamera, stars: StarTable, pairs: Pairs, limits_mag: Array) -> list[Accuracy]:
-    """The accuracy when only stars to each limit are used."""
+    """The accuracy if only stars to each limit are used."""
     return [accuracy(c, stars, pairs, float(v)) for v in np.ravel(limits_mag)]

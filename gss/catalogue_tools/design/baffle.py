@@ -1,7 +1,7 @@
-"""Baffles: how long and wide a tube must be so that Sun or Earth beyond an angle never shine on the lens.
+"""Baffle design: length and width of a tube that keeps direct light of Sun or Earth beyond an angle off the lens.
 
-Jacobs 1995 §7.6: one stage. Moniteq 1983 §5.2: two stages, whose outer one the lens does not even see. Section through the axis:
-z from the lens plane outwards, r from the axis, both mm.
+Jacobs 1995 §7.6: one stage. Moniteq 1983 §5.2: two stages, of which the lens does not see the outer one. Section
+through the axis: z from the lens plane outwards, r from the axis, both in mm.
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ from gss.domain.errors import BadInput
 
 VANE_DEPTH_SHARE = 0.15
 LOWEST_VANE_SHARE = 0.15
-"""Closer to the lens than this share of the length no vane stands: they would crowd there without end, and the wall is black."""
+"""No vane is placed closer to the lens than this fraction of the length: the spacing would tend to zero there, and
+the wall is black."""
 LONGEST_MM = 20_000.0
 
 
 @dataclass(frozen=True)
 class Baffle:
-    """``edge_mm``: (z, r) of each knife edge, lens side first, the front last. ``wall_mm``: (from z, to z, radius) of each
-    stage's tube. ``exclusion_rad``: a source at this angle from the axis or beyond never shines on the lens."""
+    """Geometry of a baffle.
+
+    ``edge_mm``: (z, r) of each knife edge, lens side first, the front last. ``wall_mm``: (from z, to z, radius) of each
+    stage's tube. ``exclusion_rad``: a source at this angle from the axis or beyond never illuminates the lens directly.
+    """
 
     kind: str
     lens_radius_mm: float
@@ -35,34 +39,39 @@ class Baffle:
 
     @property
     def outer_diameter_mm(self) -> float:
-        """Of the widest tube, walls without thickness."""
+        """Diameter of the widest tube, ignoring the wall thickness."""
         return 2 * max(radius for _, _, radius in self.wall_mm)
 
 
 def field_growth_mm(length_mm: float, half_fov_rad: float) -> float:
-    """x = l·tan α: how much wider the front must be than the lens so as not to cut the field (eq. 7.24)."""
+    """x = l·tan α: increase of the front radius over the lens radius required not to obstruct the field of view (eq.
+    7.24)."""
     return float(length_mm * np.tan(half_fov_rad))
 
 
 def exclusion_rad(lens_radius_mm: float, growth_mm: float, length_mm: float) -> float:
-    """Least angle from the axis at which light misses the lens: atan((2 r + x)/l) (eq. 7.26): 28.1° for 11, 10 and 60 mm."""
+    """Smallest angle from the axis at which light misses the lens: atan((2 r + x)/l) (eq. 7.26): 28.1° for 11, 10
+    and 60 mm."""
     return float(np.arctan((2 * lens_radius_mm + growth_mm) / length_mm))
 
 
 def length_for_mm(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> float:
-    """Eq. 7.24 and 7.26 solved for the length: (2 r + spare)/(tan α_bo − tan α_FOV). ``spare_mm``: added to x for misalignment."""
+    """Baffle length, eq. 7.24 and 7.26 solved for l: (2 r + spare)/(tan α_bo − tan α_FOV).
+
+    ``spare_mm``: added to x for misalignment. BadInput if the angle is not between the field of view and 90°.
+    """
     _check(lens_radius_mm, half_fov_rad, wanted_rad)
     return float((2 * lens_radius_mm + spare_mm) / (np.tan(wanted_rad) - np.tan(half_fov_rad)))
 
 
 def one_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> Baffle:
-    """The tube of Jacobs 1995 Fig. 7-4 with vanes on its wall."""
+    """Return the tube of Jacobs 1995 Fig. 7-4 with vanes on its wall; BadInput if the angle is not possible."""
     length = length_for_mm(lens_radius_mm, half_fov_rad, wanted_rad, spare_mm)
     return one_stage_of_length(lens_radius_mm, half_fov_rad, length, spare_mm)
 
 
 def one_stage_of_length(lens_radius_mm: float, half_fov_rad: float, length_mm: float, spare_mm: float = 0.0) -> Baffle:
-    """As :func:`one_stage` with the length given; the exclusion angle follows."""
+    """Return the same tube as :func:`one_stage` for a given length; the exclusion angle follows."""
     if not length_mm > 0:
         raise BadInput("a baffle has a length", expected="more than 0 mm", got=f"{length_mm:g} mm")
     growth = field_growth_mm(length_mm, half_fov_rad) + spare_mm
@@ -74,11 +83,12 @@ def one_stage_of_length(lens_radius_mm: float, half_fov_rad: float, length_mm: f
 
 
 def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> Baffle:
-    """The shortest shade whose outer stage the lens does not see and from whose inner stage direct light is kept.
+    """Return the shortest two-stage baffle: the lens does not see the outer stage, and direct light does not reach the inner one.
 
-    Inner stage of length l₁ and front radius r₁ = a + l₁ tan φ. From the lens's far edge the line past the inner front rises
-    by (a + r₁)/l₁; the outer edges lie on it or beyond, so that r₂ = r₁ + l₂ (a + r₁)/l₁. Direct light at the angle θ misses
-    the inner front if l₂ tan θ ≥ r₁ + r₂. Hence l₂ = 2 r₁/(tan θ − tan φ − 2a/l₁); l₁ is the one that makes l₁ + l₂ least.
+    Inner stage of length l₁ and front radius r₁ = a + l₁ tan φ. The line from the lens's far edge past the inner front
+    rises by (a + r₁)/l₁; the outer edges lie on it or beyond, so that r₂ = r₁ + l₂ (a + r₁)/l₁. Direct light at the
+    angle θ misses the inner front if l₂ tan θ ≥ r₁ + r₂. Hence l₂ = 2 r₁/(tan θ − tan φ − 2a/l₁); l₁ is chosen to
+    minimise l₁ + l₂. BadInput if the angle is not possible or the baffle too long.
     """
     _check(lens_radius_mm, half_fov_rad, wanted_rad)
     a, phi, theta = lens_radius_mm, float(np.tan(half_fov_rad)), float(np.tan(wanted_rad))
@@ -109,8 +119,10 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> 
 
 
 def _vanes(a: float, slope: float, wall: float, length: float, angle_rad: float) -> tuple[tuple[float, float], ...]:
-    """Knife edges on the border of the field, r = a + slope·z, such that the lens sees no part of the wall that is lit
-    directly: the line from the lens's far edge over one tip meets the wall where the next vane stands."""
+    """Knife edges on the border of the field, r = a + slope·z, placed such that the lens sees no directly lit part of the wall.
+
+    The line from the lens's far edge over one tip meets the wall at the next vane.
+    """
     front = a + slope * length
     deepest_lit = length - (front + wall) / np.tan(angle_rad)
     z = [length]

@@ -1,4 +1,5 @@
-"""Sun and Moon before a baffle: where they stand over the dates, and which directions they never leave free."""
+"""Keep-out of Sun and Moon: their directions over the dates, and the sky that some field shows with both far enough
+away."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
 
 J2000_JD = 2451545.0
-# Way of the Sun or of the node between the dates that are looked at, and time between them for the Moon.
+# Motion of the Sun or of the node between sampled dates, and time between them for the Moon.
 EPOCH_RAD = float(np.radians(1.0))
 MOON_STEP_DAYS = 0.25
 MOST_EPOCHS, MOST_KNOTS = 180, 1500
@@ -30,9 +31,11 @@ RINGS, RING_POINTS = 5, 48
 
 @dataclass(frozen=True)
 class Baffle:
-    """Least angles from the boresight to Sun and Moon (0: off), from ``start_jyear`` to ``end_jyear``. Seen from the Earth's
-    centre: in a low orbit the Moon stands up to 1.1° elsewhere. ``epoch_rad``: way of Sun or node between the dates that are
-    looked at, ``moon_step_days``: time between them where the Moon counts."""
+    """Smallest angles from the boresight to Sun and Moon (0: disabled), from ``start_jyear`` to ``end_jyear``.
+
+    Directions are from the Earth's centre; from a low orbit the Moon is up to 1.1° away. ``epoch_rad``: motion of Sun
+    or node between sampled dates; ``moon_step_days``: time between them if the Moon is included.
+    """
 
     sun_rad: float
     moon_rad: float
@@ -42,7 +45,7 @@ class Baffle:
     moon_step_days: float = MOON_STEP_DAYS
 
     def bodies(self, part: Array) -> tuple[Array, Array]:
-        """(n, 3) ICRS directions of Sun and Moon after (n,) shares of the validity."""
+        """(n, 3) ICRS directions of Sun and Moon after (n,) fractions of the validity."""
         knots, sun, moon = self._track
         found = [np.stack([np.interp(part, knots, axis) for axis in body.T], axis=-1) for body in (sun, moon)]
         sun, moon = (body / np.linalg.norm(body, axis=-1, keepdims=True) for body in found)
@@ -50,7 +53,7 @@ class Baffle:
 
     @cached_property
     def _track(self) -> tuple[Array, Array, Array]:
-        """Both along the validity, close enough that a straight line between two places is a minute of arc off at most."""
+        """Directions of Sun and Moon over the validity, dense enough for linear interpolation to one arcminute."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
         knots = np.linspace(0, 1, int(np.clip(np.ceil(days / MOON_STEP_DAYS), 1, MOST_KNOTS)) + 1)
         at = (self.start_jyear - J2000_JYEAR) * DAYS_PER_YEAR + days * knots
@@ -63,7 +66,8 @@ class Baffle:
         )
 
     def clearance(self, boresight: Array, sun: Array, moon: Array) -> Array:
-        """(…,) by how many radians (…, 3) boresights keep the angles, the worse of the two; negative: blinded."""
+        """(…,) margin in radians by which (…, 3) boresights keep the angles, the smaller of the two; negative:
+        blinded."""
         clear = np.full(np.broadcast_shapes(boresight.shape, sun.shape)[:-1], np.inf)
         for angle, body in ((self.sun_rad, sun), (self.moon_rad, moon)):
             if angle > 0:
@@ -71,7 +75,8 @@ class Baffle:
         return clear
 
     def parts(self, node_way_rad: float, finer: float = 1.0) -> Array:
-        """Shares of the validity to look at, for a node that moves so far; ``finer``: times as many."""
+        """Fractions of the validity to sample, for a node that moves by ``node_way_rad``; ``finer``: factor on their
+        number."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
         steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / self.epoch_rad * finer
         if self.moon_rad:
@@ -82,9 +87,12 @@ class Baffle:
 def free_of_baffle(
     base: Envelope, unit: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int = VIEWS_PER_STAR
 ) -> NDArray[np.bool_]:
-    """Which (n, 3) directions, all within ``base`` and not always behind the Earth, some field shows with Sun and Moon far
-    enough. In favour of seeing: a direction within ``NEAR_RAD`` of what a clear field shows counts; for laws that do not
-    turn with the orbit within ``PATCH_NEAR_RAD``."""
+    """(n,) mask of the (n, 3) directions that some field shows with Sun and Moon far enough away.
+
+    All directions must be within ``base`` and not permanently behind the Earth. The test is biased towards visibility:
+    directions within ``NEAR_RAD`` of those in a clear field count, for laws that do not turn with the orbit within
+    ``PATCH_NEAR_RAD``.
+    """
     if isinstance(base, PatchEnvelope):
         return _free_in_patch(base, unit, baffle)
     if isinstance(base, BandEnvelope):
@@ -114,8 +122,8 @@ def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.
 def _free_in_band(
     base: BandEnvelope, u: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int
 ) -> NDArray[np.bool_]:
-    """For every date's plane: views at the star's own angle from the orbit's axis are turned along the orbit until they show
-    the star, which says where their boresight is."""
+    """Test the plane of every date: views at the star's angle from the orbit's axis are turned along the orbit until
+    they show the star, which gives their boresight."""
     if earth_rad > 0:
         limit = np.cos(earth_rad)
         views = views.take((views.direction[:, 2] <= limit) & (views.boresight[:, 2] <= limit))
@@ -131,7 +139,7 @@ def _free_in_band(
     for inclination in np.unique([*base.orbit.inclination_rad, np.mean(base.orbit.inclination_rad)]):
         for k, raan in enumerate(base.orbit.raan_at(parts)):
             left = np.flatnonzero(~found)
-            # Deep inside a keep-out no field with the direction is clear.
+            # Far inside a keep-out zone no field that shows the direction is clear.
             left = left[baffle.clearance(u[left], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
             star = u[left] @ axes.T
@@ -148,8 +156,8 @@ def _free_in_band(
 
 
 def _near(angles: Array, wanted: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(n, ``count``) places in the ascending angles, spread over those within NEAR_RAD of each wanted one, and whether
-    they are."""
+    """(n, ``count``) indices into the ascending angles, spread over those within NEAR_RAD of each wanted one, and a
+    mask that is False if there are none."""
     low, high = np.searchsorted(angles, wanted - NEAR_RAD), np.searchsorted(angles, wanted + NEAR_RAD)
     share = (np.arange(count) + 0.5) / count
     pick = (low[:, None] + share * (high - low)[:, None]).astype(np.intp)
@@ -157,7 +165,7 @@ def _near(angles: Array, wanted: Array, count: int) -> tuple[NDArray[np.intp], N
 
 
 def _free_in_sky(base: Envelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
-    """Boresights on rings round each direction, out to the corner of the field."""
+    """Test boresights on rings around each direction, out to the corner of the field."""
     sun, moon = baffle.bodies(baffle.parts(0.0))
     east = np.cross(u, np.where(np.abs(u[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     east /= np.linalg.norm(east, axis=1, keepdims=True)

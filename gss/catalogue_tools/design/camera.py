@@ -1,4 +1,4 @@
-"""A camera on the drawing board: every number that can be changed, checked, and turned into geometry and photometry."""
+"""A camera design: all parameters that can be changed, validated and converted to geometry and photometry."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from gss.domain.profiles import PROFILES, CameraProfile, profile
 from gss.domain.sensor import Sensor
 
 PHOTONS_S_CM2_NM = 1e4
-"""From V = 0: 10³ photons per second, cm² and Å (Erlank 2013 eq. 3.4.2, φ = 10^((15 − 2M)/5))."""
-# The lens transmissions that gss.domain.profiles took from the documents; the efficiency follows from the zero point.
+"""Photon flux from V = 0: 10³ photons per second, cm² and Å (Erlank 2013 eq. 3.4.2, φ = 10^((15 − 2M)/5))."""
+# Lens transmissions that gss.domain.profiles took from the documents; the efficiency follows from the zero point.
 TRANSMISSION = {"cubestar": 0.6}
 OTHER_TRANSMISSION = 0.8
 BANDWIDTH_NM = 300.0
 THRESHOLD_SNR = 5.0
-# Smallest and largest values that are taken, and why beyond them nothing sensible comes out.
+# Smallest and largest accepted values, with their unit; results outside these ranges are meaningless.
 LIMITS: dict[str, tuple[float, float, str]] = {
     "columns": (16, 16384, "px"),
     "rows": (16, 16384, "px"),
@@ -49,12 +49,12 @@ WIDEST_RAD = float(np.radians(160.0))
 
 @dataclass(frozen=True)
 class DesignCamera:
-    """One camera. Lens without distortion, optical axis in the middle of the detector.
+    """Parameters of one camera, with a lens without distortion and the optical axis in the middle of the detector.
 
-    ``efficiency``: electrons per photon at the detector, fill factor with it. ``bandwidth_nm``: of the light that counts.
+    ``efficiency``: electrons per photon at the detector, fill factor included. ``bandwidth_nm``: of the detected light.
     ``background_e_s``: sky and stray light per pixel. ``response_sigma``: spread of the pixels' relative response.
-    ``threshold_snr``: signal over noise at which a star counts as detected. ``mag_limit``: faintest magnitude V that is
-    used; None: what the radiometry allows.
+    ``threshold_snr``: signal-to-noise ratio at which a star is detected. ``mag_limit``: faintest magnitude V used;
+    None: the radiometric limit.
     """
 
     name: str
@@ -112,7 +112,7 @@ class DesignCamera:
 
     @classmethod
     def from_profile(cls, chosen: CameraProfile) -> DesignCamera:
-        """One of the documents' cameras, as its profile has it."""
+        """Return the design of one of the documents' cameras from its profile."""
         c, s = chosen.camera, chosen.sensor
         transmission = TRANSMISSION.get(chosen.name, OTHER_TRANSMISSION)
         photons_s = chosen.aperture_cm2 * transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
@@ -140,7 +140,7 @@ class DesignCamera:
 
     @cached_property
     def camera(self) -> Camera:
-        """Geometry."""
+        """Geometry of the camera."""
         pitch_mm = self.pitch_col_um / 1e3, self.pitch_row_um / 1e3
         return Camera.from_optics(self.columns, self.rows, *pitch_mm, self.focal_mm, Brown())
 
@@ -151,17 +151,17 @@ class DesignCamera:
 
     @property
     def half_size_mm(self) -> tuple[float, float]:
-        """Half the detector, along columns and along rows."""
+        """Half the size of the detector, along columns and along rows."""
         return self.columns * self.pitch_col_um / 2e3, self.rows * self.pitch_row_um / 2e3
 
     @property
     def half_diagonal_rad(self) -> float:
-        """From the boresight to a corner."""
+        """Angle from the boresight to a corner."""
         return float(np.arctan(np.hypot(*self.half_size_mm) / self.focal_mm))
 
     @property
     def fov_rad(self) -> tuple[float, float]:
-        """Full field across columns and across rows: 2·atan(I/2f) (Erlank 2013 §3.5.5 with the factor ½)."""
+        """Full field of view across columns and across rows: 2·atan(I/2f) (Erlank 2013 §3.5.5 with the factor ½)."""
         x, y = self.half_size_mm
         return 2 * float(np.arctan(x / self.focal_mm)), 2 * float(np.arctan(y / self.focal_mm))
 
@@ -183,7 +183,7 @@ class DesignCamera:
 
     @property
     def sensor(self) -> Sensor:
-        """Photometry; its magnitude limits and limits of exposure say nothing here."""
+        """Photometric model; its limits of magnitude and exposure are placeholders."""
         return Sensor(
             self.bits,
             self.gain_e_per_dn,
@@ -203,18 +203,19 @@ class DesignCamera:
 
     @property
     def noise_e(self) -> float:
-        """Standard deviation of a pixel of dark sky."""
+        """Standard deviation of a dark-sky pixel."""
         return self.sensor.noise_e(self.exposure_s)
 
     @property
     def brightest_pixel_e(self) -> float:
-        """Electrons of star light that one pixel can still tell: full well or converter, whichever ends first."""
+        """Electrons of star light that a pixel can measure before the full well or the converter saturates."""
         standing_e = (self.dark_current_e_s + self.background_e_s) * self.exposure_s
         converter_e = (self.sensor.saturation_dn - self.bias_dn) * self.gain_e_per_dn
         return max(0.0, min(self.full_well_e, converter_e) - standing_e)
 
     def edited(self, **changes: object) -> DesignCamera:
-        """With other values; None leaves one as it is. BadInput names what cannot be changed or be."""
+        """Return the camera with other values; None leaves a value unchanged. BadInput for unknown names and invalid
+        values."""
         known = {f.name for f in fields(self)}
         for name in changes:
             if name not in known:
@@ -227,10 +228,10 @@ class DesignCamera:
 
 
 def design_camera(name: str) -> DesignCamera:
-    """The documents' camera of that name."""
+    """Return the documents' camera of that name."""
     return DesignCamera.from_profile(profile(name))
 
 
 def document_cameras() -> tuple[DesignCamera, ...]:
-    """The five of them."""
+    """Return the five cameras of the documents."""
     return tuple(DesignCamera.from_profile(p) for p in PROFILES.values())

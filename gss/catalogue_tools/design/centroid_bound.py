@@ -1,5 +1,5 @@
-"""How well a star's place can be known at best: the Cramér–Rao bound of a Gaussian star on noisy pixels (Winick 1986,
-used by Huffman 2006 §4.2.2), with the pixels' uneven response as one more noise."""
+"""Lower bound of the centroid error: Cramér–Rao bound of a Gaussian star on noisy pixels (Winick 1986, used by
+Huffman 2006 §4.2.2), with the non-uniform pixel response as an additional noise."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ GRID_E = np.geomspace(1.0, 1e9, 73)
 def bound_px(star_e: Array | float, sigma_px: float, noise_e: float, response_sigma: float = 0.0) -> Array:
     """Smallest standard deviation of one coordinate, px, for stars of ``star_e`` electrons, any shape.
 
-    ``noise_e``: of a pixel of dark sky. Averaged over where in its pixel the star falls, as information is. Flux and background
-    do not move a symmetric star's centroid, so that their being unknown costs nothing here.
+    ``noise_e``: of a dark-sky pixel. The information is averaged over the star's position within its pixel. Flux and
+    background do not shift a symmetric star's centroid, so it does not matter that they are unknown.
     """
     table = _table(round(float(sigma_px), 6), round(float(noise_e), 6), round(float(response_sigma), 9))
     log_e = np.log(np.maximum(np.asarray(star_e, float), GRID_E[0]))
@@ -43,7 +43,7 @@ def _table(sigma_px: float, noise_e: float, response_sigma: float) -> Array:
 
 
 def exact_bound_px(star_e: Array, sigma_px: float, noise_e: float, response_sigma: float) -> Array:
-    """(k,) the bound of (k,) stars, not interpolated."""
+    """(k,) bound for (k,) stars, not interpolated."""
     phase = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     reach = int(np.ceil(REACH_SIGMAS * sigma_px)) + 1
     edge = np.arange(-reach, reach + 2) - 0.5
@@ -59,20 +59,23 @@ def exact_bound_px(star_e: Array, sigma_px: float, noise_e: float, response_sigm
 
 
 def pixel_bias_px(sigma_px: Array | float) -> Array:
-    """Systematic error, rms over the pixel, of a centre of light without correction: the first term of the Fourier series of
-    the interpolation error of a Gaussian star, e^(−2π²σ²)/π · sin 2πδ (Moniteq 1983 eq. 4.6 untruncated)."""
+    """Systematic error of an uncorrected centre of light, rms over the pixel.
+
+    First term of the Fourier series of the interpolation error of a Gaussian star, e^(−2π²σ²)/π · sin 2πδ (Moniteq 1983
+    eq. 4.6 untruncated).
+    """
     return np.asarray(np.exp(-2 * (np.pi * np.asarray(sigma_px, float)) ** 2) / (np.pi * np.sqrt(2)))
 
 
 def centroid_sigma_px(c: DesignCamera, v_mag: Array | float) -> Array:
-    """The bound for stars of magnitude V in this camera."""
+    """Centroid bound for stars of magnitude V in this camera."""
     star_e = c.sensor.star_e(v_mag, c.exposure_s)
     return bound_px(star_e, c.psf_sigma_px, c.noise_e, c.response_sigma)
 
 
 def psf_advice(c: DesignCamera) -> PsfAdvice:
-    """What another focus would give: limits, and how well the star that is now the faintest is centred, noise and pixel
-    together."""
+    """Effect of a different focus: magnitude limits, and the centroid error of the faintest star now in use, noise
+    and pixel bias combined."""
     tried = [with_psf(c, float(s)) for s in PSF_GRID_PX]
     star_e = np.array([float(c.sensor.star_e(limit_mag(c), c.exposure_s))])
     noise = np.array([exact_bound_px(star_e, t.psf_sigma_px, t.noise_e, t.response_sigma)[0] for t in tried])

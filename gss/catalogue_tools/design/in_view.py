@@ -1,4 +1,5 @@
-"""Stars in view: random pointings counted, as Jacobs 1995 §5.1 does with ``Stats``; the curves of a run share pointings."""
+"""Count stars in view at random pointings, like ``Stats`` in Jacobs 1995 §5.1; all curves of a run share the
+pointings."""
 
 from __future__ import annotations
 
@@ -20,15 +21,16 @@ from gss.domain.stars import StarTable
 
 Each = Callable[..., Iterable[Counts]]
 PORTION = 262_144
-"""Pointings drawn at once: many together are counted faster, fewer hold less memory."""
+"""Pointings drawn at once: larger portions are counted faster, smaller ones need less memory."""
 NTH = 5
 COMPLETE_V_MAG = 7.3
-"""To here Hipparcos is whole; counts beyond are too low."""
+"""Hipparcos is complete to this magnitude; counts beyond it are too low."""
 
 
 @dataclass(frozen=True)
 class InView:
-    """``histogram``: pointings with 0, 1, 2 … stars. ``worst_*``: the first pointing with the fewest, its boresight."""
+    """Number of stars in view. ``histogram``: pointings with 0, 1, 2 … stars. ``worst_*``: boresight of the first
+    pointing with the fewest."""
 
     pointings: int
     histogram: Counts
@@ -38,20 +40,20 @@ class InView:
 
     @property
     def mean(self) -> float:
-        """Stars per pointing."""
+        """Mean number of stars per pointing."""
         return float(self.histogram @ np.arange(len(self.histogram)) / self.pointings)
 
     def p_fewer_than(self, stars: int) -> float:
-        """Share of the pointings with fewer stars."""
+        """Fraction of the pointings with fewer than ``stars`` stars."""
         return float(self.histogram[:stars].sum() / self.pointings)
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Every star in every field of some pointings, by field and in it brightest first.
+    """Every star in every field of a set of pointings, sorted by field and then by brightness, brightest first.
 
-    ``field``, ``star``: (k,) rows of the attitudes and of the stars, which are brightest first. ``plane``: (k, 2) tangent
-    plane coordinates X/Z, Y/Z. ``count``: (m,) stars per field.
+    ``field``, ``star``: (k,) rows of the attitudes and of the stars, which are brightest first. ``plane``: (k, 2)
+    tangent plane coordinates X/Z, Y/Z. ``count``: (m,) stars per field.
     """
 
     field: NDArray[np.intp]
@@ -60,14 +62,14 @@ class Pairs:
     count: Counts
 
     def brighter_than(self, rows: int) -> Pairs:
-        """Those among the first ``rows`` stars."""
+        """Return the pairs whose star is among the first ``rows`` stars."""
         keep = self.star < rows
         count = np.bincount(self.field[keep], minlength=len(self.count))
         return Pairs(self.field[keep], self.star[keep], self.plane[keep], count)
 
 
 def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
-    """(m, 3, 3) cam_from_icrs: anywhere with any roll, or along an envelope."""
+    """(m, 3, 3) random cam_from_icrs: uniform over the sky and the roll, or within an envelope."""
     if pointings < 1:
         raise BadInput("no pointing to count stars in", expected="at least 1", got=str(pointings))
     where = WholeSky(c.shape) if envelope is None else envelope
@@ -75,12 +77,12 @@ def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None =
 
 
 def bright_rows(stars: StarTable, limit_mag: float) -> int:
-    """How many of the table's stars, brightest first, are not fainter than the limit."""
+    """Number of the table's stars, brightest first, that are not fainter than the limit."""
     return int(np.searchsorted(stars.v_mag, limit_mag, side="right"))
 
 
 def affordable(c: DesignCamera, rows: int, pointings: int, most_pairs: float) -> int:
-    """As many of the pointings as keep the expected number of stars counted below ``most_pairs``, at least 50."""
+    """Number of pointings that keeps the expected number of counted stars below ``most_pairs``, at least 50."""
     per_field = rows * c.shape.area_sr / (4 * np.pi)
     return max(min(pointings, 50), min(pointings, int(most_pairs / max(per_field, 1e-9))))
 
@@ -93,8 +95,11 @@ def count_stars(
     each: Each,
     progress: Progress,
 ) -> InView:
-    """Histogram of (n, 3) ICRS stars over ``pointings``. ``attitudes(k, m)``: the m of portion k. Progress is told, and a cancel
-    heard, whenever a patch of sky is done."""
+    """Histogram of (n, 3) ICRS stars over ``pointings``.
+
+    ``attitudes(k, m)``: the m attitudes of portion k. Progress is reported, and cancellation checked, after each patch
+    of sky.
+    """
     histogram = np.zeros(1, np.int64)
     worst, place = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
     for k, start in enumerate(range(0, pointings, PORTION)):
@@ -112,7 +117,7 @@ def count_stars(
 
 
 def counted_pairs(pairs: Pairs, attitudes: Array) -> InView:
-    """The histogram of the pointings that the pairs come from."""
+    """Histogram of the pointings of the pairs."""
     worst = int(np.argmin(pairs.count))
     ra, dec = ra_dec_from_unit(attitudes[worst, 2])
     return InView(len(attitudes), np.bincount(pairs.count), int(pairs.count[worst]), float(ra), float(dec))
@@ -123,7 +128,7 @@ def _within(progress: Progress, start: float, size: float) -> Progress:
 
 
 def _telling(each: Each, progress: Progress) -> Each:
-    """The same, with a word after each piece of work."""
+    """Wrap ``each`` so that it reports progress after each group."""
 
     def told(work: Callable[..., Counts], groups: Sequence[object]) -> Iterator[Counts]:
         for k, result in enumerate(each(work, groups)):
@@ -134,7 +139,7 @@ def _telling(each: Each, progress: Progress) -> Each:
 
 
 def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> Pairs:
-    """Stars of (n, 3) ICRS, brightest first, in the fields of (m, 3, 3) cam_from_icrs."""
+    """Find the stars of (n, 3) ICRS directions, brightest first, in the fields of (m, 3, 3) cam_from_icrs."""
     m = len(attitudes)
     reach = 2 * np.sin(shape.half_diagonal_rad / 2) * (1 + 1e-9)
     if len(unit):
@@ -152,7 +157,7 @@ def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> Pairs:
 
 
 def nth_brightest_mag(pairs: Pairs, v_mag: Array, nth: int = NTH) -> Array:
-    """(m, nth) magnitude of the 1st … nth brightest star of each field; +inf where there is none."""
+    """(m, nth) magnitude of the 1st … nth brightest star of each field; +inf if there is none."""
     start = np.concatenate([[0], np.cumsum(pairs.count)[:-1]])
     result = np.full((len(pairs.count), nth), np.inf)
     for k in range(nth):
@@ -162,18 +167,20 @@ def nth_brightest_mag(pairs: Pairs, v_mag: Array, nth: int = NTH) -> Array:
 
 
 def p_fewer_by_limit(nth_mag: Array, stars: int, limit_mag: Array) -> Array:
-    """Share of fields with fewer than ``stars`` stars, for each limiting magnitude."""
+    """Fraction of fields with fewer than ``stars`` stars, for each limiting magnitude."""
     known = np.sort(nth_mag[:, stars - 1])
     return np.asarray(1 - np.searchsorted(known, limit_mag, side="right") / len(known), float)
 
 
 def mean_by_limit(stars: StarTable, area_sr: float, limit_mag: Array) -> Array:
-    """Mean stars in a field that points anywhere: exact, the catalogue's number times the field's share of the sphere."""
+    """Exact mean number of stars in a field with random pointing: the number in the catalogue times the field's
+    fraction of the sphere."""
     return np.asarray(np.searchsorted(stars.v_mag, limit_mag, side="right") * (area_sr / (4 * np.pi)), float)
 
 
 def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
-    """(m, nth) angles from (m, 3) boresights to their nearest stars: the radius of the circle that holds 1 … nth of them."""
+    """(m, nth) angles from (m, 3) boresights to their nearest stars: radius of the circle that contains 1 … nth of
+    them."""
     if len(unit) < nth:
         return np.full((len(boresight), nth), np.inf)
     chord, _ = cKDTree(unit).query(boresight, k=nth)
@@ -181,16 +188,16 @@ def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
 
 
 def p_fewer_in_circle(nth_rad: Array, stars: int, diameter_rad: Array) -> Array:
-    """Share of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig. 3.8)."""
+    """Fraction of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig. 3.8)."""
     known = np.sort(nth_rad[:, stars - 1])
     return np.asarray(1 - np.searchsorted(known, np.asarray(diameter_rad) / 2, side="right") / len(known), float)
 
 
 def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: Array, stars: tuple[int, ...]) -> Array:
-    """(len(stars), len(focal_mm)) share of this detector's rectangles with fewer stars, behind each focal length.
+    """(len(stars), len(focal_mm)) fraction of this detector's rectangular fields with fewer stars, for each focal length.
 
-    One search with the shortest focal length; the shortest that still holds the nth star of a field follows from its
-    tangent plane coordinates.
+    One search with the shortest focal length is sufficient: the longest focal length that keeps a star in the field
+    follows from its tangent plane coordinates.
     """
     widest = c.edited(focal_mm=float(np.min(focal_mm)))
     pairs = pairs_in_view(unit, attitudes, widest.shape)

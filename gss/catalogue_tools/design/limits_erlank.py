@@ -1,4 +1,5 @@
-"""Limiting magnitude as Erlank 2013 §3.4.4 reckons it: photons on a pixel against those the data sheet wants for SNR 10."""
+"""Limiting magnitude by the method of Erlank 2013 §3.4.4: photons on a pixel against the number that the data sheet
+requires for SNR 10."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ SNR10_W_CM2, WAVELENGTH_M = 25e-9, 535e-9
 
 @dataclass(frozen=True)
 class Lens:
-    """What eq. 3.4.2 needs. Default: the document's order of magnitude, a lens of 1 cm radius."""
+    """Parameters of eq. 3.4.2. Default: the document's order of magnitude, a lens of 1 cm radius."""
 
     area_cm2: float = float(np.pi)
     transmission: float = 0.6
@@ -22,7 +23,7 @@ class Lens:
 
 
 def photons_s(power_w: float, wavelength_m: float = WAVELENGTH_M) -> float:
-    """Photons per second of one colour (eq. 3.4.1)."""
+    """Photons per second at one wavelength (eq. 3.4.1)."""
     return power_w * wavelength_m / (PLANCK_J_S * LIGHT_M_S)
 
 
@@ -37,27 +38,31 @@ def star_photons_s(lens: Lens, v_mag: float) -> float:
 
 
 def limit_of_lens_mag(lens: Lens, needed_s: float, pixels: float) -> float:
-    """Faintest V that gives each of the pixels that a star covers its SNR 10."""
+    """Faintest V that gives SNR 10 in each of the pixels that a star covers."""
     return float(2.5 * np.log10(star_photons_s(lens, 0.0) / (pixels * needed_s)))
 
 
 def pixels_covered(sigma_px: float) -> int:
-    """Pixels of the grid that holds a star, 1 x 1, 3 x 3 or 5 x 5 … (§3.4.4, §4.1.1): the least odd one as wide as 2.5 σ."""
+    """Pixels of the grid that contains a star, 1 x 1, 3 x 3, 5 x 5 … (§3.4.4, §4.1.1): the smallest odd side of at
+    least 2.5 σ."""
     side = int(np.ceil(2.5 * sigma_px))
     return (side + 1 - side % 2) ** 2
 
 
 def limit_mag(c: DesignCamera) -> float:
-    """The method with this camera's lens, pixels and spread, and the Melexis sensitivity. SNR 10; the exposure does not enter."""
+    """Faintest V by this method, with this camera's lens, pixels and spread, and the Melexis sensitivity.
+
+    The threshold is SNR 10; the exposure has no effect.
+    """
     lens = Lens(c.aperture_cm2, c.transmission, c.bandwidth_nm * 10)
     return limit_of_lens_mag(lens, needed_photons_s(c.pitch_col_um, c.pitch_row_um), pixels_covered(c.psf_sigma_px))
 
 
 def fov_rad(size_mm: float, focal_mm: float) -> float:
-    """Field across ``size_mm`` of detector (eq. 3.5.2–3 with the factor ½ that Table 3.5 uses)."""
+    """Field of view across ``size_mm`` of detector (eq. 3.5.2–3 with the factor ½ that Table 3.5 uses)."""
     return float(2 * np.arctan(size_mm / 2 / focal_mm))
 
 
 def equal_circle_rad(fov_col_rad: float, fov_row_rad: float) -> float:
-    """Diameter of the circle of the same area, both fields multiplied as if flat (eq. 3.5.4)."""
+    """Diameter of the circle of the same area, treating both angles as flat (eq. 3.5.4)."""
     return float(2 * np.sqrt(fov_col_rad * fov_row_rad / np.pi))

@@ -1,4 +1,4 @@
-"""Limiting magnitude as Huffman 2006 §3 reckons it: peak of a Gaussian star over the noise of a pixel."""
+"""Limiting magnitude by the method of Huffman 2006 §3: peak of a Gaussian star over the noise of a pixel."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ MAG_0 = 28.0
 
 @dataclass(frozen=True)
 class Imager:
-    """What eq. 3.4 and 3.18 need. ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4, which
-    the rest of the equation makes superfluous (errata E1); the document's tables were made with it."""
+    """Parameters of eq. 3.4 and 3.18.
+
+    ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4, which the other terms of the
+    equation make superfluous (errata E1); the document's tables include it.
+    """
 
     area_m2: float
     exposure_s: float
@@ -28,12 +31,12 @@ class Imager:
 
     @property
     def noise_e(self) -> float:
-        """Dark and readout noise, those the document keeps (§3.2.6)."""
+        """Dark and readout noise, the only terms the document retains (§3.2.6)."""
         return float(np.sqrt(self.dark_e + self.read_noise_e**2))
 
 
 def imager_of(c: DesignCamera) -> Imager:
-    """A camera as this method sees it: its optics, exposure and noise, with the document's detector response."""
+    """Return the parameters of a camera: its optics, exposure and noise, with the document's detector response."""
     dark_e = c.dark_current_e_s * c.exposure_s
     return Imager(c.aperture_cm2 * 1e-4 * c.transmission, c.exposure_s, c.psf_sigma_px, dark_e, c.read_noise_e)
 
@@ -44,12 +47,12 @@ def star_e(i: Imager, v_mag: float) -> float:
 
 
 def magnitude(i: Imager, electrons: float) -> float:
-    """Eq. 3.4 the other way round."""
+    """Inverse of eq. 3.4."""
     return float(MAG_0 - 2.5 * np.log10(electrons / (i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain)))
 
 
 def snr(i: Imager, v_mag: float) -> float:
-    """Peak pixel over noise (eq. 3.18)."""
+    """Signal-to-noise ratio of the peak pixel (eq. 3.18)."""
     return star_e(i, v_mag) / (2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
 
 
@@ -60,12 +63,12 @@ def limit_mag(c: DesignCamera) -> float:
 
 
 def largest_useful_gain(full_well_e: float, bits: int) -> float:
-    """Electrons per count beyond which resolution is only lost (eq. 3.9, 3.10): 117 for the IBIS5."""
+    """Electrons per count above which resolution is lost (eq. 3.9, 3.10): 117 for the IBIS5."""
     return full_well_e / (1 << bits)
 
 
 def quantisation_e(gain_e_per_dn: float) -> float:
-    """Noise of rounding (eq. 3.13)."""
+    """Quantisation noise (eq. 3.13)."""
     return float(gain_e_per_dn / np.sqrt(12))
 
 

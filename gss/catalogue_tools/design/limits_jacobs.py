@@ -1,5 +1,5 @@
-"""Limiting magnitude as Jacobs 1995 §9 and app. H reckon it: lux on the pixel at a faint star's edge against the dark signal's
-non-uniformity. Volts, lux and kelvin are the document's own units."""
+"""Limiting magnitude by the method of Jacobs 1995 §9 and app. H: lux on the pixel at a faint star's edge against the
+dark signal non-uniformity. Volts, lux and kelvin are the document's units."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SUM_REACH = 6.0
 
 @dataclass(frozen=True)
 class VideoChip:
-    """A CCD as its data sheet has it. Default: Sony ICX059 (Jacobs 1995 §9.2, H.3, H.4).
+    """Data sheet parameters of a CCD. Default: Sony ICX059 (Jacobs 1995 §9.2, H.3, H.4).
 
-    ``scene_lux``, ``scene_v``: illumination of the detector and the video voltage it gave in ``scene_s``.
-    ``dsnu_v_s``: peak dark signal non-uniformity per second at ``dsnu_k``. ``chip_k``: temperature in use.
+    ``scene_lux``, ``scene_v``: illumination of the detector and the resulting video voltage in ``scene_s``.
+    ``dsnu_v_s``: peak dark signal non-uniformity per second at ``dsnu_k``. ``chip_k``: operating temperature.
     """
 
     scene_lux: float = float(np.pi * 706.0 / (4 * 8.0**2))

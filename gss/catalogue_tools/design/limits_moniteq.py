@@ -1,4 +1,5 @@
-"""Limiting magnitude and noise equivalent angle as Moniteq 1983 §4.3–4.4 reckon them, in the corrected forms of the errata."""
+"""Limiting magnitude and noise equivalent angle by the method of Moniteq 1983 §4.3–4.4, with the corrections of the
+errata."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ A_BOUND, B_BOUND, C_BOUND = 0.11, 0.16, 8.6
 
 @dataclass(frozen=True)
 class Detector:
-    """Table 4.1. ``dark_share`` f: spread of the dark current. ``fixed_e2`` σ²_fix: read and clock noise squared."""
+    """Detector parameters (Table 4.1). ``dark_share`` f: spread of the dark current. ``fixed_e2`` σ²_fix: read and
+    clock noise squared."""
 
     dark_e_s: float = 4e3
     dark_share: float = 0.01
@@ -23,39 +25,40 @@ class Detector:
     response_sigma: float = 0.005
 
     def noise_e(self, exposure_s: float) -> float:
-        """√(f²i²τ² + iτ + σ²_fix) of a pixel."""
+        """Noise of a pixel: √(f²i²τ² + iτ + σ²_fix)."""
         dark_e = self.dark_e_s * exposure_s
         return float(np.sqrt((self.dark_share * dark_e) ** 2 + dark_e + self.fixed_e2))
 
 
 def detector_of(c: DesignCamera) -> Detector:
-    """A camera as this method sees it, with the report's 1 % of uneven dark current."""
+    """Return the detector parameters of a camera, with the report's 1 % spread of the dark current."""
     fixed_e2 = c.read_noise_e**2 + c.gain_e_per_dn**2 / 12
     return Detector(c.dark_current_e_s + c.background_e_s, 0.01, fixed_e2, c.response_sigma)
 
 
 def star_e_s(area_cm2: float, v_mag: float) -> float:
-    """Electrons per second (Table 4.1: 1.5·10³ per cm² at magnitude 6)."""
+    """Electrons per second from a star (Table 4.1: 1.5·10³ per cm² at magnitude 6)."""
     return float(STAR_V6_E_S_CM2 * area_cm2 * 10 ** (-0.4 * (v_mag - 6)))
 
 
 def snr(d: Detector, area_cm2: float, v_mag: float, exposure_s: float) -> float:
-    """S/N = eAτ/√(f²i²τ² + iτ + σ²_fix): all of the star over the noise of one pixel (§4.4)."""
+    """S/N = eAτ/√(f²i²τ² + iτ + σ²_fix): total signal of the star over the noise of one pixel (§4.4)."""
     return star_e_s(area_cm2, v_mag) * exposure_s / d.noise_e(exposure_s)
 
 
 def limit_for_snr_mag(d: Detector, area_cm2: float, exposure_s: float, wanted: float) -> float:
-    """Faintest V with that S/N."""
+    """Faintest V with the S/N ``wanted``."""
     return float(2.5 * np.log10(snr(d, area_cm2, 0.0, exposure_s) / wanted))
 
 
 def limit_mag(c: DesignCamera) -> float:
-    """Faintest V whose light is the camera's threshold times the noise of its 3 x 3 window: S/N ≥ 3 times the threshold."""
+    """Faintest V whose light is the camera's threshold times the noise of its 3 x 3 window: S/N ≥ 3 times the
+    threshold."""
     return limit_for_snr_mag(detector_of(c), c.aperture_cm2, c.exposure_s, 3 * c.threshold_snr)
 
 
 def snr_for_position(sigma_px: float, c_bound: float = C_BOUND) -> float:
-    """S/N that a centroid error wants, √C/σ: 293 for 1 % of a pixel, 147 for 2 %."""
+    """S/N required for a centroid error, √C/σ: 293 for 1 % of a pixel, 147 for 2 %."""
     return float(np.sqrt(c_bound) / sigma_px)
 
 
@@ -67,13 +70,13 @@ def position_sigma_px(d: Detector, star_electrons: float, exposure_s: float) -> 
 
 
 def longest_useful_s(d: Detector, loss: float = 2.0) -> float:
-    """Exposure at which S/N is 1/loss of what the uneven dark current ever allows (§4.4): 1.5 s."""
+    """Exposure at which S/N is 1/loss of the maximum that the dark current spread allows (§4.4): 1.5 s."""
     f2 = d.dark_share**2 * (loss**2 - 1)
     return float((1 + np.sqrt(1 + 4 * f2 * d.fixed_e2)) / (2 * f2 * d.dark_e_s))
 
 
 def lens_area_cm2(d: Detector, v_mag: float, sigma_px: float, loss: float = 2.0, c_bound: float = C_BOUND) -> float:
-    """Lens that a star's position to σ wants when the exposure is the longest useful one: √C·M f i/(e σ) (§4.4)."""
+    """Lens area required to measure a star's position to σ with the longest useful exposure: √C·M f i/(e σ) (§4.4)."""
     per_cm2 = star_e_s(1.0, v_mag)
     return float(np.sqrt(c_bound) * loss * d.dark_share * d.dark_e_s / (per_cm2 * sigma_px))
 

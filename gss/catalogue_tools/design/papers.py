@@ -1,4 +1,4 @@
-"""What the documents print about their own cameras, to be marked beside ours."""
+"""Figures printed in the documents for their own cameras, shown next to ours."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PaperValue:
-    """``figure``: which of ours it stands beside. ``x``: where on that figure's curve, NaN for a single number."""
+    """One printed figure. ``figure``: our figure that it is compared with. ``x``: position on that figure's curve,
+    NaN for a single number."""
 
     profile: str
     figure: str
@@ -43,5 +44,5 @@ PAPER_VALUES: tuple[PaperValue, ...] = (
 
 
 def values_for(profile_name: str) -> tuple[PaperValue, ...]:
-    """Those of one camera."""
+    """Return the figures of one camera."""
     return tuple(v for v in PAPER_VALUES if v.profile == profile_name)

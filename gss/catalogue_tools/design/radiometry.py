@@ -1,4 +1,4 @@
-"""How faint and how bright a star may be: signal and noise of a Gaussian star on pixels, with our own zero point."""
+"""Magnitude limits from signal and noise of a Gaussian star on pixels, using our zero point."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ PSF_GRID_PX = np.round(np.geomspace(0.25, 4.0, 25), 4)
 
 
 def column_shares(offset_px: Array | float, sigma_px: float, window_px: int) -> Array:
-    """(…, N) share of a star's light in each of N columns when it is ``offset_px`` from the middle of the window."""
+    """(…, N) fraction of a star's light in each of N columns if it is ``offset_px`` from the middle of the window."""
     edge = np.arange(window_px + 1) - window_px / 2
     return np.asarray(np.diff(ndtr((edge - np.asarray(offset_px, float)[..., None]) / sigma_px), axis=-1))
 
 
 def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool = False) -> float:
-    """Share of a star's light in its brightest pixel: on average over where in the pixel it falls, or centred (the largest).
+    """Fraction of a star's light in its brightest pixel: averaged over the position within the pixel, or centred (the largest).
 
-    ``streak_px``: length along the columns that the star moved evenly during the exposure; the streak is centred.
+    ``streak_px``: length of uniform motion along the columns during the exposure; the streak is centred.
     """
     u = np.zeros(1) if centred else (np.arange(PHASES) + 0.5) / PHASES - 0.5
     still = ndtr((0.5 - u) / sigma_px) - ndtr((-0.5 - u) / sigma_px)
@@ -47,7 +47,8 @@ def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool
 
 @lru_cache(maxsize=256)
 def energy_window(sigma_px: float) -> tuple[int, float]:
-    """Side N in pixels of the window in which a centred star is best seen over even noise, and the share of light in it."""
+    """Side N in pixels of the window that maximises the signal-to-noise ratio of a centred star over uniform noise,
+    and the fraction of light in it."""
     sizes = np.arange(1, 2 * int(np.ceil(3 * sigma_px)) + 3)
     shares = np.array([float(column_shares(0.0, sigma_px, int(n)).sum()) ** 2 for n in sizes])
     best = int(np.argmax(shares / sizes))
@@ -55,13 +56,13 @@ def energy_window(sigma_px: float) -> tuple[int, float]:
 
 
 def snr_brightest_pixel(c: DesignCamera, v_mag: Array | float) -> Array:
-    """Signal over noise of a star's brightest pixel: S/√(S + D + R² + Δ²/12 + B) (Huffman 2006 eq. 3.17)."""
+    """Signal-to-noise ratio of a star's brightest pixel: S/√(S + D + R² + Δ²/12 + B) (Huffman 2006 eq. 3.17)."""
     s = c.sensor.star_e(v_mag, c.exposure_s) * brightest_pixel_share(c.psf_sigma_px)
     return np.asarray(s / np.sqrt(s + c.noise_e**2))
 
 
 def snr_window(c: DesignCamera, v_mag: Array | float) -> Array:
-    """Signal over noise of all the light in the window of :func:`energy_window`."""
+    """Signal-to-noise ratio of all the light in the window of :func:`energy_window`."""
     side, share = energy_window(c.psf_sigma_px)
     s = c.sensor.star_e(v_mag, c.exposure_s) * share
     return np.asarray(s / np.sqrt(s + side**2 * c.noise_e**2))
@@ -73,7 +74,7 @@ def signal_for_snr_e(snr: float, noise_e: float) -> float:
 
 
 def limit_brightest_pixel_mag(c: DesignCamera) -> float:
-    """Faintest V whose brightest pixel reaches the threshold, on average over where in the pixel the star falls."""
+    """Faintest V whose brightest pixel reaches the threshold, averaged over the star's position within the pixel."""
     needed_e = signal_for_snr_e(c.threshold_snr, c.noise_e) / brightest_pixel_share(c.psf_sigma_px)
     return float(c.sensor.magnitude(needed_e, c.exposure_s))
 
@@ -86,12 +87,14 @@ def limit_window_mag(c: DesignCamera) -> float:
 
 
 def limit_mag(c: DesignCamera) -> float:
-    """The limit in force: the given one, else that of the brightest pixel, by which all five systems threshold."""
+    """Magnitude limit in use: the given one, otherwise that of the brightest pixel, which all five systems compare
+    with the threshold."""
     return limit_brightest_pixel_mag(c) if c.mag_limit is None else c.mag_limit
 
 
 def saturation_mag(c: DesignCamera) -> float:
-    """Brightest V that leaves every pixel below full well and converter wherever it falls; +inf: darkness alone fills them."""
+    """Brightest V that keeps every pixel below full well and converter limit at any position; +inf if dark signal
+    alone saturates."""
     room_e = c.brightest_pixel_e
     if room_e <= 0:
         return float("inf")
@@ -99,7 +102,7 @@ def saturation_mag(c: DesignCamera) -> float:
 
 
 def longest_exposure_s(c: DesignCamera) -> float:
-    """Until dark current and background alone fill a pixel."""
+    """Exposure at which dark current and background alone saturate a pixel."""
     rate = c.dark_current_e_s + c.background_e_s
     room_e = min(c.full_well_e, (c.sensor.saturation_dn - c.bias_dn) * c.gain_e_per_dn)
     return room_e / rate if rate > 0 else float("inf")
@@ -107,8 +110,11 @@ def longest_exposure_s(c: DesignCamera) -> float:
 
 @dataclass(frozen=True)
 class Blur:
-    """``streak_px``: streak that costs half a magnitude. ``rate_rad_s``: turn about a transverse axis that draws it.
-    ``smear_limit_rate_rad_s``: at which a star moves 0.88 px, the document's tolerable smear (Moniteq 1983 §4.2)."""
+    """Motion limits.
+
+    ``streak_px``: streak that costs half a magnitude. ``rate_rad_s``: rate about a transverse axis that produces it.
+    ``smear_limit_rate_rad_s``: rate at which a star moves 0.88 px, the document's tolerable smear (Moniteq 1983 §4.2).
+    """
 
     streak_px: float
     rate_rad_s: float
@@ -119,14 +125,17 @@ TOLERABLE_SMEAR_PX = 0.88
 
 
 def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
-    """Magnitudes that the limit of the brightest pixel falls with the length of the streak."""
+    """Loss in magnitudes of the brightest-pixel limit for each streak length."""
     still = brightest_pixel_share(sigma_px, centred=True)
     moving = np.array([brightest_pixel_share(sigma_px, float(s), centred=True) for s in np.ravel(streak_px)])
     return -2.5 * np.log10(moving / still)
 
 
 def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
-    """How fast the camera may turn. The noise under a faint star is the sky's, so that the limit follows the peak's share."""
+    """Compute the angular rates that the camera tolerates.
+
+    The noise under a faint star is that of the sky, so the limit depends only on the peak's fraction of the light.
+    """
 
     def excess(log_streak: float) -> float:
         return float(blur_loss_mag(c.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
@@ -138,8 +147,12 @@ def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
 
 @dataclass(frozen=True)
 class PsfAdvice:
-    """``sigma_px`` tried, with the limit by the ``brightest`` pixel and by the ``window``; ``centroid_px``: error of
-    the star that is now the faintest, and ``best_px`` where it is least; ``kind``: sharp, good or wide."""
+    """Effect of the focus for each ``sigma_px``.
+
+    ``limit_brightest_mag``, ``limit_window_mag``: limit by the brightest pixel and by the window. ``centroid_px``:
+    error of the faintest star now in use; ``best_px``: σ with the smallest error. ``kind``: of the present focus:
+    sharp, good or wide.
+    """
 
     sigma_px: Array
     limit_brightest_mag: Array
@@ -150,17 +163,17 @@ class PsfAdvice:
 
 
 SHARPEST_PX, WIDEST_OVER_BEST = 0.4, 2.5
-"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel; above 2.5 times the best
-the light is spread for nothing, or for a detector that is uneven inside its pixels."""
+"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel. Above 2.5 times the
+best the light is spread without benefit, except for a detector with non-uniform response within its pixels."""
 
 
 def psf_kind(sigma_px: float, best_px: float) -> str:
-    """In a word."""
+    """Classify the focus as sharp, good or wide."""
     if sigma_px < SHARPEST_PX:
         return "sharp"
     return "wide" if sigma_px > WIDEST_OVER_BEST * max(best_px, SHARPEST_PX) else "good"
 
 
 def with_psf(c: DesignCamera, sigma_px: float) -> DesignCamera:
-    """The same camera, focused otherwise."""
+    """Return the same camera with a different focus."""
     return replace(c, psf_sigma_px=sigma_px)

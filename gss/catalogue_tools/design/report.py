@@ -1,4 +1,4 @@
-"""Everything about one camera in one go: a quick look while its numbers change, and the full count."""
+"""Complete design report of one camera: a fast version while parameters change, and the full one."""
 
 from __future__ import annotations
 
@@ -54,14 +54,17 @@ EXPOSURE_FACTORS = np.geomspace(0.1, 10.0, 9)
 FOCAL_FACTORS = np.geomspace(0.6, 2.0, 13)
 LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
 MOST_COUNTED = 40.0
-"""The histogram may go through this many times the stars of a curve: it is only counted."""
+"""The histogram may process this many times as many stars as a curve, because it only counts them."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
 
 @dataclass(frozen=True)
 class Effort:
-    """``pointings`` of the histogram; 0: those of the curves. ``looks`` of curves and accuracy, ``pairs``: most stars that one
-    curve may go through; ``trade_looks``: of each lens tried; 0: none tried."""
+    """Amount of computation.
+
+    ``pointings``: of the histogram; 0: use those of the curves. ``looks``: pointings of curves and accuracy. ``pairs``:
+    largest number of stars that one curve may process. ``trade_looks``: pointings per lens; 0: no lens trade-off.
+    """
 
     pointings: int
     looks: int
@@ -75,8 +78,11 @@ FULL = Effort(1_000_000, 20_000, 1e6, 2_000)
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """``envelope`` None: the whole sky. ``exclusion_rad``: angle of Sun or Earth from the axis that the baffle is made for;
-    ``spare_mm``: widening of its front for misalignment."""
+    """Input of a design report.
+
+    ``envelope`` None: the whole sky. ``exclusion_rad``: angle of Sun or Earth from the axis for which the baffle is
+    made; ``spare_mm``: widening of its front for misalignment.
+    """
 
     camera: DesignCamera
     envelope: Envelope | None = None
@@ -87,7 +93,7 @@ class DesignRequest:
 
 @dataclass(frozen=True)
 class Limits:
-    """Faintest magnitude by each method. ``document_*``: the documents' formulas with this camera's optics."""
+    """Faintest magnitude by each method. The last four use the documents' formulas with this camera's optics."""
 
     in_force_mag: float
     brightest_pixel_mag: float
@@ -101,8 +107,8 @@ class Limits:
 
 @dataclass(frozen=True)
 class Curves:
-    """By magnitude limit, by circle, by focal length: shares with fewer than 3 and 5 stars; by magnitude: SNR and centroid;
-    by exposure and by limit: accuracy."""
+    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle and by
+    focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by limit."""
 
     limit_mag: Array
     mean_stars: Array
@@ -124,8 +130,11 @@ class Curves:
 
 @dataclass(frozen=True)
 class DesignReport:
-    """``looks``: pointings behind the curves. ``two_stage`` None where such a shade would be too long. ``baffle_problem``: why
-    there is no baffle, empty where there is one."""
+    """Results for one camera.
+
+    ``looks``: number of pointings behind the curves. ``two_stage`` None: it would be too long. ``baffle_problem``: why
+    there is no baffle, empty if there is one.
+    """
 
     request: DesignRequest
     effort: Effort
@@ -145,7 +154,7 @@ class DesignReport:
 
 
 def limits_of(c: DesignCamera) -> Limits:
-    """All limiting magnitudes."""
+    """Compute all limiting magnitudes."""
     return Limits(
         limit_mag(c),
         limit_brightest_pixel_mag(c),
@@ -161,7 +170,8 @@ def limits_of(c: DesignCamera) -> Limits:
 def design(
     request: DesignRequest, stars: StarTable, effort: Effort, *, each: Each = map, progress: Progress = lambda _: None
 ) -> DesignReport:
-    """The whole report. ``stars``: brightest first. ``each``: how blocks of pointings are worked off."""
+    """Compute the report. ``stars``: brightest first. ``each``: how blocks of pointings are mapped. BadInput if no
+    star is detected."""
     c = request.camera
     limits = limits_of(c)
     _check(limits, stars)
@@ -190,7 +200,7 @@ def design(
 
 
 def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
-    """A camera's line in the table of cameras, over the whole sky."""
+    """Return a camera's row in the table of cameras, over the whole sky."""
     return trade_row(c, stars, look(c, looks, seed), pairs)
 
 
@@ -199,7 +209,7 @@ def _count(request: DesignRequest, unit: Array, effort: Effort, each: Each, prog
     pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MOST_COUNTED)
 
     def portion(k: int, m: int) -> Array:
-        # Seeds that no other portion and no curve has, whatever the size of the portions.
+        # Seeds differ from those of all other portions and curves, whatever the size of the portions.
         where = request.seed * 1_000_003 + 1 + k
         return look(c, m, where, request.envelope)
 
@@ -255,7 +265,7 @@ def _curves(
 
 
 def _exposures_s(c: DesignCamera) -> Array:
-    """Around the camera's own, as far as exposures go."""
+    """Exposures around the camera's own, within the accepted range."""
     low, high, _ = LIMITS["exposure_s"]
     exposures = c.exposure_s * EXPOSURE_FACTORS
     return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], c.exposure_s))
@@ -264,7 +274,10 @@ def _exposures_s(c: DesignCamera) -> Array:
 def _by_exposure(
     c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, effort: Effort
 ) -> tuple[Accuracy, ...]:
-    """A longer exposure shows far more stars: as many of the pointings as can be afforded at the longest."""
+    """Compute the accuracy by exposure.
+
+    A longer exposure shows many more stars, so the number of pointings is limited to what is affordable at the longest.
+    """
     rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
     some = attitudes[: affordable(c, rows, len(attitudes), effort.pairs / 2)]
     pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
@@ -278,7 +291,7 @@ def _limit_grid(limit: float) -> Array:
 
 
 def _focals(c: DesignCamera) -> Array:
-    """Around the camera's own, as far as a flat detector can see that wide."""
+    """Focal lengths around the camera's own, as short as a flat detector allows."""
     shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
     focal = c.focal_mm * FOCAL_FACTORS
     kept = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
@@ -333,7 +346,7 @@ def _part(progress: Progress, low: float, high: float) -> Progress:
 
 
 def crossing(x: Array, y: Array, level: float) -> float:
-    """First x at which a falling y reaches the level, straight between points; NaN where it never does."""
+    """First x at which a falling y reaches the level, by linear interpolation; NaN if it never does."""
     for (x0, y0), (x1, y1) in pairwise(zip(x, y, strict=True)):
         if y0 > level >= y1:
             return float(x0 + (x1 - x0) * (y0 - level) / (y0 - y1))

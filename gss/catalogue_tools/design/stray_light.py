@@ -1,4 +1,5 @@
-"""What of Sun, Earth and Moon reaches a pixel, straight and through the baffle (Moniteq 1983 §5.2, Tables 5.2 and 5.3)."""
+"""Light of Sun, Earth and Moon that reaches a pixel, directly and through the baffle (Moniteq 1983 §5.2, Tables 5.2
+and 5.3)."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ PRINTED_AREA_CM2 = ((20.0, 2.58e-15), (21.0, 9.87e-16), (27.0, 6.69e-16), (37.0,
 
 @dataclass(frozen=True)
 class Source:
-    """``irradiance_w_cm2`` on the lens, ``radiance_w_cm2_sr`` of its face."""
+    """A light source: ``irradiance_w_cm2`` at the lens, ``radiance_w_cm2_sr`` of its disc."""
 
     name: str
     irradiance_w_cm2: float
@@ -24,7 +25,7 @@ class Source:
 
 
 PRINTED_SUN = Source("Sun, as printed", SUN_W_CM2, 5.6e2)
-"""The radiance takes the Sun's diameter for its radius (errata)."""
+"""The printed radiance uses the Sun's diameter as its radius (errata)."""
 SUN = Source("Sun", SUN_W_CM2, float(SUN_W_CM2 / (np.pi * SUN_RADIUS_RAD**2)))
 EARTH = Source("Earth", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
 MOON = Source("Moon", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
@@ -37,7 +38,7 @@ def pixel_etendue_cm2_sr(pitch_col_um: float, pitch_row_um: float, f_number: flo
 
 
 def imaged_e_s(source: Source, etendue_cm2_sr: float) -> float:
-    """Electrons per second in a pixel that shows the source's face (Table 5.2)."""
+    """Electrons per second in a pixel that images the source's disc (Table 5.2)."""
     return source.radiance_w_cm2_sr * etendue_cm2_sr * E_PER_J
 
 
@@ -47,12 +48,15 @@ def stray_e_s(source: Source, effective_area_cm2: float) -> float:
 
 
 def collection_efficiency(array_sr: float) -> float:
-    """Share of light, scattered evenly to all sides, that the array collects: its solid angle over π (§5.2)."""
+    """Fraction of isotropically scattered light that the array collects: its solid angle over π (§5.2)."""
     return array_sr / float(np.pi)
 
 
 def effective_area_cm2(angle_rad: float, shade_rad: float = float(np.radians(20.0))) -> float:
-    """Table 5.3 between its rows (straight in the logarithm), for a shade of another angle shifted with it; NaN inside."""
+    """Effective area of Table 5.3, interpolated in the logarithm; NaN inside the exclusion angle.
+
+    For a baffle of another angle the table is shifted with it.
+    """
     degrees, area = np.array(PRINTED_AREA_CM2).T
     at = np.degrees(angle_rad - shade_rad) + degrees[0]
     return float(np.exp(np.interp(at, degrees, np.log(area)))) if at >= degrees[0] - 1e-9 else float("nan")

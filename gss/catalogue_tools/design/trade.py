@@ -1,4 +1,4 @@
-"""Cameras side by side: the documents' own beside the edited one, and one camera behind a grid of lenses."""
+"""Camera comparison: the documents' cameras next to the edited one, and one camera with a grid of lenses."""
 
 from __future__ import annotations
 
@@ -16,15 +16,19 @@ from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
 LENS_FOCALS = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
-"""Focal lengths of the trade, as multiples of the camera's own."""
+"""Focal lengths of the trade-off, as multiples of the camera's own."""
 LENS_F_NUMBERS = np.array([0.7, 1.0, 1.4])
-"""f-numbers of the trade, as multiples; steps of the standard scale (Erlank 2013 Table 3.4)."""
+"""f-numbers of the trade-off, as multiples; steps of the standard scale (Erlank 2013 Table 3.4)."""
 
 
 @dataclass(frozen=True)
 class TradeRow:
-    """One camera. ``stars``: mean in view; ``p_fewer_3``: share of fields with fewer than three; accuracies: that
-    half of all fields are better than, one axis, 1σ; ``limit_mag``: in force; ``blur_rate_rad_s``: half a magnitude lost."""
+    """Figures of one camera.
+
+    ``limit_mag``: limit in use. ``stars``: mean number in view. ``p_fewer_3``: fraction of fields with fewer than
+    three. ``cross_rad``, ``roll_rad``: median accuracy over all fields, one axis, 1σ. ``blur_rate_rad_s``: rate at
+    which half a magnitude is lost.
+    """
 
     camera: DesignCamera
     limit_mag: float
@@ -38,7 +42,7 @@ class TradeRow:
 
 
 def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float) -> TradeRow:
-    """One camera judged at (m, 3, 3) attitudes, fewer where it sees very many stars."""
+    """Assess one camera at (m, 3, 3) attitudes; fewer are used if it detects very many stars."""
     limit = limit_mag(c)
     rows = bright_rows(stars, limit)
     count = affordable(c, rows, len(attitudes), most_pairs)
@@ -60,8 +64,10 @@ def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: f
 def lens_trade(
     c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float, progress: Progress
 ) -> tuple[TradeRow, ...]:
-    """The camera behind shorter and longer, faster and slower lenses, each with the limit that its radiometry allows; star
-    images keep their size in pixels. Lenses that no camera can have are left out."""
+    """Assess the camera with shorter and longer, faster and slower lenses, each with the limit that its radiometry allows.
+
+    Star images keep their size in pixels. Lenses that give an invalid camera are omitted.
+    """
     rows = []
     c = replace(c, mag_limit=None)
     for k, focal in enumerate(LENS_FOCALS):
