@@ -1,1 +1,1 @@
-"""Where and how bright a star appears at a date, to a camera: one switch each."""
+"""Corrections to star directions and magnitudes for a date and a camera, each of which can be switched on or off."""

@@ -120,7 +120,7 @@ class Blinded:
 
 @dataclass(frozen=True)
 class OccultedEnvelope:
-    """An envelope minus what is hidden.
+    """An envelope minus the directions hidden by Earth, Sun and Moon.
 
     ``orbit``: for laws that do not define the Earth's direction; None: it may be anywhere. ``start_jyear``,
     ``end_jyear``: the validity, required for Sun and Moon. ``effort``: sampling effort.

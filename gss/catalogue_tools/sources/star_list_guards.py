@@ -107,7 +107,7 @@ class _VotableSize:
         self._depth = self._fields = self._rows = self._row_bytes = 0
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
-        """Count an element; BadInput if it is too large by itself."""
+        """Count an element; BadInput if it is too large on its own."""
         self._depth += 1
         if self._depth > DEEPEST_VOTABLE:
             raise BadInput("the VOTable is nested too deeply", expected=f"{DEEPEST_VOTABLE} levels", got="more")
