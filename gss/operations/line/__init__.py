@@ -1,1 +1,1 @@
-"""The line: its owner, its events and their dispatch, captures, contacts, gaps."""
+"""The line to the device: the link that owns it, its events and their dispatch, raw captures, contacts and gaps."""

@@ -1,5 +1,5 @@
-"""On which addresses of the network an operator may open a line: the words of a refused connection would tell which ports of any
-other machine are open."""
+"""Network addresses on which an operator may open a line. They are restricted because the text of a refused connection would
+reveal which ports of another host are open."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from gss.domain.errors import NotPermitted
 
 
 def is_allowed(address: LineAddress, allowed: str) -> bool:
-    """True for a device of this machine, this machine itself, or a host on the list: names and networks separated by commas. A name
-    is compared as text: what it resolves to may change."""
+    """True for a device on this host, this host itself, or a host on the ``allowed`` list (names and networks separated by
+    commas). Names are compared as text, because the address a name resolves to may change."""
     if address.is_device:
         return True
     host = address.host
@@ -29,12 +29,12 @@ def _is_in(host: str, networks: list[str]) -> bool:
             if address in ip_network(network, strict=False):
                 return True
         except ValueError:
-            continue  # a name
+            continue  # a host name, not a network
     return False
 
 
 def not_allowed(url: str) -> NotPermitted:
-    """The refusal as an operator can use it."""
+    """Return the error for an address that the operator may not open."""
     return NotPermitted(
         "this address may be opened by an admin only",
         expected="a device of this machine, a port of it, a host of GSS_LINK_ALLOW, or a line that was open before",

@@ -1,6 +1,6 @@
-"""A raw capture through the decoder of the live line: the same receivers and readers, without a session's memory.
+"""Decodes a raw capture with the receivers and readers of the live line, but without session state.
 
-What the ground sent is decoded too, so that a replay shows commands with their names and arguments.
+Bytes sent by the ground are decoded too, so that a replay shows commands with their names and arguments.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gss.operations.line.raw_capture import SENT, Record
 
 @dataclass(frozen=True)
 class CommandSaid:
-    """A command as it went out (stage "sent", its arguments) or a report about it."""
+    """A command that was sent (stage "sent", with its arguments) or a report about it."""
 
     request_id: int
     name: str
@@ -36,16 +36,17 @@ Item = Telemetry | DeviceEvent | HelloReceived | CommandSaid
 
 @dataclass(frozen=True)
 class Replayed:
-    """Something that was said, at the time at which its last byte was read or written (Unix seconds)."""
+    """A decoded item and the time at which its last byte was read or written (Unix seconds)."""
 
     at_s: float
     item: Item
 
 
 class CaptureDecoder:
-    """Feed it the records of one contact in order. Never raises: what cannot be read is counted.
+    """Decodes the records of one contact, fed in order. Never raises: items that cannot be decoded are counted.
 
-    ``foreign``: packets of another dictionary, which would decode to nonsense; ``transfer_packets``: chunks and their like.
+    ``foreign``: packets of another dictionary, which would decode to nonsense; ``transfer_packets``: transfer packets, which
+    are not decoded.
     """
 
     def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
@@ -55,7 +56,7 @@ class CaptureDecoder:
         self.foreign = self.undecodable = self.transfer_packets = 0
 
     def feed(self, at_s: float, direction: int, data: bytes) -> list[Replayed]:
-        """What a record completes."""
+        """Return the items that are complete once this record has been fed."""
         receiver = self._up if direction == SENT else self._down
         found: list[Replayed] = []
         for packet in receiver.feed(data):
@@ -72,7 +73,8 @@ class CaptureDecoder:
         if packet.type is PacketType.TRANSFER:
             self.transfer_packets += 1
             return None
-        # Reports and commands carry codes that all dictionaries share, and HELLO's report must be read to know the other one.
+        # Report and command codes are common to all dictionaries, and HELLO's report must be read to identify the other
+        # dictionary.
         if packet.type not in (PacketType.REPORT, PacketType.COMMAND) and packet.prefix != self._dictionary.prefix:
             self.foreign += 1
             return None
@@ -115,12 +117,12 @@ class CaptureDecoder:
 
     @property
     def damaged(self) -> int:
-        """Packets that came and could not be used."""
+        """Number of packets that were received damaged."""
         return self._down.bad_total
 
     @property
     def received(self) -> DirectionCounters:
-        """Counters of what came, as the live line had them."""
+        """Receive counters, computed as on the live line."""
         from gss.device.protocol.line import LineSender
 
         unused = LineSender(to_device=True, prefix=self._dictionary.prefix)
@@ -128,6 +130,6 @@ class CaptureDecoder:
 
 
 def decoded(records: Iterable[Record], decoder: CaptureDecoder) -> Iterator[Replayed]:
-    """Everything that the records say, in order."""
+    """Yield every item decoded from the records, in order."""
     for at_s, direction, data in records:
         yield from decoder.feed(at_s, direction, data)

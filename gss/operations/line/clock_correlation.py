@@ -1,8 +1,8 @@
-"""Which moment of UTC is which moment of the device's clock, from the times of what arrives, and how well that is known.
+"""Estimates the relation between UTC and the device's clock, with its uncertainty, from the arrival times of packets.
 
-Each packet says the device's time and arrives a little later than it was made: received − device time is the offset of the
-clocks plus a delay that is never negative. So the smallest differences are the best ones (as in NTP's clock filter, RFC 5905
-§10); their slope is the drift. All times are seconds; UTC as Unix time.
+Each packet carries the device's time and arrives a little after it was made: received − device time is the offset of the clocks
+plus a delay that is never negative. So the smallest differences are the best ones (as in NTP's clock filter, RFC 5905 §10);
+their slope is the drift. All times are seconds; UTC as Unix time.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ LEAST_SAMPLES = 3
 SPAN_FOR_DRIFT_S = 60.0
 JUMP_S = 1.0
 JUMPED_AFTER = 5
-"""So many late samples in a row are a clock that jumped; fewer are a line that stalled."""
+"""This number of late samples in a row means that the clock jumped; fewer mean that the line stalled."""
 LEAST_DELAY_S = 0.05
-"""Time on the line and in the reader that no difference shows."""
+"""Constant delay on the line and in the reader, which the differences cannot reveal."""
 UNKNOWN_DRIFT = 100e-6
 LEAST_DRIFT = 1e-6
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """``device_s`` is the device's clock at ``utc_s``. ``drift``: seconds that it gains per second, None while unknown.
-    ``uncertainty_s`` holds at that moment and grows by ``drift_uncertainty`` per second away from it."""
+    """Relation of the two clocks: ``device_s`` is the device's clock at ``utc_s``. ``drift``: seconds that it gains per
+    second, None while unknown. ``uncertainty_s`` applies at ``utc_s`` and grows by ``drift_uncertainty`` per second away
+    from it."""
 
     utc_s: float
     device_s: float
@@ -37,35 +38,37 @@ class Correlation:
     span_s: float
 
     def device_of(self, utc_s: float) -> float:
-        """The device's clock at a moment of UTC."""
+        """Return the device's clock at a time in UTC."""
         return self.device_s + (utc_s - self.utc_s) * (1 + (self.drift or 0.0))
 
     def utc_of(self, device_s: float) -> float:
-        """The moment of UTC at which the device's clock shows that."""
+        """Return the UTC at which the device's clock shows ``device_s``."""
         return self.utc_s + (device_s - self.device_s) / (1 + (self.drift or 0.0))
 
     def uncertainty_at(self, utc_s: float) -> float:
-        """How far off the above may be."""
+        """Return the uncertainty of the relation at ``utc_s``, in seconds."""
         return self.uncertainty_s + abs(utc_s - self.utc_s) * self.drift_uncertainty
 
 
 class ClockTracker:
-    """Takes (received, device time) pairs in the order of their arrival. A clock that jumped is begun anew."""
+    """Estimates the clock relation from (received, device time) pairs, added in order of arrival. Starts over after a clock
+    jump."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self._least: deque[tuple[float, float]] = deque()
-        """The sample of the smallest difference, then that of the smallest among those behind it, and on."""
+        """Sliding-window minimum: the sample with the smallest difference, then the smallest among the samples after it, and
+        so on."""
         self._late: list[tuple[float, float]] = []
 
     def restart(self) -> None:
-        """The device's clock was set or its owner changed: what was known is void."""
+        """Discard all samples, because the device's clock was set or another device is connected."""
         self._samples.clear()
         self._least.clear()
         self._late.clear()
 
     def add(self, received_s: float, device_s: float) -> None:
-        """One packet."""
+        """Add the times of one packet."""
         sample = (received_s, device_s)
         if not self._samples:
             self._keep(sample)
@@ -88,7 +91,7 @@ class ClockTracker:
         self._keep(sample)
 
     def _keep(self, sample: tuple[float, float]) -> None:
-        """The smallest difference is known without looking through all: packets may come by the thousand in a second."""
+        """Keep the sample. The minimum is updated incrementally, because thousands of packets may arrive in a second."""
         if len(self._samples) == KEPT and self._least[0] is self._samples[0]:
             self._least.popleft()
         self._samples.append(sample)
@@ -97,11 +100,11 @@ class ClockTracker:
         self._least.append(sample)
 
     def estimate(self) -> Correlation | None:
-        """What is known; None before enough has come."""
+        """Return the estimate; None with fewer than ``LEAST_SAMPLES`` samples."""
         return self._fit() if len(self._samples) >= LEAST_SAMPLES else None
 
     def _line(self) -> tuple[tuple[float, float], float | None]:
-        """The sample that the clocks are laid through, and the slope of the differences; None while the span is too short."""
+        """Return the reference sample of the fit and the slope of the differences (None while the span is too short)."""
         samples = self._samples
         span_s = samples[-1][0] - samples[0][0]
         if span_s < SPAN_FOR_DRIFT_S:
@@ -131,5 +134,5 @@ class ClockTracker:
 
 
 def _difference(sample: tuple[float, float]) -> float:
-    """Received less device time: the clocks' offset and the packet's delay."""
+    """Return received minus device time: the clocks' offset plus the packet's delay."""
     return sample[0] - sample[1]

@@ -1,4 +1,4 @@
-"""Stores contacts and the devices that answered, from the link's events. Runs where waiting for the database is harmless."""
+"""Stores contacts and the devices that answered, from the link's events. Runs on a thread that may wait for the database."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ BYTES_EVERY_S = 5.0
 
 
 class ContactLog:
-    """The contact that is open, as the services see it: it changes in the order of the link's events."""
+    """The state of the open contact as the services see it. It changes in the order of the link's events."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now, capture: LineCapture) -> None:
         self._database, self._bus, self._now, self._capture = database, bus, now, capture
         self.is_open = False
         """True between the handling of LineOpened and of LineClosed."""
         self.contact_id: int | None = None
-        """None without a contact, and while the contact's row could not be stored."""
+        """None without a contact, and until the contact's row has been stored."""
         self.hello: HelloReceived | None = None
         """The device at the other end; None until it has answered in this contact."""
         self.last_hello: HelloReceived | None = None
@@ -43,15 +43,15 @@ class ContactLog:
             return store.last_contact_id(session) + 1
 
     def forget_device(self) -> None:
-        """Another port was chosen: the device that answered last is not at its end."""
+        """Forget the device that answered last, because another port was chosen."""
         self.last_hello = None
 
     def acknowledge_dictionary(self) -> None:
-        """An operator accepted that the dictionaries differ; valid until the next device answers."""
+        """Record that an operator accepted the dictionary mismatch; valid until the next device answers."""
         self.dictionary_acknowledged = True
 
     def counters_of(self, now: LinkCounters) -> LinkCounters:
-        """``now`` less what was counted before this contact."""
+        """Return ``now`` minus the counters at the start of this contact."""
         then = self.counted_from
         return LinkCounters(_less(now.sent, then.sent), _less(now.received, then.received), now.last_good_s)
 
@@ -71,7 +71,7 @@ class ContactLog:
                 self._count(event)
 
     def report(self, severity: str, text: str) -> None:
-        """Record an event of the link; if the store cannot take it, the log has it."""
+        """Record an event of the link; log it if the store is unavailable."""
         try:
             self._bus.record("link", severity, text, contact_id=self.contact_id)
         except GssError:
@@ -87,7 +87,7 @@ class ContactLog:
         self.report("ok", f"line open on {event.url}")
 
     def _store_contact(self) -> None:
-        """Store the contact's row; tried again with the counters when the store was down."""
+        """Store the contact's row. If the store is down, this is tried again with the next counters."""
         event = self._unstored
         if event is None:
             return
@@ -136,7 +136,7 @@ class ContactLog:
             log.warning("the device that answered is not stored: %s", error)
 
     def _count(self, counters: LinkCounters, *, ended: bool = False) -> None:
-        """Store the contact's bytes. They are counted again later when the store is down now."""
+        """Store the contact's byte counts. If the store is down, a later call stores them."""
         own = self.counters_of(counters)
         try:
             self._store_contact()

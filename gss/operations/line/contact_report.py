@@ -1,4 +1,4 @@
-"""The pass report: what happened in one contact, as figures."""
+"""The pass report: figures that describe one contact."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS = 400
 
 @dataclass(frozen=True)
 class AttitudeSummary:
-    """How the sensor found its attitude. ``first``, ``last``: (ra, dec, roll) in degrees of solved iterations."""
+    """Statistics of the sensor's attitude solutions. ``first``, ``last``: (ra, dec, roll) in degrees of solved iterations."""
 
     iterations: int
     solved: int
@@ -34,13 +34,13 @@ class AttitudeSummary:
 
     @property
     def share(self) -> float | None:
-        """Solved of all."""
+        """Share of iterations that were solved; None without iterations."""
         return self.solved / self.iterations if self.iterations else None
 
 
 @dataclass(frozen=True)
 class ContactReport:
-    """Everything of the page. ``quality``: (Unix seconds, share of damaged packets since the look before)."""
+    """Content of the pass report. ``quality``: (Unix seconds, share of damaged packets since the previous count)."""
 
     detail: ContactDetail
     attitude: AttitudeSummary
@@ -52,7 +52,7 @@ class ContactReport:
 
 
 def contact_report(contacts: ContactService, archive: Archive, database: Database, contact_id: int) -> ContactReport:
-    """Gather it; NotFound where there is no such contact."""
+    """Gather the report of a contact. Raises NotFound if there is no such contact."""
     detail = contacts.detail(contact_id)
     start, end = detail.row.started, max(detail.end, detail.row.started + timedelta(seconds=1))
     return ContactReport(
@@ -88,7 +88,7 @@ def _attitude(database: Database, detail: ContactDetail) -> AttitudeSummary:
 
 
 def quality(counts: Sequence[Count]) -> list[tuple[float, float]]:
-    """Share of damaged packets between two looks at the counters."""
+    """Return (Unix seconds, share of damaged packets) for each interval between two counts."""
     found = []
     bad_before = good_before = 0.0
     for count in counts:

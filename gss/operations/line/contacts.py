@@ -1,4 +1,4 @@
-"""Contacts: from opening the line to closing it, with everything that happened in between."""
+"""Contacts: each runs from opening the line to closing it and contains everything recorded in between."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from gss.store.engine import Database
 from gss.store.models import Command, Contact, Device, Event, Frame, TelemetryPacket, Transfer
 
 GROUND = "ground_line"
-"""Packet name of our own counters in the archive: they are told like telemetry, but of the ground's end of the line."""
+"""Packet name of the ground's own line counters, which are archived like telemetry."""
 SILENT_AFTER_S = 3.0
 TELL_EVERY_S = 10.0
 JUMPS_WITHIN = timedelta(days=2)
@@ -44,7 +44,7 @@ DEVICE_WORDS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
 
 @dataclass(frozen=True)
 class CaptureFile:
-    """A file of the raw capture. ``present``: it has not been dropped for room."""
+    """A file of the raw capture. ``present``: False if it was removed to free disk space."""
 
     file: str
     bytes: int
@@ -53,7 +53,8 @@ class CaptureFile:
 
 @dataclass(frozen=True)
 class ContactDetail:
-    """Everything about a contact. ``counters``: of what was received, and packets sent. ``silences``: no good packet."""
+    """Everything about a contact. ``counters``: those of received packets, and packets sent. ``silences``: spans without a
+    good packet."""
 
     row: Contact
     device: Device | None
@@ -70,7 +71,7 @@ class ContactDetail:
 
     @property
     def duration_s(self) -> float:
-        """From opening to closing, or until now."""
+        """Seconds from opening to closing, or until now while open."""
         return (self.end - self.row.started).total_seconds()
 
     @property
@@ -82,7 +83,7 @@ class ContactDetail:
 
 
 class ContactService:
-    """Keeps the line's counters over time and answers for contacts, the present one too.
+    """Stores the line's counters over time and answers queries about contacts, including the open one.
 
     ``removed_before`` returns the time before which retention thins or removes packets.
     """
@@ -103,7 +104,7 @@ class ContactService:
         self._removed_before = removed_before
 
     def handle(self, batch: LineBatch) -> None:
-        """Keep the counters: at once when something was damaged, missing or silent, otherwise now and then."""
+        """Store the counters: at once if an error counter or the silent flag changed, otherwise every ``TELL_EVERY_S``."""
         contact_id = self._link.contact_id
         counted = [event for event in batch.events if isinstance(event, LinkCounters)]
         if contact_id is None or not counted:
@@ -130,7 +131,7 @@ class ContactService:
             with self._database.unit_of_work() as session:
                 telemetry_store.add_batch(session, [row])
 
-    # --- answers ------------------------------------------------------------------------------------------------
+    # --- queries --------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
         """Newest contacts with their device and the numbers of frames and commands."""
@@ -138,17 +139,17 @@ class ContactService:
             return store.list_contacts(session, limit, offset)
 
     def had(self, url: str) -> bool:
-        """Was the line ever open on that address?"""
+        """True if the line was ever open on that address."""
         with self._database.unit_of_work() as session:
             return store.had_contact(session, url)
 
     def total(self) -> int:
-        """How many contacts are in the store."""
+        """Number of contacts in the store."""
         with self._database.unit_of_work() as session:
             return store.count_contacts(session)
 
     def note(self, contact_id: int, note: str, *, user: str) -> ContactDetail:
-        """What an operator has to say about a contact."""
+        """Store an operator's note on a contact and return the contact's detail."""
         with self._database.unit_of_work() as session:
             store.get_contact(session, contact_id)
             store.update_contact(session, contact_id, note=note)
@@ -156,7 +157,7 @@ class ContactService:
         return self.detail(contact_id)
 
     def detail(self, contact_id: int) -> ContactDetail:
-        """All of a contact."""
+        """Return everything about a contact. Raises NotFound if there is no such contact."""
         with self._database.unit_of_work() as session:
             row, device = store.get_contact(session, contact_id)
             end = row.ended or self._now()
@@ -183,7 +184,7 @@ class ContactService:
         )
 
     def file(self, contact_id: int, name: str) -> Path:
-        """A file of a contact's capture; NotFound where it is not one, or not any more."""
+        """Return the path of a capture file of a contact. Raises NotFound if there is no such file or it was removed."""
         for path in capture_files(self.captures, contact_id):
             if path.name == name:
                 return path
@@ -194,10 +195,10 @@ class ContactService:
         known = {str(f["file"]): int(f["bytes"]) for f in row.captures} or there
         return [CaptureFile(name, there.get(name, size), name in there) for name, size in known.items()]
 
-    # --- the record ---------------------------------------------------------------------------------------------
+    # --- completeness of the record -------------------------------------------------------------------------------
 
     def counts(self, contact_id: int) -> list[Count]:
-        """The line's counters of a contact over time."""
+        """Return the line's counters of a contact over time."""
         with self._database.unit_of_work() as session:
             row, _ = store.get_contact(session, contact_id)
         names = (*asdict(DirectionCounters()), "sent_good", "sent_bytes", "silent", "last_good")
@@ -211,7 +212,7 @@ class ContactService:
         return counts
 
     def _silences(self, row: Contact, end: datetime, counts: Sequence[Count]) -> list[Gap]:
-        """Spans without a good packet longer than three seconds, to the second in which the next one came."""
+        """Return spans longer than three seconds without a good packet, each ending within a second after the next one."""
         spans: list[tuple[float, float]] = []
         since_s: float | None = None
         for count in counts:
@@ -226,11 +227,11 @@ class ContactService:
         found = [Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S]
         if all(gap.explained for gap in found):
             return found
-        late = self.record(row.id).late  # what came afterwards may show that nothing is missing
+        late = self.record(row.id).late  # packets that arrived late may show that nothing is missing
         return [gap if gap.explained else _if_late(gap, late) for gap in found]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
-        """What explains gaps: the device's restarts and clocks, and a line that was lost."""
+        """Return events that can explain gaps: restarts of the device, changes of its clock, and a lost line."""
         with self._database.unit_of_work() as session:
             events = store.events_between(session, row.started, end, ("device", "link"))
         found = []
@@ -238,7 +239,7 @@ class ContactService:
             name, _, text = event.text.partition(": ")
             if event.kind == "device" and name in DEVICE_WORDS:
                 found.append(Happening(event.at.timestamp(), name, text))
-        # The line is told to be closed a moment after the contact has ended.
+        # The closing of the line is recorded shortly after the contact's end.
         with self._database.unit_of_work() as session:
             told = store.closing(session, row.id)
         if told is not None:
@@ -248,12 +249,13 @@ class ContactService:
         return found
 
     def record(self, contact_id: int) -> RecordCheck:
-        """Is the housekeeping of a contact whole?"""
+        """Check the completeness of a contact's housekeeping record."""
         with self._database.unit_of_work() as session:
             row, _ = store.get_contact(session, contact_id)
         end = row.ended or self._now()
         jumps = self._clock_jumps(row.started, end)
-        # A clock that was set wrote some of the moments of this contact elsewhere; the order of arrival stays.
+        # After the ground's clock was set, some packets of this contact have times outside it; the order of arrival is
+        # still valid.
         wider = timedelta(seconds=sum(abs(jump.data["jump_s"]) for jump in jumps))
         first, last = min(row.started, end) - wider, max(row.started, end) + wider
         rows = telemetry_store.rows(
@@ -274,12 +276,12 @@ class ContactService:
         return self._without_removed(check)
 
     def _clock_jumps(self, start: datetime, end: datetime) -> list[Event]:
-        """Jumps near a contact: one that was set back by days told of itself days before."""
+        """Return jumps of the ground's clock near a contact. A clock set back by days recorded its jump days away."""
         with self._database.unit_of_work() as session:
             return store.clock_jumps(session, min(start, end) - JUMPS_WITHIN, max(start, end) + JUMPS_WITHIN)
 
     def _without_removed(self, check: RecordCheck) -> RecordCheck:
-        """Gaps that retention made have a cause."""
+        """Attribute unexplained gaps in the time thinned by retention to retention."""
         removed = self._removed_before()
         if removed is None:
             return check

@@ -1,4 +1,4 @@
-"""A device on a port without a server: for scripts. One thing at a time, and the port is given back at the end."""
+"""Drives a device on a port without a server, for scripts: one operation at a time; the port is closed at the end."""
 
 from __future__ import annotations
 
@@ -46,25 +46,26 @@ class DirectDevice:
         self.hello = self._meet()
 
     def upload(self, image: bytes, bank: str, watch: Watch) -> str:
-        """Send a bank image, have it read back and committed; the SHA-256 that the device confirmed."""
+        """Upload a bank image, including read-back and commit. Return the SHA-256 that the device confirmed."""
         target, compatibility = bank_number(self._dictionary, bank), compatibility_of(image, self.hello)
         transfer_id = self._session.start_upload("catalogue", target, image, compatibility, self._now_s())
         return self._finish(transfer_id, f"the upload to bank {bank}", watch).sha256
 
     def upload_table(self, kind: str, data: bytes, target: int, format_version: int, watch: Watch) -> str:
-        """Send a table to the bank of that number, have it read back and committed; the confirmed SHA-256."""
+        """Upload a table to bank ``target``, including read-back and commit. Return the SHA-256 that the device confirmed."""
         model, own = self.hello.device_model, self.hello.profile
         compatibility = Compatibility(model, own, self._dictionary.hash, format_version)
         transfer_id = self._session.start_upload(kind, target, data, compatibility, self._now_s())
         return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
 
     def download(self, kind: str, target: int, watch: Watch, part: Part | None = None) -> TransferDone:
-        """Bring the content of a slot or bank down, or a part of an image; its hash is the one that the device told."""
+        """Download the content of a slot or bank, or a part of an image. The hash in the result is the one that the device
+        reported."""
         transfer_id = self._session.start_download(kind, target, self._now_s(), part=part)
         return self._finish(transfer_id, f"the download of {kind} {target}", watch)
 
     def _finish(self, transfer_id: int, what: str, watch: Watch) -> TransferDone:
-        """Conflict when the device ends the transfer, LinkDown when nothing more arrives."""
+        """Wait for the end of a transfer. Raises Conflict if the device ends it, LinkDown if it stalls or the line ends."""
         stored_bytes, moved_s = -1, self._now_s()
         for event in self._events():
             if isinstance(event, TransferDone) and event.transfer_id == transfer_id:
@@ -80,7 +81,7 @@ class DirectDevice:
         raise LinkDown(f"the line ended before {what} did")
 
     def command(self, name: str, arguments: Mapping[str, Value]) -> CommandStage:
-        """Send a command and wait for its end; Conflict when it is rejected, fails or stays without a report."""
+        """Send a command and wait until it is completed. Raises Conflict if it is rejected, fails or gets no report."""
         request_id = self._session.submit(name, arguments, self._now_s())
         for event in self._events():
             if isinstance(event, CommandStage) and event.request_id == request_id:
@@ -93,7 +94,7 @@ class DirectDevice:
     def send(
         self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
     ) -> int:
-        """Write a packet of the caller's own making, past all checks, and return its request id."""
+        """Send a packet built by the caller, without any checks. Return its request id."""
         used, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
         self._stream.write(frame)
         return used
@@ -108,7 +109,7 @@ class DirectDevice:
         raise LinkDown("nobody answered", expected=f"a device within {HELLO_WITHIN_S:g} s", hint="check port and power")
 
     def turn(self) -> list[SessionEvent]:
-        """Read what is there, answer what is due; waits a moment when nothing comes."""
+        """Read the available bytes, waiting at most ``READ_WAIT_S``, and write what is due. Return the session's events."""
         data = self._stream.read(READ_BYTES, READ_WAIT_S)
         events = list(self._session.feed(data, self._now_s()))
         out, more = self._session.poll(self._now_s())
@@ -117,7 +118,7 @@ class DirectDevice:
         return events + more
 
     def _events(self) -> Iterator[SessionEvent | None]:
-        """What comes, one by one; None when a turn brought nothing, so that the caller can look at the time."""
+        """Yield the session's events, and None after each turn without any so that the caller can check its deadline."""
         while True:
             events = self.turn()
             yield from events
@@ -129,7 +130,7 @@ class DirectDevice:
 def direct_device(
     url: str, dictionary: Dictionary, monotonic_s: Monotonic, framing: str = "cobs"
 ) -> Iterator[DirectDevice]:
-    """The device on that port, after it has answered."""
+    """Open the device on that port and wait until it has answered; close the port at the end."""
     stream = open_stream(url)
     try:
         yield DirectDevice(stream, dictionary, monotonic_s, framing)

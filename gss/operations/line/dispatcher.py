@@ -1,4 +1,4 @@
-"""Hands what the link publishes to the services, one batch after the other, on a thread of its own."""
+"""Passes the batches that the link publishes to the services, one at a time, on a separate thread."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ Subscriber = Callable[[LineBatch], Sequence[ServiceEvent] | None]
 
 
 class Dispatcher:
-    """Calls every subscriber with each batch, in the order given; what one derives the later ones see.
+    """Calls every subscriber with each batch, in the order given. Events derived by one subscriber are passed to those after
+    it.
 
     ``periodic`` is called between batches, at least every ``IDLE_S``.
-
     A subscriber that raises is logged and reported; the others still get the batch.
     """
 
@@ -54,7 +54,7 @@ class Dispatcher:
         self._thread.start()
 
     def stop(self) -> None:
-        """Handle the batches that wait, for at most ``STOP_WITHIN_S``, and end the thread."""
+        """Handle the waiting batches for at most ``STOP_WITHIN_S``, then end the thread."""
         if self._thread.ident is None:
             return
         self._events.wait_until_handled(STOP_WITHIN_S)
@@ -72,7 +72,7 @@ class Dispatcher:
         return self.busy_s > SLOW_AFTER_S
 
     def samples(self) -> Iterator[Sample]:
-        """Metrics: events that wait, telemetry dropped."""
+        """Yield metrics: depth of the event queue and number of dropped telemetry packets."""
         depth, dropped = float(self._events.depth), float(self._events.dropped)
         yield Sample("gss_queue_depth", "What waits in a queue.", "gauge", depth, (("queue", "line events"),))
         yield Sample("gss_line_events_dropped_total", "Telemetry left to the raw capture.", "counter", dropped)

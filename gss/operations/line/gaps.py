@@ -1,8 +1,8 @@
-"""Is the 1 Hz record whole? Every gap in it, with its cause, or "unexplained".
+"""Finds the gaps in the 1 Hz housekeeping record, each with its cause or "unexplained".
 
-A gap is found on the *device's* clock: housekeeping that is more than one and a half periods apart. What only came late is no
-gap. The causes are looked up in what else was recorded: sequence counts that are missing, damaged packets, a restart of the
-device, a clock that was set, the line closed. Silence alone explains nothing: then the device may have been the one to fall silent.
+A gap is found on the *device's* clock: housekeeping packets more than one and a half periods apart. Packets that only arrived
+late are not a gap. The causes are derived from other records: missing sequence counts, damaged packets, a restart of the
+device, a clock that was set, a closed line. Silence alone explains nothing, because the device itself may have stopped sending.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ PERIOD_S = 1.0
 GAP_PERIODS = 1.5
 LATE_S = 3.0
 SLACK_S = 1.5
-"""Counters are looked at once a second, so that what they count may be told that much later."""
+"""Tolerance for matching events: counters are read once a second, so an event may be recorded that much later."""
 UNEXPLAINED = "unexplained"
 RESETS = ("BOOT",)
 CLOCKS = ("TIME_SET", "CLOCK_JUMP")
 LINE_LOST = "LINE_LOST"
 GROUND_CLOCK = "GROUND_CLOCK_JUMP"
-"""The clock that tells when something came was set; the device's goes on."""
+"""The ground's clock, which timestamps arrivals, was set; the device's clock was not affected."""
 DAMAGE = ("bad_crc", "too_long", "too_short")
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One housekeeping packet: when it came (Unix seconds), the device's clock in it, its uptime, its contact."""
+    """One housekeeping packet: time of arrival (Unix seconds), device clock in it, uptime, contact."""
 
     at_s: float
     device_time_s: float
@@ -37,7 +37,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Count:
-    """Counters of what was received in a contact, as they stood at a time: gaps, bad_crc, too_long, too_short, good …"""
+    """Receive counters of a contact at a given time: gaps, bad_crc, too_long, too_short, good …"""
 
     at_s: float
     values: Mapping[str, float]
@@ -55,7 +55,7 @@ class Happening:
 
 @dataclass(frozen=True)
 class Gap:
-    """Between two samples. ``missing``: packets that should have been there; 0 when all are there and only came late."""
+    """A gap between two samples. ``missing``: number of missing packets; 0 if all were received but late."""
 
     from_s: float
     to_s: float
@@ -64,13 +64,13 @@ class Gap:
 
     @property
     def explained(self) -> bool:
-        """Is there a cause?"""
+        """True if a cause is known."""
         return not self.cause.startswith(UNEXPLAINED)
 
 
 @dataclass(frozen=True)
 class RecordCheck:
-    """What should be there, what is, and each gap. ``late``: spans in which nothing is missing but it came late."""
+    """Numbers of expected and stored packets, and each gap. ``late``: spans whose packets are complete but arrived late."""
 
     expected: int
     held: int
@@ -84,7 +84,7 @@ class RecordCheck:
 
     @property
     def share(self) -> float:
-        """Held of expected; 1 for an empty record."""
+        """Share of the expected packets that are stored; 1 for an empty record."""
         return self.held / self.expected if self.expected else 1.0
 
 
@@ -96,8 +96,8 @@ def check_record(
     start_s: float | None = None,
     end_s: float | None = None,
 ) -> RecordCheck:
-    """The samples in order of time, those that the device sent by itself. ``start_s``, ``end_s``: of the contact; the time from
-    there to the first sample and from the last one is looked at too."""
+    """Check the unsolicited samples of a record, in order of time. If ``start_s`` and ``end_s`` of the contact are given,
+    the time before the first and after the last sample is checked too."""
     gaps: list[Gap] = []
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
@@ -114,7 +114,7 @@ def check_record(
 def why_silent(
     from_s: float, to_s: float, counts: Sequence[Count], happenings: Sequence[Happening], contact_id: int | None
 ) -> str:
-    """Why no good packet came in a span of a contact."""
+    """Return the reason why no good packet was received in a span of a contact."""
     evidence = _Evidence(counts, happenings)
     lost, boot = evidence.happened((LINE_LOST,), to_s, to_s), evidence.happened(RESETS, from_s, to_s)
     if lost is not None:
@@ -125,26 +125,27 @@ def why_silent(
 
 
 class _Evidence:
-    """What else was recorded."""
+    """Counters and events that can explain a gap."""
 
     def __init__(self, counts: Sequence[Count], happenings: Sequence[Happening]) -> None:
         self._counts, self._happenings = counts, happenings
 
     def happened(self, names: Sequence[str], from_s: float, to_s: float) -> Happening | None:
-        """The first such event of a span."""
+        """Return the first event of these names within a span."""
         return next(
             (h for h in self._happenings if h.name in names and from_s - SLACK_S <= h.at_s <= to_s + SLACK_S), None
         )
 
     def risen(self, from_s: float, to_s: float, contact_id: int | None) -> dict[str, float]:
-        """By how much each counter of a contact rose over a span: from the last look before it to the first look after it."""
+        """Return the increase of each counter of a contact over a span: from the last count before it to the first one after
+        it."""
         own = [c for c in self._counts if c.contact_id == contact_id]
         before = next((c.values for c in reversed(own) if c.at_s <= from_s), {})
         after = next((c.values for c in own if c.at_s >= to_s), own[-1].values if own else {})
         return {name: value - before.get(name, 0) for name, value in after.items()}
 
     def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
-        """Why packets of a span are missing."""
+        """Return the reason why packets of a span are missing."""
         risen = self.risen(a_s, b_s, contact_id)
         lost, damaged = risen.get("gaps", 0), sum(risen.get(name, 0) for name in DAMAGE)
         if lost > 0:
@@ -156,20 +157,20 @@ class _Evidence:
 
 
 def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
-    """The gap between two neighbours, None where they follow each other."""
+    """Return the gap between two neighbouring samples; None if there is none."""
     if a.contact_id != b.contact_id:
         missing = max(0, round((b.at_s - a.at_s) / PERIOD_S) - 1)
         return Gap(a.at_s, b.at_s, missing, "the line was closed in between") if missing else None
     on_board_s, here_s = b.device_time_s - a.device_time_s, b.at_s - a.at_s
     restarted = b.uptime_s is not None and a.uptime_s is not None and b.uptime_s < a.uptime_s
     if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), b.at_s - SLACK_S, b.at_s) is not None:
-        missing = max(0, round(on_board_s / PERIOD_S) - 1)  # only the device's clock is one clock
+        missing = max(0, round(on_board_s / PERIOD_S) - 1)  # the ground's clock jumped: use the device's
         lost = missing and not restarted and on_board_s > GAP_PERIODS * PERIOD_S
         return Gap(a.at_s, b.at_s, missing, evidence.cause(b.at_s, b.at_s, a.contact_id)) if lost else None
     boot = evidence.happened(RESETS, a.at_s, b.at_s)
     clock = evidence.happened(CLOCKS, a.at_s, b.at_s)
     if restarted or clock is not None or on_board_s <= 0:
-        missing = max(0, round(here_s / PERIOD_S) - 1)  # the two device times are of two clocks
+        missing = max(0, round(here_s / PERIOD_S) - 1)  # the device's clock was set: use the ground's
         if here_s <= GAP_PERIODS * PERIOD_S or not missing:
             return None
         if restarted:
@@ -185,7 +186,7 @@ def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
 
 
 def _ends(samples: Sequence[Sample], evidence: _Evidence, start_s: float | None, end_s: float | None) -> list[Gap]:
-    """From opening the line to the first sample, from the last one to closing it."""
+    """Return the gaps between opening the line and the first sample, and between the last one and closing it."""
     if not samples:
         if start_s is None or end_s is None or end_s - start_s <= LATE_S:
             return []

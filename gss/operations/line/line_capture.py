@@ -1,4 +1,4 @@
-"""The raw capture of one contact after the other. A disk that takes nothing more ends no contact: the loss is counted and told."""
+"""The raw captures of successive contacts. A full disk does not end a contact: lost bytes are counted and reported."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gss.operations.clock import Now
 from gss.operations.line.raw_capture import RawCapture, Retention, capture_name
 
 REMEMBERED = 8
-"""Captures whose files are still known after the next one has begun."""
+"""Number of recent captures whose files are remembered."""
 
 
 class LineCapture:
@@ -23,14 +23,15 @@ class LineCapture:
         self._capture: RawCapture | None = None
         self._captures: OrderedDict[int, RawCapture] = OrderedDict()
         self.lost_bytes = 0
-        """Bytes of the line that the capture could not take since the server started."""
+        """Bytes of the line that could not be written to the capture since the server started."""
         self.fails = ""
-        """Why the capture is not being written now; "" while it is."""
+        """Why the capture is currently not written; "" if it is."""
         self._lost_from = 0
         self._contact_id = 0
 
     def begin(self, contact_id: int) -> str:
-        """Start the capture of a contact and return the prefix of its files. If no file can be made, ``write`` tries again."""
+        """Start the capture of a contact and return the prefix of its files. If no file can be created, ``write`` tries
+        again."""
         self._capture, self._contact_id = None, contact_id
         try:
             self._open()
@@ -47,7 +48,7 @@ class LineCapture:
         return self._capture
 
     def write(self, direction: int, data: bytes) -> None:
-        """Store a piece before anything else looks at it. After a failure each following piece is tried again."""
+        """Write bytes of the line, before anything else processes them. After a failure, each later call tries again."""
         if not data:
             return
         try:
@@ -68,17 +69,17 @@ class LineCapture:
         self.lost_bytes += lost_bytes
 
     def files_of(self, contact_id: int) -> list[dict[str, object]] | None:
-        """Name and bytes of each file of a recent contact; None where none was written."""
+        """Return name and size of each file of a recent contact; None if no file was written."""
         capture = self._captures.get(contact_id)
         return capture.files if capture else None
 
     def end(self) -> None:
-        """The contact ended."""
+        """Close the capture of the contact."""
         if self._capture:
             self._capture.close()
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """From now on the oldest files go when all together pass this."""
+        """Set the total size beyond which the oldest files are removed."""
         self.retention = replace(self.retention, keep_bytes=keep_bytes)
         if self._capture is not None:
             self._capture.keep_at_most(keep_bytes)

@@ -1,7 +1,7 @@
 """Events that the link publishes, in batches that carry the time at which their bytes arrived.
 
-The line thread publishes and never waits; a ``Dispatcher`` on a thread of its own hands the batches to the services, which may wait
-for the store. That is why a locked or full database delays neither the line nor ABORT.
+The line thread publishes and never waits; a ``Dispatcher`` on a separate thread passes the batches to the services, which may
+wait for the store. A locked or full database therefore delays neither the line nor ABORT.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gss.device.session_events import CommandStage, LinkCounters, SessionEvent, 
 from gss.operations.clock import Monotonic, Now
 
 MOST_WAITING = 20_000
-"""Events. About five minutes of a busy line; beyond it telemetry is left to the raw capture."""
+"""Maximum number of waiting events, about five minutes of a busy line; beyond it telemetry is kept only in the raw capture."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LinkFault:
 
 @dataclass(frozen=True)
 class AbortIssued:
-    """ABORT was queued for the line ahead of everything. ``withdrawn``: commands that it took out of the queue; ``recorded``:
+    """ABORT was put at the head of the line's queue. ``withdrawn``: commands removed from the queue by it; ``recorded``:
     resolves to the command's row when it is stored."""
 
     request_id: int
@@ -76,12 +76,12 @@ class LineBatch:
     at_s: float
 
     def with_derived(self, derived: Sequence[ServiceEvent]) -> LineBatch:
-        """The batch with events that a service derived from it at its end."""
+        """Return the batch with events appended that a service derived from it."""
         return replace(self, events=(*self.events, *derived))
 
 
 class LineEventQueue:
-    """Batches between the line and the services. ``publish`` never blocks."""
+    """Queue of batches between the line and the services. ``publish`` never blocks."""
 
     def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MOST_WAITING) -> None:
         self._now, self._monotonic_s, self._most = now, monotonic_s, most
@@ -89,15 +89,15 @@ class LineEventQueue:
         self._changed = threading.Condition()
         self._in_progress = False
         self.depth = 0
-        """Events that wait."""
+        """Number of waiting events."""
         self.dropped = 0
         """Telemetry packets dropped since the server started because the queue was full."""
         self.hold = threading.RLock()
-        """The dispatcher holds it while it hands out a batch. A service that starts something and then stores its row holds it too,
-        so that no report is handled before the row exists. Take it before ``LinkService.lock``, never after."""
+        """Held by the dispatcher while it passes on a batch. A service that starts something and then stores its row holds
+        it too, so that no report is handled before the row exists. Acquire it before ``LinkService.lock``, never after."""
 
     def publish(self, events: Sequence[LineEvent]) -> None:
-        """Append a batch. When too many events wait, its telemetry is dropped and counted; everything else is kept."""
+        """Append a batch. If too many events are waiting, its telemetry is dropped and counted; all other events are kept."""
         if not events:
             return
         with self._changed:
@@ -110,7 +110,7 @@ class LineEventQueue:
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> LineBatch | None:
-        """The oldest batch, or None if none arrives within ``timeout_s``. Call ``done`` after handling it."""
+        """Return the oldest batch, or None if none arrives within ``timeout_s``. Call ``done`` after handling it."""
         with self._changed:
             if not self._batches:
                 self._changed.wait(timeout_s)
@@ -122,12 +122,12 @@ class LineEventQueue:
             return batch
 
     def done(self) -> None:
-        """The batch taken last was handled."""
+        """Mark the last batch taken as handled."""
         with self._changed:
             self._in_progress = False
             self._changed.notify_all()
 
     def wait_until_handled(self, timeout_s: float) -> bool:
-        """Wait until no batch waits or is being handled. False after ``timeout_s``."""
+        """Wait until no batch is queued or being handled. Return False after ``timeout_s``."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._batches and not self._in_progress, timeout_s)

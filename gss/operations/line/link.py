@@ -1,4 +1,4 @@
-"""Owns the port: a thread that reads, decodes and writes, and publishes what arrived. It never waits for the store."""
+"""Owns the port: a thread reads, decodes and writes, and publishes what it received. It never waits for the store."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
 STALLED_AFTER_S = 20.0
-"""Longer than any write may take; a reader that did not get round for so long hangs."""
+"""Longer than any write may take; a reader that has not completed a cycle for this long hangs."""
 
 
 class LinkService:
@@ -55,7 +55,7 @@ class LinkService:
         self.lock = threading.RLock()
         self.url = ""
         self.line_is_open = False
-        """True while bytes can be sent. ``connected`` follows when the contact was announced to the services."""
+        """True while bytes can be sent. ``connected`` becomes true once the contact was announced to the services."""
         self.reason = "no port has been opened"
         self.events = events
         self._bus = bus
@@ -84,7 +84,7 @@ class LinkService:
             self._thread.join(timeout=5)
 
     def open(self, url: str) -> None:
-        """Use this port from now on; BadInput, Conflict or LinkDown when it cannot be opened, and then nothing changes."""
+        """Use this port from now on. Raises BadInput, Conflict or LinkDown if it cannot be opened; then nothing changes."""
         stream = open_stream(url)
         stream.close()
         if url != self.url:
@@ -98,12 +98,13 @@ class LinkService:
         self._wake.set()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.url, self.reason = "", "closed by the operator"
         self._wake.set()
 
     def acknowledge_dictionary(self, user: str) -> None:
-        """Accept that the device has another dictionary; commanding is possible again, at the operator's risk."""
+        """Accept that the device has another dictionary. Commanding is then possible again, at the operator's risk. Raises
+        Conflict if there is no difference."""
         if self.hello is None or self.hello.dictionary_match:
             raise Conflict(
                 "there is no difference to acknowledge", got="dictionary matches" if self.hello else "no device"
@@ -117,7 +118,8 @@ class LinkService:
 
     @contextmanager
     def hold_events(self) -> Iterator[None]:
-        """While entered no service handles events: what is started inside is stored before any report of it is handled."""
+        """Keep the services from handling events, so that what is started inside is stored before any report of it is
+        handled."""
         with self.events.hold:
             yield
 
@@ -132,12 +134,12 @@ class LinkService:
 
     @property
     def contact_id(self) -> int | None:
-        """The open contact."""
+        """Id of the open contact; None without one."""
         return self.contact.contact_id
 
     @property
     def hello(self) -> HelloReceived | None:
-        """The device at the other end."""
+        """The device at the other end; None until it has answered."""
         return self.contact.hello
 
     @property
@@ -160,15 +162,15 @@ class LinkService:
         """Counters since this contact was opened."""
         return self.contact.counters_of(self.counters)
 
-    # --- watching the reader ------------------------------------------------------------------------------------
+    # --- watchdog -------------------------------------------------------------------------------------------------
 
     def alive(self) -> bool:
         """True while the thread that reads the line makes progress."""
         return self._thread.is_alive() and self.monotonic_s() - self._round_s < STALLED_AFTER_S
 
     def watch(self) -> None:
-        """Watchdog, called about once a second: a reader that hangs loses its port, which ends the blocked call and reopens the
-        line; one that died is restarted. Both are reported."""
+        """Watchdog, called about once a second. If the reader hangs, its port is closed, which ends the blocked call and
+        reopens the line; if it died, it is restarted. Both are reported."""
         if self._stopping or self.alive() or self._thread.ident is None:
             return
         if not self._thread.is_alive():
@@ -178,7 +180,7 @@ class LinkService:
             self._thread.start()
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
-        self._round_s = self.monotonic_s()  # give it the same time again before the next step
+        self._round_s = self.monotonic_s()  # allow the same time again before the next step
         self._fault(f"the thread that reads the line made no progress for {stalled_s:.0f} s; its port is closed")
         if stream is not None:
             stream.close()
@@ -191,14 +193,14 @@ class LinkService:
             self._round_s = self.monotonic_s()
             try:
                 self._once()
-            except Exception as error:  # the owner of the port must outlive any fault
+            except Exception as error:  # the thread that owns the port must survive any fault
                 log.exception("the contact failed")
                 self.line_is_open, self.reason = False, f"{type(error).__name__}: {error}"
                 self._fault(f"the contact was given up: {self.reason}")
                 self._pause(RETRY_S)
 
     def _once(self) -> None:
-        """Open the line and keep it for a contact."""
+        """Open the line and serve it until the contact ends."""
         if not self.url:
             self._pause(0.5)
             return
@@ -212,13 +214,14 @@ class LinkService:
         self._stream = stream
         try:
             self._contact(stream, url)
-        except BaseException:  # whatever ended it: the port is free for the next try
+        except BaseException:  # close the port whatever the cause, so that the next attempt can open it
             stream.close()
             raise
         finally:
             self._stream = None
         if self.url == url and not self._reopen:
-            # The line was lost. A far end that hangs up at once must not make a contact of every moment.
+            # The line was lost. Without a pause, a far end that hangs up at once would create contacts in rapid
+            # succession.
             self._pause(REOPEN_S)
 
     def _pause(self, seconds: float) -> None:
@@ -226,7 +229,7 @@ class LinkService:
         self._wake.clear()
 
     def _could_not_open(self, reason: str) -> None:
-        """Report it once, not at every try."""
+        """Report the reason once, not at every attempt."""
         if reason != self.reason:
             self.events.publish([LinkFault("warning", f"{reason}. Trying again every {RETRY_S:g} s")])
         self.reason = reason

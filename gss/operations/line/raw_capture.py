@@ -1,7 +1,7 @@
-"""Every byte of a contact, in both directions, written before anything looks at it.
+"""Raw capture: every byte of a contact, in both directions, written before it is processed.
 
-A file is a run of records: f64 Unix seconds, u8 direction (0 received, 1 sent), u32 length, then the bytes; little endian.
-A contact's record is one or more files, ``contact-000012-000.raw`` and on; a record is never split over two of them.
+A file is a sequence of records: f64 Unix seconds, u8 direction (0 received, 1 sent), u32 length, then the bytes; little endian.
+A contact's capture is one or more files, ``contact-000012-000.raw`` and so on; a record is never split over two files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import BinaryIO
 RECORD = struct.Struct("<dBI")
 RECEIVED, SENT = 0, 1
 LONGEST_RECORD = 1 << 24
-"""No read or write of the line is nearly as long; a longer one is damage of the file."""
+"""Far longer than any read or write of the line; a longer record means that the file is damaged."""
 NAME = re.compile(r"contact-(\d+)-(\d+)\.raw")
 Record = tuple[float, int, bytes]
 """(Unix seconds, direction, bytes)."""
@@ -25,14 +25,14 @@ Record = tuple[float, int, bytes]
 
 @dataclass(frozen=True)
 class Retention:
-    """A file is closed and the next begun at ``file_bytes``; the oldest files go when all together pass ``keep_bytes``."""
+    """Limits: a new file is started at ``file_bytes``; the oldest files are removed when the total exceeds ``keep_bytes``."""
 
     file_bytes: int = 64 << 20
     keep_bytes: int = 1 << 30
 
 
 class RawCapture:
-    """Rotating capture of one contact in ``folder``. Files that are there are never written over."""
+    """Rotating capture of one contact in ``folder``. Existing files are never overwritten."""
 
     def __init__(self, folder: Path, contact_id: int, retention: Retention | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -44,17 +44,17 @@ class RawCapture:
 
     @property
     def name(self) -> str:
-        """What the files of this contact begin with."""
+        """Prefix of the names of this contact's files."""
         return capture_name(self._contact_id)
 
     @property
     def files(self) -> list[dict[str, object]]:
-        """Name and bytes of each file that was written, those that are gone again too."""
+        """Name and size of each file that was written, including files that were removed since."""
         return [{"file": name, "bytes": size} for name, size in list(self._sizes.items())]
 
     def write(self, unix_s: float, direction: int, data: bytes) -> None:
-        """Append one record; it is in the operating system's hands when this returns. OSError where it cannot be written (a full
-        disk): then nothing of it is in the file, and the next one can be tried."""
+        """Append one record, unbuffered: the operating system has it when this returns. Raises OSError if it cannot be
+        written (disk full); then no part of it is in the file, and the next record can be tried."""
         if not data:
             return
         if self._size >= self._retention.file_bytes:
@@ -75,15 +75,15 @@ class RawCapture:
         self._sizes[Path(self._file.name).name] = self._size
 
     def keep_at_most(self, keep_bytes: int) -> None:
-        """From now on the oldest files go when all together pass this."""
+        """Set the total size beyond which the oldest files are removed."""
         self._retention = replace(self._retention, keep_bytes=keep_bytes)
 
     def close(self) -> None:
-        """End the file."""
+        """Close the file."""
         self._file.close()
 
     def _next(self) -> FileIO:
-        """The next file. A database that starts anew counts its contacts from 1 again; what is there stays."""
+        """Create the next file. A recreated database numbers its contacts from 1 again, so existing files are skipped."""
         while True:
             self._part += 1
             path = self._folder / f"{self.name}-{self._part:03d}.raw"
@@ -105,19 +105,19 @@ class RawCapture:
 
 
 def capture_name(contact_id: int) -> str:
-    """Prefix of the names of a contact's files."""
+    """Return the prefix of the names of a contact's files."""
     return f"contact-{contact_id:06d}"
 
 
 def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
-    """Files of a contact (None: of all) in the order in which they were written."""
+    """Return the files of a contact (None: of all) in the order in which they were written."""
     found = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw")]
     numbered = [(int(m[1]), int(m[2]), p) for m, p in found if m and contact_id in (None, int(m[1]))]
     return [p for _, _, p in sorted(numbered)]
 
 
 def read_capture(file: BinaryIO) -> Iterator[Record]:
-    """Each whole record of a file; a cut-off or senseless one ends the run quietly: that is where a crash was."""
+    """Yield each complete record of a file. Ends without an error at a truncated or invalid record, as a crash leaves one."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
         if direction not in (RECEIVED, SENT) or length > LONGEST_RECORD:
@@ -131,21 +131,22 @@ def read_capture(file: BinaryIO) -> Iterator[Record]:
 def read_captures(
     paths: Iterable[Path], unread: Callable[[Path, int], None] = lambda _path, _bytes: None
 ) -> Iterator[Record]:
-    """The records of several files as one run; a torn end of one does not hide the next. ``unread``: told of each file whose
-    end could not be read, and how many bytes that is."""
+    """Yield the records of several files in order; a truncated file does not hide the next one. ``unread``: called with each
+    file whose end could not be read and the number of bytes skipped."""
     for path in paths:
         with path.open("rb") as file:
             whole = 0
             for record in read_capture(file):
                 whole = file.tell()
                 yield record
-            # A file that is still being written ends where its last whole record does; a damaged one was read beyond.
+            # In a file that is still being written the last complete record ends at the read position; in a damaged one
+            # it does not.
             if file.tell() != whole:
                 unread(path, path.stat().st_size - whole)
 
 
 def capture_span(paths: Iterable[Path]) -> tuple[float, float] | None:
-    """Unix seconds of the first and the last record, from the heads alone; None where there is none."""
+    """Return Unix seconds of the first and last record, read from the record headers alone; None without records."""
     first: float | None = None
     last = 0.0
     for path in paths:

@@ -1,4 +1,4 @@
-"""A past contact once more: its capture decoded at any speed into a view of its own. The live record is never touched.
+"""Replays the capture of a past contact at any speed into a separate view. Live data is never changed.
 
 The replay has its own board and its own topics (``replay``, ``replay.telemetry``, ``replay.command``, ``replay.event``).
 """
@@ -29,7 +29,7 @@ LONGEST_NAP_S = 0.2
 
 @dataclass(frozen=True)
 class ReplayState:
-    """Where the replay is. ``speed`` None: as fast as possible. ``at_s``: Unix seconds of the replayed contact."""
+    """State of the replay. ``speed`` None: as fast as possible. ``at_s``: Unix seconds of the replayed contact."""
 
     state: str = "none"
     contact_id: int | None = None
@@ -47,7 +47,7 @@ class ReplayState:
 
 @dataclass
 class _Counts:
-    """What the thread has seen so far."""
+    """Counts of what the thread has replayed so far."""
 
     at_s: float | None = None
     packets: int = 0
@@ -59,7 +59,7 @@ class _Counts:
 
 @dataclass
 class _Orders:
-    """What the operator wants; the thread looks at it between two records. ``seek_s``: go there."""
+    """The operator's requests, which the thread checks between two records. ``seek_s``: time to seek to."""
 
     speed: float | None
     paused: bool = False
@@ -68,7 +68,7 @@ class _Orders:
 
 
 class CaptureReplay:
-    """One replay at a time, on a thread of its own."""
+    """Runs one replay at a time on a separate thread."""
 
     def __init__(
         self,
@@ -86,12 +86,13 @@ class CaptureReplay:
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self.board = TelemetryBoard(dictionary, limits.rule)
-        limits.subscribe(lambda key: self.board.limits_changed(key))  # each pass has a new board
+        limits.subscribe(lambda key: self.board.limits_changed(key))  # not bound: each pass has a new board
 
-    # --- orders -------------------------------------------------------------------------------------------------
+    # --- control --------------------------------------------------------------------------------------------------
 
     def start(self, contact_id: int, speed: float | None, from_s: float | None = None) -> ReplayState:
-        """Replay a contact from its beginning or from a moment, in place of what is being replayed."""
+        """Replay a contact from its beginning or from ``from_s``. Stops the replay in progress. Raises NotFound without a
+        capture."""
         _check_speed(speed)
         files = capture_files(self._captures, contact_id)
         span = capture_span(files)
@@ -113,7 +114,8 @@ class CaptureReplay:
         paused: bool | None = None,
         at_s: float | None = None,
     ) -> ReplayState:
-        """Another speed, a halt, another place; what is not given stays. Conflict where nothing is replayed."""
+        """Change speed, pause or position; what is not given remains unchanged. Raises Conflict if nothing is being
+        replayed."""
         _check_speed(speed)
         if self._thread is None or not self._thread.is_alive():
             raise Conflict("nothing is being replayed", got=self._state.state, hint="start the replay again")
@@ -131,7 +133,7 @@ class CaptureReplay:
         return self.state
 
     def stop(self) -> ReplayState:
-        """End the replay; its board stays until the next one."""
+        """Stop the replay; its board is kept until the next one."""
         with self._changed:
             self._orders.stop = True
             self._changed.notify_all()
@@ -144,10 +146,10 @@ class CaptureReplay:
 
     @property
     def state(self) -> ReplayState:
-        """Where it is."""
+        """Current state of the replay."""
         return replace(self._state, **vars(self._counts))
 
-    # --- the thread ---------------------------------------------------------------------------------------------
+    # --- playback thread ------------------------------------------------------------------------------------------
 
     def _run(self, files: list[Path]) -> None:
         try:
@@ -157,7 +159,7 @@ class CaptureReplay:
             self._tell(state="failed", reason=f"{type(error).__name__}: {error}")
 
     def _pass(self, files: list[Path]) -> bool:
-        """Once through the capture; True when a seek wants another pass from the beginning."""
+        """Run once through the capture. Return True if a seek needs another pass from the beginning."""
         decoder, self.board = (
             CaptureDecoder(self._dictionary, self._framing),
             TelemetryBoard(self._dictionary, self._rule),
@@ -190,7 +192,7 @@ class CaptureReplay:
         return self._orders.seek_s is not None and not self._orders.stop
 
     def _wait(self, player: _Pace, at_s: float) -> bool:
-        """Wait until a moment of the contact is due; False when the operator wants something else."""
+        """Wait until ``at_s`` of the contact is due. Return False if the operator requested a stop or a seek."""
         with self._changed:
             while not self._orders.stop and self._orders.seek_s is None:
                 if self._orders.paused:
@@ -232,18 +234,18 @@ class CaptureReplay:
 
 
 class _Pace:
-    """When a moment of the contact is due on our clock. A change of speed begins anew from where it is."""
+    """Maps times of the contact to this host's monotonic clock. A change of speed continues from the current position."""
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         self._monotonic_s = monotonic_s
         self._anchor: tuple[float, float, float] | None = None
 
     def forget(self) -> None:
-        """The time until the next call does not count: a halt."""
+        """Exclude the time until the next call: the replay is paused."""
         self._anchor = None
 
     def left_s(self, at_s: float, speed: float | None) -> float:
-        """Seconds to wait; 0 or less: now."""
+        """Seconds to wait; 0 or less if due now."""
         if speed is None:
             self._anchor = None
             return 0.0
@@ -264,7 +266,7 @@ def _check_speed(speed: float | None) -> None:
 
 
 def paced(items: Iterator[Replayed], speed: float | None, monotonic_s: Monotonic, sleep: Any) -> Iterator[Replayed]:
-    """The same items, each when it is due; None: at once."""
+    """Yield the same items, each when it is due; without delay if ``speed`` is None."""
     _check_speed(speed)
     pace = _Pace(monotonic_s)
     for item in items:

@@ -1,4 +1,4 @@
-"""What the sensor knows before it looks at its next frame, as far as the ground can tell: its attitudes, and what it was told."""
+"""The ground's model of the sensor's prior knowledge before its next frame: previous attitudes and commanded hints."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from gss.domain.rotation import quaternion_from_matrix
 from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
 
 TAKES_BACK_DEG = 180.0
-"""SET_APRIORI with this uncertainty takes the a-priori angles back."""
+"""SET_APRIORI with this uncertainty withdraws the a-priori angles."""
 
 
 class SensorKnowledge:
-    """Follows completed commands and told attitudes. ``known`` is what a frame that is matched now starts from."""
+    """Follows completed commands and reported attitudes. ``known`` is the prior knowledge used to match the next frame."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._dictionary = dictionary
         self.known = Known()
 
     def forget(self) -> None:
-        """The device restarted."""
+        """Reset the knowledge, because the device restarted."""
         self.known = Known()
 
     def iterated(self, quaternion: Array | None) -> None:
-        """An iteration ended, with or without an attitude."""
+        """Update after an iteration; ``quaternion`` is None if it gave no attitude."""
         self.known = self.known.after(quaternion)
 
     def completed(self, name: str, arguments: Mapping[str, Any]) -> None:
-        """A command has completed."""
+        """Update after a completed command."""
         if name == "RESET":
             self.forget()
         elif name in ("SET_ATTITUDE_HINT", "SET_ORBIT", "SET_APRIORI"):
@@ -54,7 +54,7 @@ class SensorKnowledge:
                 self.known = replace(self.known, apriori=_apriori(given))
 
     def _as_received(self, name: str, arguments: Mapping[str, Any]) -> Mapping[str, float]:
-        """The arguments as the device reads them: defaults put in, and at the width of the wire."""
+        """Return the arguments as the device receives them: with defaults, and rounded to the encoded width."""
         command = self._dictionary.command(name)
         payload = encode(command.arguments, check_arguments(command, arguments))
         return {k: float(v) for k, v in decode(command.arguments, payload).values.items()}

@@ -1,5 +1,5 @@
-"""A simulated sensor as a child process. It starts at once and gets ready while the server loads; one that dies is started again
-on its flash, as a unit comes back after its supply was cut."""
+"""A simulated sensor in a child process. It starts at once and initializes while the server loads. If it dies, it is
+restarted with its flash content, as a unit restarts after a power cut."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.domain.profiles import profile
 
 WAIT_S = 60.0
 AGAIN_S = (1.0, 2.0, 5.0, 15.0, 30.0)
-"""Before each further start; one that ran for longer than the last of these counts as a first one again."""
+"""Pauses before successive restarts. A process that ran for longer than the last of these resets the sequence."""
 log = logging.getLogger("gss.simulator")
 
 
@@ -29,12 +29,13 @@ class SimulatedSensor:
     ) -> None:
         profile(profile_name)
         folder.mkdir(parents=True, exist_ok=True)
-        # A name of its own, so that the port can vanish and come back as a pulled plug does.
+        # A stable symlink lets the port vanish and return as a pulled plug does.
         self._line = folder / "line"
         command = [sys.executable, "-m", "gss.device.simulator", "--profile", profile_name, "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
         command += ["--symlink", str(self._line), *shlex.split(options)]
-        # However the server ends, its end of standard input closes: no simulator is left behind with the flash in its hands.
+        # However the server ends, the simulator's standard input closes, so no orphaned simulator keeps the flash files
+        # in use.
         command += ["--exit-with-stdin"]
         if framing != "cobs":
             command += ["--framing", framing]
@@ -43,13 +44,13 @@ class SimulatedSensor:
         self._log = self._log_path.open("ab")
         self._stopping = threading.Event()
         self.told: Callable[[str], object] = log.warning
-        """Hears that the simulator ended and that it is there again."""
+        """Called with a text when the simulator ends and when it runs again."""
         self._process = self._start()
         self._watcher: threading.Thread | None = None
 
     @property
     def pid(self) -> int:
-        """Of the process that runs now."""
+        """Id of the current process."""
         return self._process.pid
 
     def _start(self) -> subprocess.Popen[str]:
@@ -57,7 +58,8 @@ class SimulatedSensor:
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=log, text=True)  # noqa: S603 - our own
 
     def url(self) -> str:
-        """Address of its line, as soon as it says READY; GssError when it ends before. From then on it is watched."""
+        """Wait for READY and return the address of the simulator's line; raises GssError if the process ends before. Starts
+        the watcher thread."""
         url = self._ready()
         self._watcher = threading.Thread(target=self._watch, name="simulator", daemon=True)
         self._watcher.start()
@@ -78,7 +80,7 @@ class SimulatedSensor:
         raise GssError("the simulator did not start", expected="a line READY …", hint=f"see {self._log_path}")
 
     def _watch(self) -> None:
-        """Start it again whenever it ends by itself, after ever longer pauses."""
+        """Restart the process whenever it ends without ``stop``, after increasing pauses."""
         tries = 0
         while True:
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -91,7 +93,7 @@ class SimulatedSensor:
                 continue
             code = self._process.returncode
             _close(self._process)
-            # The number of a dead terminal is soon that of another one: nothing may be opened behind the old name.
+            # The number of the closed terminal may soon belong to another one, so the old link must not lead to it.
             self._line.unlink(missing_ok=True)
             pause_s = AGAIN_S[min(tries, len(AGAIN_S)) - 1]
             self._tell(f"the simulated sensor ended with code {code}; it is started again in {pause_s:g} s")
@@ -111,7 +113,7 @@ class SimulatedSensor:
             log.exception("not recorded: %s", text)
 
     def stop(self) -> None:
-        """End it; gently first."""
+        """Stop the process: terminate it, and kill it after 5 s."""
         self._stopping.set()
         self._process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -135,7 +137,7 @@ def _close(process: subprocess.Popen[str]) -> None:
 def simulated_sensor(
     profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
 ) -> Iterator[SimulatedSensor]:
-    """A simulator that ends with the block."""
+    """Run a simulator for the duration of the block."""
     sensor = SimulatedSensor(profile_name, folder, baud, seed, framing, options)
     try:
         yield sensor

@@ -1,4 +1,4 @@
-"""The state of everything in one record, told to all browsers once a second: what the header bar shows."""
+"""The overall state in one record, published to all browsers once a second for the header bar."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class DirectionState:
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that wants attention, since when."""
+    """A condition that needs attention, and its start."""
 
     id: str
     level: str
@@ -52,7 +52,7 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Header:
-    """Everything of the header bar."""
+    """Content of the header bar."""
 
     device: str
     profile: str
@@ -95,17 +95,17 @@ class StatusService:
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
-        self._lock = threading.Lock()  # requests and the ticker both look
+        self._lock = threading.Lock()  # requests and the ticker use it concurrently
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="status", daemon=True)
         self._tickers = tuple(tickers)
 
     def start(self) -> None:
-        """Start telling."""
+        """Start publishing."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop telling."""
+        """Stop publishing."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=3)
@@ -115,7 +115,7 @@ class StatusService:
             for look in (*self._tickers, self._tell):
                 try:
                     look()
-                except Exception:  # a full disk or a locked database must not end the one who tells of it
+                except Exception:  # a full disk or a locked database must not end the status thread
                     log.exception("%r failed", look)
 
     def _tell(self) -> None:
@@ -123,7 +123,7 @@ class StatusService:
         self._bus.publish("telemetry", (self._telemetry.values(), self._latched.of_field()))
 
     def header(self) -> Header:
-        """The state now."""
+        """Return the current state."""
         hello, housekeeping = self._link.last_hello, self._link.session.housekeeping or {}
         device_hash = self._link.session.device_dictionary_hash
         match = None if device_hash is None else device_hash == self._link.dictionary.hash_hex
@@ -195,7 +195,7 @@ class StatusService:
         return found
 
     def _latched_alarms(self, silent: bool) -> list[Alarm]:
-        """Open alarms that are on no shelf; a silent line is said once."""
+        """Return open alarms that are not shelved; a silent line is reported only once."""
         views = [v for v in self._latched.opened() if not v.shelved]
         return [
             Alarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
