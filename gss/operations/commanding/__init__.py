@@ -1,1 +1,1 @@
-"""Commands from draft to report: authority, stacks, schedule, history."""
+"""Commanding: authority, checks, sending, stacks, on-board schedule and history."""

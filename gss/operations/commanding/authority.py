@@ -1,7 +1,8 @@
-"""Command authority: one operator commands at a time. Taken, released, broken with a reason; all of it on the record.
+"""Command authority: one operator commands at a time. Authority is taken, released, or broken with a reason; each change is
+recorded.
 
-It outlives a restart of the server: who commanded before still does. Software that asks the device on its own behalf does not
-take part, and ABORT never asks.
+It survives a restart of the server: the holder remains the holder. Commands that the server sends on its own behalf are exempt,
+and so is ABORT.
 """
 
 from __future__ import annotations
@@ -24,38 +25,38 @@ LONGEST_REASON = 300
 
 @dataclass(frozen=True)
 class AuthorityState:
-    """The holder's row, None while nobody holds it, and those before, newest first."""
+    """The holder's row (None if there is no holder) and previous holders, newest first."""
 
     holder: Authority | None
     history: Sequence[Authority]
 
 
 class AuthorityService:
-    """Who may command now."""
+    """Controls which operator may command."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
         self._lock = threading.Lock()
 
     def state(self) -> AuthorityState:
-        """The holder and the newest of the history."""
+        """Return the holder and the newest entries of the history."""
         with self._database.unit_of_work() as session:
             return AuthorityState(store.holder(session), store.newest(session, HISTORY))
 
     def holder(self) -> str | None:
-        """Name of the holder."""
+        """Return the holder's name; None if there is no holder."""
         with self._database.unit_of_work() as session:
             row = store.holder(session)
             return row.holder if row else None
 
     def check(self, user: str) -> None:
-        """Conflict, with the holder's name, when somebody else holds it."""
+        """Raise Conflict, with the holder's name, if another user holds authority."""
         held = self.holder()
         if held is not None and held != user:
             raise _held_by(held)
 
     def require(self, user: str) -> None:
-        """As ``check``; with nobody holding it the user takes it by commanding."""
+        """As ``check``; if there is no holder, the user takes authority by commanding."""
         with self._lock:
             held = self.holder()
             if held is None:
@@ -67,7 +68,8 @@ class AuthorityService:
         self._tell("ok", f"{user} took command authority with the first command", user)
 
     def take(self, user: str) -> AuthorityState:
-        """Take it while nobody holds it; taking what one holds changes nothing."""
+        """Take authority if there is no holder; no effect if the user already holds it. Raises Conflict if another user
+        holds it."""
         with self._lock:
             held = self.holder()
             if held is not None and held != user:
@@ -79,7 +81,7 @@ class AuthorityService:
         return self.state()
 
     def release(self, user: str) -> AuthorityState:
-        """Give it back; Conflict unless the user holds it."""
+        """Release authority. Raises Conflict unless the user holds it."""
         with self._lock, self._database.unit_of_work() as session:
             row = store.holder(session)
             if row is None or row.holder != user:
@@ -91,7 +93,8 @@ class AuthorityService:
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
-        """Take it from somebody else, with a reason that stays on the record."""
+        """Take authority from another user, with a reason that is recorded. Raises BadInput without a valid reason, Conflict
+        if no other user holds it."""
         words = " ".join(reason.split())
         if not 0 < len(words) <= LONGEST_REASON:
             raise BadInput(
@@ -122,7 +125,7 @@ class AuthorityService:
 
 
 def checked_user(user: str) -> str:
-    """A name that can be shown and stored."""
+    """Return the user name if it can be shown and stored; raise BadInput otherwise."""
     if not 0 < len(user) <= LONGEST_NAME or not user.isprintable() or user.strip() != user:
         raise BadInput("not a user name", expected=f"1 – {LONGEST_NAME} printable characters", got=repr(user[:80]))
     return user

@@ -1,4 +1,4 @@
-"""What stands between an operator and a command: conditions, hazards, confirmation, simulator-only commands."""
+"""Checks before a command is sent: preconditions, hazards, confirmation, simulator-only commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCHEDULE = "SCHEDULE"
 
 @dataclass(frozen=True)
 class PreconditionState:
-    """A condition, whether it holds (None: not known), and the value that decides it."""
+    """A precondition, whether it is met (None: not known), and the value that decides it."""
 
     text: str
     met: bool | None
@@ -26,7 +26,7 @@ class PreconditionState:
 
 @dataclass(frozen=True)
 class Risk:
-    """How much a command can hurt with these arguments, why, and the name that confirms it."""
+    """The hazard of a command with its arguments, the reason, and the name to type as confirmation."""
 
     hazard: Hazard
     reason: str
@@ -34,14 +34,14 @@ class Risk:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Does somebody have to say yes or type a name?"""
+        """True if the operator must confirm or type the name."""
         return self.hazard in (Hazard.WARNING, Hazard.CRITICAL)
 
 
 @dataclass(frozen=True)
 class Check:
-    """Dry run: ``groups`` are (label, bytes) of the packet before framing; empty where the arguments are bad.
-    ``holder``: of command authority. ``problems``: what stands in the way; the confirmation is not among them."""
+    """Result of a dry run. ``groups``: (label, bytes) of the packet before framing; empty if the arguments are invalid.
+    ``holder``: of command authority. ``problems``: reasons why it cannot be sent; a missing confirmation is not one."""
 
     problems: tuple[str, ...]
     preconditions: tuple[PreconditionState, ...]
@@ -53,7 +53,8 @@ class Check:
 
 
 def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> Risk:
-    """The worst of the command's hazard and of the chosen values'; SCHEDULE hurts as much as what it carries."""
+    """Return the higher of the hazards of the command and of its argument values; for SCHEDULE, also of the command that it
+    carries."""
     hazard, reason = command.hazard_for(arguments)
     own = Risk(hazard, reason, command.name)
     inner = scheduled(dictionary, arguments) if command.name == SCHEDULE else None
@@ -66,8 +67,8 @@ def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, An
 
 
 def subsystems_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> frozenset[str]:
-    """Whose commands these are: its own subsystem, and with SCHEDULE that of what it carries; all of them where that cannot be
-    told, so that nobody hides a command in bytes."""
+    """Return the subsystems a command belongs to: its own and, for SCHEDULE, that of the command it carries. If the carried
+    command cannot be decoded, all subsystems, so that raw bytes cannot bypass permissions."""
     if command.name != SCHEDULE:
         return frozenset({command.subsystem})
     inner = scheduled(dictionary, arguments)
@@ -76,7 +77,7 @@ def subsystems_of(dictionary: Dictionary, command: Command, arguments: Mapping[s
 
 
 def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Command, dict[str, Value]] | None:
-    """The command that SCHEDULE (or a schedule_entry) carries with its arguments; None where it cannot be decoded."""
+    """Decode the command that SCHEDULE (or a schedule_entry) carries, with its arguments; None if it cannot be decoded."""
     try:
         command = dictionary.command_of_code(int(arguments["command_code"]))
         payload = arguments["payload"]
@@ -89,7 +90,7 @@ def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Com
 
 
 def check_confirmation(risk: Risk, confirm: str) -> None:
-    """A critical command wants its name typed, a warning one a yes; BadInput otherwise."""
+    """Raise BadInput unless a critical command is confirmed by its typed name, or a warning one by "yes" or its name."""
     if risk.hazard is Hazard.CRITICAL and confirm != risk.name:
         raise BadInput(f"{risk.name} is critical and was not confirmed", expected=f"the name {risk.name} typed")
     if risk.hazard is Hazard.WARNING and confirm not in (YES, risk.name):
@@ -97,7 +98,7 @@ def check_confirmation(risk: Risk, confirm: str) -> None:
 
 
 def precondition_states(command: Command, housekeeping: Mapping[str, Value] | None) -> tuple[PreconditionState, ...]:
-    """Each condition of a command with its present state."""
+    """Return the current state of each precondition of a command."""
     states = []
     for condition in command.preconditions:
         value = None if housekeeping is None else housekeeping.get(condition.field)
@@ -106,14 +107,14 @@ def precondition_states(command: Command, housekeeping: Mapping[str, Value] | No
 
 
 def _now(field: str, value: Value | None) -> str:
-    """The value in words; a flag by its own name: "running", "not running" of ``cycle_running``."""
+    """Return the value as text; for a flag, its own name: "running" or "not running" for ``cycle_running``."""
     if isinstance(value, bool):
         return ("" if value else "not ") + field.rsplit("_", 1)[-1]
     return words(value)
 
 
 def check_unit(command: Command, hello: HelloReceived | None) -> None:
-    """Commands of a simulator only go to a device that says it is one."""
+    """Raise Conflict if a simulator-only command would go to a device that does not report itself as simulated."""
     if not command.simulator_only or (hello is not None and hello.simulated):
         return
     got = "no device has answered yet" if hello is None else f"{hello.serial or hello.device_model} is real"
@@ -121,7 +122,7 @@ def check_unit(command: Command, hello: HelloReceived | None) -> None:
 
 
 def words(value: Any) -> str:
-    """A telemetry value as an operator reads it."""
+    """Return a telemetry value as display text."""
     if value is None:
         return "not received"
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value).replace("_", " ")

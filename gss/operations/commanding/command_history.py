@@ -1,4 +1,4 @@
-"""The history of commands: searched, and written out exactly as it was searched."""
+"""The command history: filtered queries, and exports with the same filter."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ COLUMNS = (
 
 
 class CommandHistory:
-    """Reads what was commanded and what became of it."""
+    """Reads recorded commands and their results."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def page(self, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
-        """Newest first; ``before``: only those with a smaller id."""
+        """Return a page of commands, newest first; ``before``: only those with a smaller id."""
         _check(wanted)
         with self._database.unit_of_work() as session:
             return store.page(session, wanted, limit, before)
 
     def facets(self) -> dict[str, list[str]]:
-        """The names, users, results and sources that occur."""
+        """Return the distinct names, users, results and sources, for filter lists."""
         with self._database.unit_of_work() as session:
             return store.facets(session)
 
     def csv(self, wanted: Filter) -> Iterator[str]:
-        """All that fit, oldest first, as lines of a table; arguments, values and stages as JSON in their cell."""
+        """Yield all matching commands, oldest first, as CSV lines; arguments, values and stages are JSON in their cell."""
         _check(wanted)
         yield _line(COLUMNS)
         for facts in self.records(wanted):
             yield _line([_cell(facts[name]) for name in COLUMNS])
 
     def json(self, wanted: Filter) -> Iterator[str]:
-        """All that fit, oldest first, as a JSON array in pieces."""
+        """Yield all matching commands, oldest first, as pieces of a JSON array."""
         opening = "[\n"
         for facts in self.records(wanted):
             yield opening + json.dumps(facts, ensure_ascii=False)
@@ -57,7 +57,7 @@ class CommandHistory:
         yield "[]\n" if opening == "[\n" else "\n]\n"
 
     def records(self, wanted: Filter) -> Iterator[dict[str, Any]]:
-        """The same as plain values."""
+        """Yield all matching commands, oldest first, as plain values."""
         _check(wanted)
         with self._database.unit_of_work() as session:
             for row in store.every(session, wanted):
@@ -80,7 +80,7 @@ def _facts(row: Command) -> dict[str, Any]:
 def _cell(value: Any) -> Any:
     if isinstance(value, dict | list):
         return json.dumps(value, ensure_ascii=False)
-    # A spreadsheet would run what begins like a formula.
+    # A leading quote keeps a spreadsheet from running text that begins like a formula.
     return f"'{value}" if isinstance(value, str) and value[:1] in FORMULA else value
 
 

@@ -1,4 +1,4 @@
-"""The record of commands: a row for each, and every report of its life beside it."""
+"""The command record: a row per command, with every stage it went through."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gss.store.models import CommandStage as StageRow
 
 @dataclass(frozen=True)
 class CommandView:
-    """A command's row, whether doing it twice does no harm, and whether the same id may be sent again now."""
+    """A command's row, whether the command is idempotent, and whether it may be retried now with the same id."""
 
     row: Command
     idempotent: bool
@@ -31,7 +31,7 @@ class CommandView:
 
 @dataclass(frozen=True)
 class CommandCompleted(ServiceEvent):
-    """A command was carried out. ``values``: what its report returned."""
+    """A command completed. ``values``: values returned in its report."""
 
     name: str
     arguments: Mapping[str, Any]
@@ -40,7 +40,7 @@ class CommandCompleted(ServiceEvent):
 
 @dataclass(frozen=True)
 class CommandChanged(ServiceEvent):
-    """The record of a command changed: ``result`` is its present one."""
+    """A command's record changed. ``result``: its current result."""
 
     command_id: int
     run_id: int | None
@@ -64,7 +64,7 @@ class CommandRecorder:
         self._database, self._bus, self._now, self._view, self._events = database, bus, now, view, events
         self._completed: list[CommandCompleted] = []
         self._orphans: OrderedDict[int, list[CommandStage]] = OrderedDict()
-        self._lock = threading.RLock()  # a row's stages are written in the order of their coming
+        self._lock = threading.RLock()  # keeps the stages of a row in order of arrival
 
     def add(
         self,
@@ -76,7 +76,7 @@ class CommandRecorder:
         contact_id: int | None,
         run_id: int | None,
     ) -> Command:
-        """The row of a command that is about to be queued."""
+        """Store and return the row of a command that is about to be queued."""
         with self._database.unit_of_work() as session:
             row = store.add(
                 session,
@@ -94,22 +94,22 @@ class CommandRecorder:
 
     @staticmethod
     def lose(row: Command, at: datetime, detail: str) -> None:
-        """A row whose command was under way when the server stopped."""
+        """Mark a row as unknown, because its command was in progress when the server stopped."""
         row.result, row.detail = "unknown", detail
         row.stages.append(StageRow(stage="unknown", at=at, detail=detail))
 
     def refuse(self, command_id: int, detail: str) -> Command:
-        """It could not be queued after all."""
+        """Mark a command as rejected, because it could not be queued."""
         return self._end(command_id, "rejected", detail)
 
     def withdrawn(self, command_id: int, stage: CommandStage) -> Command:
-        """It was taken back; a retry that was taken back is as unknown as before."""
+        """Record a withdrawn command. A withdrawn retry leaves the command unknown, as it was before the retry."""
         if stage.stage is Stage.UNKNOWN:
             return self._change(command_id, self._stage("unknown", stage.detail), result="unknown", detail=stage.detail)
         return self._end(command_id, WITHDRAWN, stage.detail)
 
     def taken_back(self, events: Sequence[CommandStage]) -> None:
-        """Many at once, in one transaction."""
+        """Record several withdrawn commands in one transaction."""
         rows = []
         with self._lock, self._database.unit_of_work() as session:
             for event in events:
@@ -130,11 +130,11 @@ class CommandRecorder:
         return self._change(command_id, stage, result=result, detail=detail, finished=stage.at)
 
     def requeue(self, command_id: int, detail: str) -> Command:
-        """A retry waits in the queue."""
+        """Record that a retry is queued."""
         return self._change(command_id, self._stage("queued", detail), result="queued")
 
     def resolve(self, command_id: int, note: str) -> Command:
-        """An operator knows better."""
+        """Record that an operator resolved a command of unknown fate."""
         return self._change(command_id, None, result="resolved", resolved_note=note, finished=self._now())
 
     def _stage(self, name: str, detail: str) -> StageRow:
@@ -143,7 +143,8 @@ class CommandRecorder:
     # --- reports ------------------------------------------------------------------------------------------------
 
     def follow(self, event: CommandStage) -> None:
-        """A stage of a command. One without a row is kept a while: its row may come late, as ABORT's does."""
+        """Record a stage of a command. A stage without a row is buffered, because the row may be stored later (as for
+        ABORT)."""
         if event.stage is Stage.QUEUED:
             return
         with self._lock:
@@ -154,7 +155,7 @@ class CommandRecorder:
         self.catch_up(event.request_id)
 
     def catch_up(self, request_id: int) -> None:
-        """Write the stages that came before their row."""
+        """Write the buffered stages that arrived before their row."""
         with self._lock:
             with self._database.unit_of_work() as session:
                 found = store.by_request(session, request_id)
@@ -167,7 +168,7 @@ class CommandRecorder:
         with self._database.unit_of_work() as session:
             found = store.get(session, command_id)
         if event.stage is Stage.UNKNOWN and found.result == "unknown":
-            return  # said already, when the server started
+            return  # already recorded when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
         if event.reason == WITHDRAWN:
             self._end(found.id, WITHDRAWN, event.detail)
@@ -176,9 +177,9 @@ class CommandRecorder:
         stage = self._stage(str(event.stage), detail)
         values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
         if found.result == "resolved":
-            values.pop("result")  # the operator's word stands; what came late is on the record beside it
+            values.pop("result")  # the operator's resolution is kept; the late stage is recorded beside it
         if detail or event.stage in FINAL_STAGES:
-            values["detail"] = detail  # an end without words takes back what was said while the fate was unknown
+            values["detail"] = detail  # an end without detail clears the text set while the fate was unknown
         if event.late:
             values["late"] = True
         if event.stage in FINAL_STAGES:
@@ -197,7 +198,7 @@ class CommandRecorder:
             self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
 
     def take_completed(self) -> list[CommandCompleted]:
-        """The commands that completed since the last call."""
+        """Return the commands that completed since the last call."""
         with self._lock:
             completed, self._completed = self._completed, []
         return completed

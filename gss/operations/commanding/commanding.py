@@ -1,4 +1,4 @@
-"""Commands: checked, confirmed, queued, followed to their end, and never sent twice by software."""
+"""Commands: checked, confirmed, queued, followed until they end, and never resent automatically."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ from gss.store.models import Command
 RESTARTED = "The server restarted while this command was under way; it may have run or not."
 NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
 SOFTWARE = "gss"
-"""User of what the server sends on its own behalf."""
+"""User name of commands that the server sends on its own behalf."""
 SERVER = "server"
-"""Source of what the server asks on its own behalf; it takes no part in command authority."""
+"""Source of commands that the server sends on its own behalf; they are exempt from command authority."""
 REMEMBERED_IDS = 64
-"""So many request ids the device keeps with their result; an older one it would carry out anew."""
+"""Number of request ids that the device remembers with their result; it would execute an older one again."""
 
 
 Permits = Callable[[str, str], None]
-"""(user, permission): raises NotPermitted. It takes names and not a request, because stacks outlive theirs."""
+"""(user, permission): raises NotPermitted. It takes names rather than a request, because a stack run outlives its request."""
 
 
 class CommandService:
-    """What an operator does to the sensor, one command at a time. The user is an argument of everything."""
+    """Sends single commands to the sensor on behalf of a user, and follows them."""
 
     def __init__(
         self,
@@ -62,8 +62,9 @@ class CommandService:
         self._aborts = Aborts(link, self._recorder, bus, now)
 
     def start(self) -> None:
-        """Commands that were under way when the last server died become unknown; nothing is sent again by itself.
-        Those that were unknown already can still be retried, or end with a late report."""
+        """Mark commands that were in progress when the last server stopped as unknown; nothing is resent automatically.
+        Commands that were already unknown can still be retried or end with a late report.
+        """
         known: list[tuple[int, str, Mapping[str, Any]]] = []
         with self._database.unit_of_work() as session:
             for row in store.left_in_flight(session):
@@ -75,7 +76,7 @@ class CommandService:
             self._link.session.restore(last + 1, known)
 
     def _still_fits(self, row: Command) -> bool:
-        """A dictionary that changed meanwhile may not know the command any more."""
+        """True if the current dictionary still accepts the command."""
         try:
             check_arguments(self._link.dictionary.command(row.name), row.arguments)
         except (BadInput, NotFound):
@@ -90,21 +91,21 @@ class CommandService:
     # --- before sending -----------------------------------------------------------------------------------------
 
     def preconditions(self, definition: Definition) -> tuple[PreconditionState, ...]:
-        """Each condition of a command with its present state."""
+        """Return the current state of each precondition of a command."""
         return precondition_states(definition, self._link.session.housekeeping)
 
     def visible(self) -> list[Definition]:
-        """The commands of the dictionary that the present device can take."""
+        """Return the commands of the dictionary that the connected device accepts."""
         hello = self._link.hello
         real = hello is not None and not hello.simulated
         return [c for c in self._link.dictionary.commands if not (real and c.simulator_only)]
 
     def idempotent(self, name: str) -> bool:
-        """Does doing it twice do no harm? No, where the dictionary does not know."""
+        """True if the dictionary marks the command as idempotent; False for a command it does not contain."""
         return any(c.name == name and c.idempotent for c in self._link.dictionary.commands)
 
     def check(self, name: str, arguments: Mapping[str, Any], *, user: str) -> Check:
-        """What would be sent, and what stands in the way. Nothing is sent."""
+        """Dry run: return what would be sent and every reason against it. Nothing is sent."""
         definition = self._link.dictionary.command(name)
         states = self.preconditions(definition)
         problems = [f"{state.text}: it is {state.value}" for state in states if state.met is False]
@@ -140,20 +141,20 @@ class CommandService:
             self._permits(user, f"command.{subsystem}")
 
     def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
-        """One reason is enough: who may never send it need not hear who holds the authority."""
+        """Check the permission first: a user without it does not need to know who holds authority."""
         self.check_permitted(user, name, arguments)
         self._authority.check(user)
 
     def check_user(self, user: str) -> None:
-        """Conflict while somebody else holds command authority."""
+        """Raise Conflict if another user holds command authority."""
         self._authority.check(user)
 
     def require_user(self, user: str) -> None:
-        """As ``check_user``; with nobody holding it the user takes it."""
+        """As ``check_user``; if there is no holder, the user takes authority."""
         self._authority.require(user)
 
     def preview(self, name: str, arguments: Mapping[str, Any]) -> list[tuple[str, bytes]]:
-        """(label, bytes) of the packet that the next ``send`` would make."""
+        """Return (label, bytes) of the packet that the next ``send`` would build."""
         with self._link.lock:
             return self._link.session.preview(name, arguments)
 
@@ -170,9 +171,10 @@ class CommandService:
         run_id: int | None = None,
         aborts: int | None = None,
     ) -> Command:
-        """Queue a command and return its row at once. Conflict or BadInput says why not.
+        """Queue a command and return its row at once. Raises Conflict or BadInput if it cannot be sent, NotPermitted if the
+        role forbids it.
 
-        ``aborts``: ``self.aborts`` when the work began that this command belongs to; an ABORT issued since then stops it.
+        ``aborts``: value of ``self.aborts`` when the work that this command belongs to began; a later ABORT stops it.
         """
         definition = self._link.dictionary.command(name)
         if name == "ABORT":
@@ -211,7 +213,8 @@ class CommandService:
         run_id: int | None,
         aborts: int | None,
     ) -> Command:
-        """The row first: what cannot be recorded is not sent. The line is not held meanwhile: ABORT may need it."""
+        """Store the row, then submit, so that no unrecorded command is sent. The line lock is released while storing,
+        because ABORT may need it."""
         with self._link.lock:
             request_id = self._link.session.reserve()
         row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
@@ -230,8 +233,8 @@ class CommandService:
         return self._aborts.issue(user, source)
 
     def retry(self, command_id: int, *, user: str) -> Command:
-        """Send the same bytes with the same id once more; only while the fate is unknown and the device, which keeps the
-        last ids with their results, can still tell that it knows them."""
+        """Send the same bytes with the same id again. Allowed only while the fate is unknown and the id is among the last
+        ones whose results the device remembers, so that it is not executed twice."""
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         self._authority.check(user)
@@ -252,20 +255,21 @@ class CommandService:
         return row
 
     def can_retry(self, row: Command) -> bool:
-        """Would sending it again be safe?"""
+        """True if sending it again with the same id is safe."""
         if row.result != "unknown":
             return False
         age = self._link.session.next_request_id - row.request_id
         return self.idempotent(row.name) or 0 < age <= REMEMBERED_IDS
 
     def withdraw(self, command_id: int, *, user: str) -> Command:
-        """Take a command back that still waits in the queue, as whoever could send it; Conflict once it was released."""
+        """Withdraw a command that is still queued; the user needs the permission and authority to send it. Raises Conflict
+        once it was released."""
         row = self.get(command_id)
         self._check_commander(user, row.name, row.arguments)
         return self.take_back(command_id, user=user)
 
     def take_back(self, command_id: int, *, user: str) -> Command:
-        """The same for the run of a stack that ends: stopping it needs no authority."""
+        """As ``withdraw``, for a stack run that ends: stopping it needs no authority."""
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
@@ -277,7 +281,7 @@ class CommandService:
         return row
 
     def resolve(self, command_id: int, note: str, *, user: str) -> Command:
-        """An operator settles an unknown command with a note; nothing is sent."""
+        """Mark an unknown command as resolved with an operator's note; nothing is sent."""
         row = self.get(command_id)
         self.check_permitted(user, row.name, row.arguments)
         if row.result != "unknown":
@@ -286,15 +290,15 @@ class CommandService:
         self._bus.record("command", "ok", f"{row.name} marked resolved by {user}: {note}", command_id=row.id)
         return row
 
-    # --- what became of it --------------------------------------------------------------------------------------
+    # --- results ------------------------------------------------------------------------------------------------
 
     def get(self, command_id: int) -> Command:
-        """The command of that id."""
+        """Return the command with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, command_id)
 
     def view(self, row: Command) -> CommandView:
-        """The row with what the dictionary and the line say of it now."""
+        """Return the row with its current idempotency and retry state."""
         return CommandView(row, self.idempotent(row.name), self.can_retry(row))
 
     def handle(self, batch: LineBatch) -> list[CommandCompleted]:

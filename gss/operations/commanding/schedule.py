@@ -1,4 +1,4 @@
-"""Commands for later, kept and run on board: put there at a moment of UTC or of the device's clock, listed, taken back."""
+"""Commands stored and executed on board at a later time, given in UTC or device time: scheduled, listed, cancelled."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ SOFTWARE = "gss"
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of the device's table. ``at`` and its uncertainty are None while the clocks are not correlated;
-    ``command`` is None where the bytes are not of our dictionary."""
+    """One row of the device's schedule. ``at`` and its uncertainty are None while the clocks are not correlated; ``command``
+    is None if the bytes cannot be decoded with our dictionary."""
 
     schedule_id: int
     at_device_s: float
@@ -51,8 +51,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class ScheduleState:
-    """The table by time. ``told``: when the device last listed it; ``complete``: nothing of that list was lost.
-    ``clock`` with the device's clock and UTC of now; None while unknown."""
+    """The device's schedule in order of time. ``told``: when the device last listed it; ``complete``: True if no row of that
+    list was lost. ``clock``: correlation of the device's clock with UTC, None while unknown."""
 
     entries: Sequence[Entry]
     told: datetime | None
@@ -61,7 +61,7 @@ class ScheduleState:
 
 
 class ScheduleService:
-    """Keeps what the device told of its table, and the correlation of the clocks."""
+    """Keeps the device's schedule as last reported, and the correlation of the clocks."""
 
     def __init__(self, link: LinkService, commands: CommandService, bus: EventBus, now: Now) -> None:
         self._link, self._commands, self._bus, self._now = link, commands, bus, now
@@ -72,10 +72,10 @@ class ScheduleService:
         self._complete = False
         self._lock = threading.Lock()
 
-    # --- what the device tells ----------------------------------------------------------------------------------
+    # --- reports from the device --------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow clock and table; ask for the table when it changed."""
+        """Update clock and schedule; request the list if the schedule changed."""
         ask = changed = False
         for event in batch.events:
             if isinstance(event, Telemetry):
@@ -109,7 +109,7 @@ class ScheduleService:
             return True
 
     def _listed(self, event: CommandStage) -> bool:
-        """The table is what this list named; rows that it did not name are gone."""
+        """Replace the schedule by this list, if it is complete; rows that are not in it no longer exist."""
         with self._lock:
             rows = self._listing.get(event.request_id, {})
             self._listing.clear()
@@ -129,24 +129,25 @@ class ScheduleService:
         try:
             self._commands.send("LIST_SCHEDULE", {}, confirm="", user=SOFTWARE, source=SERVER)
         except NotFound:
-            return  # a dictionary without a schedule
+            return  # the dictionary has no schedule
         except GssError as error:
             self._bus.record("link", "watch", f"LIST_SCHEDULE was not asked: {error}")
 
     def clock_jumped(self, _jump_s: float) -> None:
-        """The server's clock was set: what was known of the two is void at once, not after the packets that would show it."""
+        """Discard the correlation at once, because the server's clock was set; otherwise it would be wrong until enough
+        packets arrived."""
         with self._lock:
             self._clock.restart()
 
-    # --- what is known ------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def clock(self) -> Correlation | None:
-        """The clocks, None before enough has come."""
+        """Return the clock correlation; None before enough packets have arrived."""
         with self._lock:
             return self._clock.estimate()
 
     def state(self) -> ScheduleState:
-        """Everything known; nothing is sent."""
+        """Return the known schedule and clock. Nothing is sent."""
         with self._lock:
             clock, rows = self._clock.estimate(), list(self._rows.values())
             told, complete = self._told, self._complete
@@ -174,7 +175,7 @@ class ScheduleService:
     # --- orders -------------------------------------------------------------------------------------------------
 
     def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
-        """What SCHEDULE would carry, what is wrong with it and what to think of. Nothing is sent."""
+        """Return the arguments of SCHEDULE for a command, with problems and warnings. Nothing is sent."""
         now_s = self._now().timestamp()
         return make_plan(self._link.dictionary, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s)
 
@@ -188,7 +189,7 @@ class ScheduleService:
         confirm: str,
         user: str,
     ) -> Command:
-        """Put a command into the device's table; the row is that of the SCHEDULE command."""
+        """Schedule a command on board. Returns the row of the SCHEDULE command. Raises BadInput if the plan has problems."""
         plan = self.plan(name, arguments, at=at, at_device_s=at_device_s)
         if plan.problems:
             raise BadInput(f"{name} cannot be scheduled: {plan.problems[0]}", got="; ".join(plan.problems[1:]))
@@ -199,7 +200,7 @@ class ScheduleService:
         return row
 
     def cancel(self, schedule_id: int, *, user: str) -> Command:
-        """Take one row back; NotFound or Conflict where there is nothing to take back."""
+        """Cancel one row. Raises NotFound if it does not exist, Conflict if it is no longer waiting."""
         entries = {entry.schedule_id: entry for entry in self.state().entries}
         if schedule_id not in entries:
             hint = "refresh the list"
@@ -211,7 +212,7 @@ class ScheduleService:
         return self._cancel(schedule_id, user)
 
     def cancel_all(self, *, user: str) -> Command:
-        """Take back everything that waits, whether it is on our list or not."""
+        """Cancel all waiting rows, including any that are not on our list."""
         self._bus.record("schedule", "watch", f"{user} cancels everything scheduled")
         return self._cancel(0, user)
 
@@ -220,5 +221,5 @@ class ScheduleService:
         return self._commands.send("CANCEL", arguments, confirm="", user=user, source="schedule")
 
     def refresh(self, *, user: str) -> Command:
-        """Ask the device for its table."""
+        """Request the schedule from the device."""
         return self._commands.send("LIST_SCHEDULE", {}, confirm="", user=user, source="schedule")

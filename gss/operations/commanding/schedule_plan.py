@@ -1,4 +1,4 @@
-"""What SCHEDULE would carry for a command at a moment, what is wrong with it, and what to think of. Nothing is sent."""
+"""Prepares the arguments of SCHEDULE for a command at a given time, with problems and warnings. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROUGH_S = 1.0
 
 @dataclass(frozen=True)
 class Plan:
-    """A command that shall run later, checked. ``order``: arguments of SCHEDULE, empty where something is wrong."""
+    """A checked command for later execution. ``order``: arguments of SCHEDULE, empty if there are problems."""
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -39,7 +39,7 @@ class Plan:
 
 
 def schedulable(command: Command) -> bool:
-    """May it be put into the device's table?"""
+    """True if the command may be put into the device's schedule."""
     return command.name not in NEVER and not command.simulator_only
 
 
@@ -53,7 +53,7 @@ def make_plan(
     at: datetime | None,
     at_device_s: float | None,
 ) -> Plan:
-    """The command ``name`` at a moment either of UTC or of the device's clock. ``clock``: None while not correlated;
+    """Plan the command ``name`` for a time given either in UTC or in device time. ``clock``: None while not correlated;
     ``now_s``: UTC as Unix time."""
     inner = dictionary.command(name)
     problems, warnings = _not_schedulable(inner), list(_warnings(inner))
@@ -114,14 +114,14 @@ def _order(
 
 
 def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[datetime | None, float | None]:
-    """UTC of a device time, and its uncertainty."""
+    """Return UTC of a device time and its uncertainty in seconds; (None, None) if unknown."""
     if clock is None or device_s is None:
         return None, None
     utc_s = clock.utc_of(device_s)
     try:
         return datetime.fromtimestamp(utc_s, UTC), clock.uncertainty_at(utc_s)
     except (ValueError, OverflowError, OSError):
-        return None, None  # beyond the calendar
+        return None, None  # outside the calendar's range
 
 
 def _warnings(inner: Command) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a run of a stack is told while it runs: orders of the operator, telemetry, what became of its commands."""
+"""Inputs of a running stack: the operator's orders, telemetry, and the results of its commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.device.dictionary import Value
 
 
 class Stopped(Exception):
-    """The run ends before its last step: ``state`` is stopped or failed."""
+    """Ends the run before its last step. ``state``: stopped or failed."""
 
     def __init__(self, state: str, reason: str) -> None:
         super().__init__(reason)
@@ -17,11 +17,11 @@ class Stopped(Exception):
 
 
 class Orders:
-    """What an operator wants of a run; looked at between and within steps."""
+    """Requests and inputs for a run, checked between and within steps."""
 
     def __init__(self, aborts: int) -> None:
         self.aborts = aborts
-        """How many ABORTs had been issued when the run began: a later one stops every step."""
+        """Number of ABORTs issued when the run began; a later ABORT stops every step."""
         self.pause = False
         self.stop_reason = ""
         self.bell = threading.Condition()
@@ -29,6 +29,6 @@ class Orders:
         self.packets: dict[str, tuple[float, Mapping[str, Value]]] = {}
 
     def ring(self) -> None:
-        """Let the run look at once."""
+        """Wake the run so that it checks its inputs at once."""
         with self.bell:
             self.bell.notify_all()

@@ -1,4 +1,4 @@
-"""The rows of runs: each change is stored and told on the stream."""
+"""The rows of stack runs: each change is stored and published."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ RESTARTED = "stopped: server restarted"
 
 
 class RunRecord:
-    """Keeps what became of each run and each of its steps."""
+    """Stores the state of each run and of its steps."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
     def end_left(self) -> None:
-        """Runs of the last server ended with it."""
+        """Mark runs that a restart of the server interrupted as stopped."""
         with self._database.unit_of_work() as session:
             for row in store.left_under_way(session):
                 row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()
 
     def add(self, stack: Stack, user: str) -> StackRun:
-        """A new run, its steps waiting."""
+        """Store a new run with all steps waiting."""
         steps = [dict(step) | {"state": "waiting", "command_id": None, "detail": ""} for step in stack.steps]
         row = StackRun(
             stack_id=stack.id,
@@ -44,17 +44,17 @@ class RunRecord:
         return row
 
     def get(self, run_id: int) -> StackRun:
-        """The run of that id."""
+        """Return the run with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get_run(session, run_id)
 
     def newest(self, limit: int) -> list[StackRun]:
-        """Newest first."""
+        """Return the newest runs first."""
         with self._database.unit_of_work() as session:
             return store.newest_runs(session, limit)
 
     def mark(self, run_id: int, number: int, state: str, *, command_id: int | None = None, detail: str = "") -> None:
-        """What a step is doing; it becomes the run's present one."""
+        """Set the state of a step and make it the run's current step."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             steps = [dict(step) for step in row.steps]
@@ -63,7 +63,7 @@ class RunRecord:
         self._bus.publish("stack_run", row)
 
     def change(self, run_id: int, **values: Any) -> StackRun:
-        """Other values of the run itself."""
+        """Change columns of the run itself."""
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             for name, value in values.items():

@@ -1,8 +1,8 @@
-"""Runs of stacks: one at a time, on a thread; the next step only after the one before has completed.
+"""Runs stacks: one at a time, on a thread; each step starts only after the previous one completed.
 
-What is not completed (rejected, failed, unknown, withdrawn, not allowed, condition not met) ends the run. ABORT ends it too. A
-run does not outlive the server, and nothing of it is sent again by software: a person may take a failed one up again at the step
-that failed, once more or past it.
+A step that does not complete (rejected, failed, unknown, withdrawn, not allowed, condition not met) ends the run; so does
+ABORT. A run does not survive a restart of the server, and nothing is resent automatically: an operator may continue a failed
+run at the step that failed, by retrying or skipping it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 
 
 class StackRunner:
-    """Runs stacks. ``handle`` sees telemetry for the conditions."""
+    """Runs stacks. ``handle`` collects telemetry for the conditions."""
 
     def __init__(
         self,
@@ -49,14 +49,14 @@ class StackRunner:
         self._run_id: int | None = None
         self._thread: threading.Thread | None = None
 
-    # --- orders of the operator ---------------------------------------------------------------------------------
+    # --- operator requests --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Runs of the last server ended with it."""
+        """Mark runs that a restart of the server interrupted as stopped."""
         self._record.end_left()
 
     def shut_down(self) -> None:
-        """End the run that is under way, and wait for its thread."""
+        """Stop the run in progress and wait for its thread."""
         orders, thread = self._orders, self._thread
         if orders is not None:
             self._ask_to_stop(orders, "the server stops")
@@ -64,7 +64,8 @@ class StackRunner:
             thread.join(timeout=5)
 
     def run(self, stack_id: int, confirm: Sequence[str], *, user: str) -> StackRun:
-        """Begin a run; its row comes back at once. BadInput lists the names that still must be typed."""
+        """Start a run and return its row at once. Raises BadInput with the names that must still be typed, Conflict if the
+        stack cannot run now."""
         stack = self._stacks.get(stack_id)
         self._check(stack.name, stack.steps, confirm, user)
         row = self._begin(lambda: self._record.add(stack, user), 0, user)
@@ -72,8 +73,8 @@ class StackRunner:
         return row
 
     def go_on(self, run_id: int, skip: str, confirm: Sequence[str], *, user: str) -> StackRun:
-        """Take the last run up again at the step that failed: once more, or past it where ``skip`` gives a reason. A command of
-        unknown fate is sent with its id, so that the device does not run it twice; every other one is a new command."""
+        """Continue the last run at the step that failed: retry it, or skip it if ``skip`` gives a reason. A command of
+        unknown fate is resent with its id, so that the device does not execute it twice; any other is sent as a new command."""
         row = self._failed_last(run_id)
         failed, first = row.steps[row.step], row.step + bool(skip)
         rest = [{name: step[name] for name in STEP} for step in row.steps[first:]]
@@ -101,7 +102,7 @@ class StackRunner:
         return row
 
     def _check(self, name: str, steps: Sequence[Step], confirm: Sequence[str], user: str) -> None:
-        """All that is still to be sent: permitted, possible now, and the names of its hazards typed."""
+        """Check the steps still to be sent: permitted, possible now, and confirmed by typed names where hazardous."""
         self._stacks.check_permitted(steps, user=user)
         check = self._stacks.check(steps, user=user)
         if check.problems:
@@ -111,7 +112,7 @@ class StackRunner:
             raise BadInput(f"{name} has steps that must be confirmed", expected=f"typed: {', '.join(missing)}")
 
     def _begin(self, row_of: Callable[[], StackRun], first: int, user: str) -> StackRun:
-        """The thread of a run, from its step ``first`` on; its row comes back at once."""
+        """Start the thread of a run from step ``first`` on, and return the run's row at once."""
         with self._lock:
             if self._orders is not None:
                 raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait for its end, or stop it")
@@ -125,7 +126,7 @@ class StackRunner:
         return row
 
     def pause(self, run_id: int, *, user: str) -> StackRun:
-        """Send no further step; the one under way goes on to its end."""
+        """Send no further step; the step in progress continues until it ends."""
         with self._lock:
             self._under_way(run_id).pause = True
             row = self._record.change(run_id, state="paused")
@@ -133,7 +134,7 @@ class StackRunner:
         return row
 
     def resume(self, run_id: int, *, user: str) -> StackRun:
-        """Go on."""
+        """Resume a paused run."""
         with self._lock:
             orders = self._under_way(run_id)
             self._commands.check_user(user)
@@ -144,7 +145,7 @@ class StackRunner:
         return row
 
     def stop(self, run_id: int, *, user: str) -> StackRun:
-        """Send no further step and end; a command that was sent is followed on its own."""
+        """End the run without sending another step; a command that was sent is still followed."""
         self._ask_to_stop(self._under_way(run_id), f"stopped by {user}")
         thread = self._thread
         if thread is not None:
@@ -163,17 +164,17 @@ class StackRunner:
         orders.ring()
 
     def get(self, run_id: int) -> StackRun:
-        """The run of that id."""
+        """Return the run with that id. Raises NotFound."""
         return self._record.get(run_id)
 
     def newest(self, limit: int) -> list[StackRun]:
-        """Newest first."""
+        """Return the newest runs first."""
         return self._record.newest(limit)
 
-    # --- what happens meanwhile ---------------------------------------------------------------------------------
+    # --- events during a run ------------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Telemetry for the conditions of the run, the results of its commands, and ABORT."""
+        """Collect telemetry for the run's conditions, the results of its commands, and ABORT."""
         orders = self._orders
         if orders is None:
             return
@@ -186,7 +187,7 @@ class StackRunner:
                 self._ask_to_stop(orders, f"ABORT by {event.user}")
         orders.ring()
 
-    # --- the thread ---------------------------------------------------------------------------------------------
+    # --- run thread ---------------------------------------------------------------------------------------------
 
     def _execute(self, run_id: int, first: int, orders: Orders, user: str) -> None:
         state, reason = "completed", ""
@@ -228,7 +229,7 @@ class StackRunner:
             raise Stopped("failed", f"step {number + 1}, {row.name}: {row.result} {row.detail}".strip())
 
     def _wait(self, orders: Orders, done: Callable[[], bool], until_s: float | None = None) -> bool:
-        """Until ``done``, or a moment; Stopped when somebody wants the run to end."""
+        """Wait until ``done`` returns True (True) or ``until_s`` has passed (False). Raises Stopped if the run is to end."""
         with orders.bell:
             while not orders.stop_reason:
                 if done():
@@ -239,7 +240,8 @@ class StackRunner:
         raise Stopped("stopped", orders.stop_reason)
 
     def _await_condition(self, orders: Orders, condition: Mapping[str, Any], since_s: float) -> None:
-        """Only a value that came after the step before counts: an older one may tell of the state before it."""
+        """Wait for the condition. Only values received after this step began count, because an older one may describe the
+        state before the previous step."""
         rule = condition_of(condition)
 
         def met() -> bool:
@@ -253,7 +255,7 @@ class StackRunner:
             raise Stopped("failed", reason)
 
     def _send(self, run_id: int, step: Mapping[str, Any], orders: Orders, user: str) -> Command:
-        """Send and follow to the end. The names were typed before the run began."""
+        """Send the step's command and wait until it ends. Its name was typed before the run began."""
         row = self._fate(step)
         if row is None:
             row = self._commands.send(
@@ -279,7 +281,7 @@ class StackRunner:
         return self._commands.get(row.id)
 
     def _fate(self, step: Mapping[str, Any]) -> Command | None:
-        """The earlier command of a step that is tried again, where it may have run: unknown still, or reported late."""
+        """Return the earlier command of a retried step if it may have run: still unknown, or completed late."""
         row = None if step["command_id"] is None else self._commands.get(step["command_id"])
         return row if row is not None and row.result in ("unknown", "completed") else None
 
@@ -288,11 +290,12 @@ class StackRunner:
         return orders.results.get(row.id) in ENDED
 
     def _reachable(self, orders: Orders, row: Command) -> bool:
-        """Without a line a command that was not sent would wait for the next contact, when nobody expects it."""
+        """False if the command is unsent and the line is down: it would otherwise be sent, unexpectedly, in the next
+        contact."""
         return self._link.connected or orders.results.get(row.id, "queued") != "queued"
 
     def _take_back(self, command_id: int, user: str) -> None:
         try:
             self._commands.take_back(command_id, user=user)
         except Conflict:
-            return  # it was sent already and is followed on its own
+            return  # it was already sent and is followed separately

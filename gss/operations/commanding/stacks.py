@@ -1,6 +1,6 @@
-"""Stacks: prepared lists of commands, checked step by step before they are kept and before they run.
+"""Stacks: prepared lists of commands, checked step by step before they are saved and before they run.
 
-A step is kept as a plain mapping: command, arguments, delay_s, condition (None or packet, field, op, value, wait_s), note.
+A step is stored as a plain mapping: command, arguments, delay_s, condition (None or packet, field, op, value, wait_s), note.
 Within a step the delay comes first, then the condition, then the command.
 """
 
@@ -31,7 +31,7 @@ OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 
 @dataclass(frozen=True)
 class StepCheck:
-    """Dry run of one step. ``within_s``: the windows of its reports, all waiting included."""
+    """Dry run of one step. ``within_s``: longest duration, including delay, condition and report timeouts."""
 
     command: str
     arguments: Mapping[str, Any]
@@ -47,7 +47,7 @@ class StepCheck:
 
 @dataclass(frozen=True)
 class StackCheck:
-    """Dry run of a stack. ``confirm``: the names to type, each once. ``problems``: what stands in the way of all of it."""
+    """Dry run of a stack. ``confirm``: names to type, each once. ``problems``: every reason why it cannot run."""
 
     steps: Sequence[StepCheck]
     problems: Sequence[str]
@@ -55,35 +55,35 @@ class StackCheck:
 
     @property
     def shortest_s(self) -> float:
-        """If every report and every condition came at once."""
+        """Duration in seconds if every report and every condition is met at once."""
         return sum(step.delay_s for step in self.steps)
 
     @property
     def longest_s(self) -> float:
-        """If everything took as long as it may."""
+        """Duration in seconds if everything takes as long as permitted."""
         return sum(step.within_s for step in self.steps)
 
 
 class StackService:
-    """Keeps stacks and tries them dry."""
+    """Stores stacks and checks them in dry runs."""
 
     def __init__(self, link: LinkService, commands: CommandService, database: Database, now: Now) -> None:
         self._link, self._commands, self._database, self._now = link, commands, database, now
 
-    # --- keeping ------------------------------------------------------------------------------------------------
+    # --- storage ------------------------------------------------------------------------------------------------
 
     def every(self) -> list[Stack]:
-        """By name."""
+        """Return all stacks by name."""
         with self._database.unit_of_work() as session:
             return store.every(session)
 
     def get(self, stack_id: int) -> Stack:
-        """The stack of that id."""
+        """Return the stack with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, stack_id)
 
     def create(self, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
-        """A new stack; BadInput names the step that is wrong, Conflict where the name is taken."""
+        """Create a stack. Raises BadInput naming the invalid step, Conflict if the name is in use."""
         checked = checked_steps(self._link.dictionary, steps)
         with self._database.unit_of_work() as session:
             self._check_name(store.named(session, _name(name)), None)
@@ -92,7 +92,7 @@ class StackService:
         return row
 
     def change(self, stack_id: int, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
-        """Another content under the same id."""
+        """Replace the content of a stack. Raises as ``create``."""
         checked = checked_steps(self._link.dictionary, steps)
         with self._database.unit_of_work() as session:
             row = store.get(session, stack_id)
@@ -102,7 +102,7 @@ class StackService:
         return row
 
     def delete(self, stack_id: int) -> None:
-        """Forget it; its runs stay on the record."""
+        """Delete a stack; the records of its runs are kept."""
         with self._database.unit_of_work() as session:
             store.delete(session, stack_id)
 
@@ -114,7 +114,7 @@ class StackService:
     # --- files --------------------------------------------------------------------------------------------------
 
     def exported(self, stack_id: int) -> dict[str, Any]:
-        """A stack as a file for another installation."""
+        """Return a stack in the file format for another installation."""
         row = self.get(stack_id)
         head = {"format": FORMAT, "version": VERSION, "dictionary": self._link.dictionary.hash_hex}
         return head | {"name": row.name, "note": row.note, "steps": row.steps}
@@ -122,7 +122,7 @@ class StackService:
     # --- dry run ------------------------------------------------------------------------------------------------
 
     def check(self, steps: Sequence[Step], *, user: str) -> StackCheck:
-        """Bytes, hazards, conditions and times of every step. Nothing is sent."""
+        """Return bytes, hazards, conditions and durations of every step. Nothing is sent."""
         if not 1 <= len(steps) <= MOST_STEPS:
             raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
         checks = [self._check_step(step, user) for step in steps]
@@ -137,13 +137,13 @@ class StackService:
         return StackCheck(checks, problems, list(names))
 
     def confirmation(self, step: Step) -> str:
-        """What confirms a step; "" where nothing must be."""
+        """Return the text that confirms a step; "" if it needs no confirmation."""
         dictionary = self._link.dictionary
         risk = risk_of(dictionary, dictionary.command(str(step["command"])), step["arguments"])
         return risk.name if risk.needs_confirmation else ""
 
     def check_permitted(self, steps: Sequence[Step], *, user: str) -> None:
-        """NotPermitted where one step is not this user's to send: then none of it is."""
+        """Raise NotPermitted if the user may not send one of the steps."""
         for step in steps:
             self._commands.check_permitted(user, str(step["command"]), step.get("arguments") or {})
 
@@ -176,7 +176,7 @@ class StackService:
 
 
 def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[str, Any]]:
-    """The steps in full, with the arguments' defaults; BadInput names the first that is wrong."""
+    """Return the complete steps, with default arguments. Raises BadInput naming the first invalid step."""
     if not 1 <= len(steps) <= MOST_STEPS:
         raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
     checked = []
@@ -189,7 +189,7 @@ def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[st
 
 
 def checked_step(dictionary: Dictionary, step: Step) -> dict[str, Any]:
-    """One step in full."""
+    """Return one complete step. Raises BadInput if it is invalid."""
     if not isinstance(step, Mapping) or set(step) - {*STEP}:
         raise BadInput("not a step", expected=", ".join(STEP), got=str(step)[:120])
     command = dictionary.command(str(step.get("command")))
@@ -225,7 +225,7 @@ def _condition(dictionary: Dictionary, condition: Mapping[str, Any]) -> dict[str
 
 
 def _check_value(field: TelemetryField, op: str, value: Any) -> None:
-    """A comparison that could never decide is refused."""
+    """Raise BadInput for a comparison that could never be decided."""
     if field.type == "enum":
         field.choice(str(value))
         fits = op in ("eq", "ne")
@@ -253,6 +253,6 @@ def _name(name: str) -> str:
 
 
 def condition_of(condition: Mapping[str, Any]) -> Precondition:
-    """The condition of a step as the dictionary has them."""
+    """Return the condition of a step as a dictionary precondition."""
     text = f"{condition['field']} {condition['op']} {condition['value']}"
     return Precondition(condition["field"], condition["op"], condition["value"], text)
