@@ -1,1 +1,1 @@
-"""Files up and down, and what the sensor holds in its banks."""
+"""File transfers in both directions, and the content of the sensor's banks."""

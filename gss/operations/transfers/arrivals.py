@@ -1,4 +1,4 @@
-"""What came down the line is stored by a thread of its own, in the order of its arrival: a slow store makes no telemetry late."""
+"""Stores received content on a separate thread, in order of arrival, so that a slow store does not delay telemetry."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from gss.operations.upkeep.metrics import Sample
 from gss.store.models import Transfer
 
 MOST_WAITING = 4
-"""So many frames may wait for their store; then no other is begun, and what comes all the same holds the line up."""
+"""Maximum number of waiting jobs. When it is reached, no other download is started, and content that still arrives blocks
+the caller."""
 
 
 class Writer:
-    """Does one piece of work after the other; each time that its queue is full an event is recorded.
+    """Runs one job at a time on a background thread; an event is recorded each time its queue is full.
 
-    No pool of the library: the end of the program waits for a pool's threads, and a store may hang.
+    This is not a thread pool of the library: at exit, Python waits for a pool's threads, and a store may hang.
     """
 
     def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MOST_WAITING) -> None:
@@ -32,17 +33,17 @@ class Writer:
         self._open: set[Future[Any]] = set()
         self._thread: threading.Thread | None = None
         self.waits = 0
-        """How often the line had to wait since the server started."""
+        """Number of times that the caller had to wait since the server started."""
         self.waited_s = 0.0
-        """And how long in all."""
+        """Total time of these waits in seconds."""
 
     @property
     def full(self) -> bool:
-        """Does as much wait as may?"""
+        """True if the queue is full."""
         return self._jobs.full()
 
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Have it done; what came is never dropped: where too much waits, so does the caller."""
+        """Queue a job. Jobs are never dropped: if the queue is full, the caller waits."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="writer", daemon=True)
             self._thread.start()
@@ -60,14 +61,14 @@ class Writer:
         return job
 
     def samples(self) -> Iterator[Sample]:
-        """What waits here, and what has waited for it."""
+        """Yield metrics: depth of the queue, number and duration of waits."""
         depth = float(self._jobs.qsize())
         yield Sample("gss_queue_depth", "What waits in a queue.", "gauge", depth, (("queue", "store"),))
         yield Sample("gss_line_waits_total", "How often the line waited for a store.", "counter", self.waits)
         yield Sample("gss_line_waited_seconds_total", "How long in all.", "counter", self.waited_s)
 
     def finish(self, within_s: float) -> None:
-        """Wait until all is done, but not for a store that hangs."""
+        """Wait until all jobs are done, but no longer than ``within_s``, because a store may hang."""
         wait(list(self._open), within_s)
 
     def _run(self) -> None:
@@ -75,14 +76,14 @@ class Writer:
             job, work = self._jobs.get()
             try:
                 job.set_result(work())
-            except BaseException as error:  # whoever asks for the result gets it
+            except BaseException as error:  # the error is raised where the result is read
                 job.set_exception(error)
 
 
 @dataclass
 class Storing:
-    """A transfer whose content is being stored. ``transfer_id``: the session's, None where the transfer goes on or ended without
-    it; ``held``: its updates in the meantime, which are published afterwards."""
+    """A transfer whose content is being stored. ``transfer_id``: the session's id; None if the transfer broke off. ``held``:
+    its updates received meanwhile, which are published afterwards."""
 
     row: Transfer
     answers: Answers

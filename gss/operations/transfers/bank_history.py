@@ -1,7 +1,7 @@
-"""Which catalogue is, was and will be in which bank of which device: written from what the device reports, and kept.
+"""History and plan of the catalogues in each bank of each device, recorded from the device's reports.
 
-A row is one bank in one state with one content, from the report that first said so until one that says otherwise. What
-will be comes from uploads under way and from activations in the device's own schedule.
+A row is one bank in one state with one content, from the first report of it until a report that differs. Planned content is
+derived from uploads in progress and from activations in the device's schedule.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NAME_LENGTH, HOW_LENGTH = 60, 20
 
 @dataclass(frozen=True)
 class Stay:
-    """A row of the record with the catalogue that the ground knows under the same hash."""
+    """A row of the history with the catalogue of the same hash, if the ground has it."""
 
     row: BankHistory
     catalogue: Catalogue | None
@@ -46,7 +46,7 @@ class Stay:
 
 @dataclass(frozen=True)
 class Planned:
-    """Something that will be in a bank. ``kind``: upload or activation; ``at`` None: as soon as it has arrived."""
+    """Planned content of a bank. ``kind``: upload or activation; ``at`` None: as soon as it has arrived."""
 
     bank: str
     kind: str
@@ -76,7 +76,8 @@ Planner = Callable[[Mapping[str, Stay]], list[Planned]]
 
 
 class BankHistoryService:
-    """Follows the device's reports; any thread may read. ``planners`` name the planned stays, given the present ones."""
+    """Records the device's reports; readable from any thread. ``planners`` return the planned content, given the current
+    one."""
 
     def __init__(self, link: LinkService, database: Database, now: Now, planners: Sequence[Planner]) -> None:
         self._link, self._database, self._now = link, database, now
@@ -86,10 +87,10 @@ class BankHistoryService:
         self._lock = threading.Lock()
         self._planners = planners
 
-    # --- what the device tells ----------------------------------------------------------------------------------
+    # --- reports from the device --------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Look at each event once, in order."""
+        """Process the events of a batch in order."""
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._met()
@@ -128,7 +129,7 @@ class BankHistoryService:
         return row.user if row else self._cause[1]
 
     def _completed(self, event: CommandStage) -> None:
-        """The next reports are what this command has brought about."""
+        """Remember the command as the cause of the next reports."""
         if event.name == "LIST_BANKS":
             self._cause = ("", "")
         elif event.name.endswith("_BANK"):
@@ -139,7 +140,7 @@ class BankHistoryService:
                 self._trial = True
 
     def _tried(self, trial: bool, how: str) -> None:
-        """A bank that is tried is confirmed or not; the reports of the banks do not say which."""
+        """Switch the active bank between trial and active, because bank reports do not say which one it is."""
         if trial == self._trial or self._device_id is None:
             return
         self._trial = trial
@@ -174,7 +175,7 @@ class BankHistoryService:
     def _next(
         self, row: BankHistory | None, *, bank: str, state: str, sha256: str, cause: tuple[str, str]
     ) -> BankHistory:
-        """The row that follows ``row``, which ends."""
+        """Return the row that follows ``row``, and end ``row``."""
         now = self._now()
         if row is not None:
             row.ended = now
@@ -194,10 +195,11 @@ class BankHistoryService:
             note="",
         )
 
-    # --- what is known ------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def timeline(self, start: datetime, end: datetime, device_id: int | None = None) -> Timeline:
-        """The banks of a device, of the one that answered last where none is named."""
+        """Return the history of a device's banks; by default of the device that answered last. Raises BadInput for an
+        invalid span, NotFound without a record."""
         if not timedelta(0) < end - start <= SPAN_MAX:
             raise BadInput(
                 "the span is impossible", expected="an end after the start, at most 10 years", got=f"{start} to {end}"
@@ -220,7 +222,7 @@ class BankHistoryService:
         return Timeline(device, devices, start, end, stays, planned, contacts)
 
     def active(self) -> Stay | None:
-        """What the device that answered last matches from, as it last said; None while nothing is known."""
+        """Return the active bank of the device that answered last, as last reported; None if unknown."""
         with self._database.unit_of_work() as session:
             device_id = self._device_id or next((d.id for d in store.devices(session)), None)
             rows = [] if device_id is None else store.still_so(session, device_id)
@@ -229,7 +231,7 @@ class BankHistoryService:
 
     @staticmethod
     def _stay(session: Any, row: BankHistory) -> Stay:
-        """A bank that was read back later is known only now."""
+        """Look the catalogue up now, because a bank may be read back later than its row was written."""
         return Stay(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
 
 

@@ -1,4 +1,4 @@
-"""What will be in the banks, and whether the sky to come is covered."""
+"""Planned content of the banks, and whether the coming time is covered by a valid catalogue."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WARNING_DAYS = 1.0
 
 @dataclass(frozen=True)
 class Cover:
-    """Is there a catalogue for the sky to come? ``until`` None: without end, or unknown."""
+    """Whether a valid catalogue is available for the coming time. ``until`` None: no end, or unknown."""
 
     state: State
     text: str
@@ -28,7 +28,7 @@ class Cover:
 
 
 def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping[str, Stay]], list[Planned]]:
-    """Catalogues on their way up."""
+    """Return a planner for catalogue uploads in progress."""
 
     def planned(_held: Mapping[str, Stay]) -> list[Planned]:
         found = []
@@ -50,7 +50,7 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
 
 
 def activations(schedule: ScheduleService) -> Callable[[Mapping[str, Stay]], list[Planned]]:
-    """Banks that the device's own schedule will activate."""
+    """Return a planner for bank activations in the device's schedule."""
 
     def planned(held: Mapping[str, Stay]) -> list[Planned]:
         found = []
@@ -71,7 +71,7 @@ def activations(schedule: ScheduleService) -> Callable[[Mapping[str, Stay]], lis
 
 
 def cover(stays: Sequence[Stay], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
-    """A sentence about the active catalogue and what follows it."""
+    """Return the state, text and end of cover of the active catalogue and those that follow it."""
     active = next((s for s in stays if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
     if active is None:
         return Cover(State.WATCH, "no bank is reported active", None)
@@ -98,7 +98,7 @@ def cover(stays: Sequence[Stay], planned: Sequence[Planned], now: datetime, watc
 
 
 def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) -> State:
-    """How urgent the end of validity is."""
+    """Return the severity of the approaching end of validity."""
     left = days_left(valid_to, now)
     if left is None or left > watch_days:
         return State.OK
@@ -106,7 +106,7 @@ def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) ->
 
 
 def _follows(stay: Stay, until: datetime, now: datetime) -> bool:
-    """Does an inactive bank hold a catalogue for the time after?"""
+    """True if an inactive bank holds a catalogue for the time after ``until``."""
     c = stay.catalogue
     if c is None or stay.row.ended is not None or stay.row.state != "held":
         return False

@@ -1,4 +1,4 @@
-"""Which catalogue is in which flash bank, and what its row numbers mean."""
+"""Catalogues in the flash banks, and the stars that their row numbers refer to."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNKNOWN_HIP = -1
 
 @dataclass(frozen=True)
 class BankView:
-    """A bank as the device reports it, with the catalogue that the ground knows under the same hash."""
+    """A bank as the device reports it, with the catalogue of the same hash, if the ground has it."""
 
     bank: str
     state: str
@@ -41,7 +41,7 @@ class BankView:
 
 
 class BankService:
-    """Keeps the device's reports and joins them with the store."""
+    """Keeps the device's bank reports and joins them with stored catalogues."""
 
     def __init__(self, database: Database, blobs: BlobStore, bus: EventBus, stars: StarTable, now: Now) -> None:
         self._database, self._blobs, self._bus = database, blobs, bus
@@ -51,12 +51,13 @@ class BankService:
         self._lock = threading.Lock()
 
     def forget(self) -> None:
-        """The device restarted: its reports are void."""
+        """Discard all reports, because the device restarted."""
         with self._lock:
             self._reports.clear()
 
     def told(self, info: Mapping[str, Any]) -> int | None:
-        """Take a bank report; the bank's number when its content should be read back because the ground does not know it."""
+        """Store a bank report. Return the bank's number if its content should be read back because the ground does not have
+        it."""
         with self._lock:
             self._reports[str(info["bank"])] = info
         sha256 = _hex(info.get("sha256"))
@@ -67,7 +68,7 @@ class BankService:
         return None if known else {"A": 0, "B": 1, "C": 2, "golden": 3}.get(str(info["bank"]))
 
     def views(self) -> list[BankView]:
-        """Every bank the device told of."""
+        """Return every bank that the device reported."""
         with self._lock:
             reports = list(self._reports.values())
         views = []
@@ -90,12 +91,12 @@ class BankService:
         return views
 
     def hip_of_row(self, sha256: str) -> Sequence[int] | None:
-        """Hipparcos number of each row of the bank with that hash, None where the ground does not know it."""
+        """Return the Hipparcos number of each row of the bank with that hash; None if the ground does not have it."""
         catalogue = self.onboard(sha256)
         return None if catalogue is None else [int(hip) for hip in catalogue.hip]
 
     def onboard(self, sha256: str) -> OnboardCatalogue | None:
-        """The decoded bank with that hash, None where the ground does not know it."""
+        """Return the decoded bank with that hash; None if the ground does not have it."""
         if not sha256:
             return None
         if sha256 not in self._decoded:
@@ -108,7 +109,8 @@ class BankService:
         return self._decoded[sha256]
 
     def adopt(self, image: bytes) -> Catalogue | None:
-        """Put a bank that was read back from the device into the store, its stars recognised by position."""
+        """Store a bank image that was read back from the device, identifying its stars by position. None if it is not a
+        catalogue."""
         try:
             header = read_header(image)
             bank = decode(image)
@@ -142,8 +144,9 @@ class BankService:
 
 
 def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
-    """Hipparcos number of each row: the brightest star within 5′, which covers 60 years of α Centauri, that no other row is.
-    The two of a pair fall to the rows by brightness, or in their order, which is that of brightness, where the format has none."""
+    """Return the Hipparcos number of each row: the brightest star within 5′ (which covers 60 years of α Centauri's motion)
+    not assigned to another row. Both stars of a close pair are assigned by brightness or, if the format has no magnitudes,
+    in row order, which is by brightness."""
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
@@ -158,7 +161,7 @@ def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
 
 
 def days_left(valid_to: datetime | None, now: datetime) -> float | None:
-    """Days until a catalogue expires; negative when it has."""
+    """Days until a catalogue expires; negative if it has expired, None if it never expires."""
     return None if valid_to is None else (valid_to - now).total_seconds() / 86400
 
 

@@ -1,4 +1,5 @@
-"""Events of transfers: content that arrived, whole or in part. Subscribers store it and name the rows that it became."""
+"""Events of transfers: content that arrived, completely or in part. Subscribers store it and return links to the rows
+created."""
 
 from __future__ import annotations
 
@@ -13,19 +14,20 @@ from gss.operations.line.line_events import ServiceEvent
 from gss.store.models import Transfer
 
 Links = dict[str, Any]
-"""Columns of the transfer's row that name what its content became, as ``frame_id``."""
+"""Columns of the transfer's row that refer to rows created from its content, such as ``frame_id``."""
 
 
 @dataclass(frozen=True)
 class Later:
-    """Links that are known when ``job`` has stored the content: ``links`` of its result, called on the dispatcher's thread."""
+    """Links that become available when ``job`` has stored the content: ``links`` of its result, called on the dispatcher's
+    thread."""
 
     job: Future[Any]
     links: Callable[[Any], Links]
 
 
 class Answers:
-    """What the subscribers made of a piece of content."""
+    """Collects the links that the subscribers return for a piece of content."""
 
     def __init__(self) -> None:
         self._now: list[Links] = []
@@ -33,7 +35,7 @@ class Answers:
         self._errors: list[GssError] = []
 
     def accept(self, store: Callable[[], Links | Later]) -> None:
-        """Store the content; a GssError means that it cannot be used, and is reported with the transfer."""
+        """Store the content. A GssError means that the content cannot be used; it is reported with the transfer."""
         try:
             answer = store()
         except GssError as error:
@@ -45,11 +47,11 @@ class Answers:
             self._now.append(answer)
 
     def ready(self) -> bool:
-        """True if nothing is being stored any more."""
+        """True if all storing jobs are done."""
         return all(later.job.done() for later in self._later)
 
     def links(self) -> Links:
-        """All links together. Raises the first error of storing."""
+        """Return all links. Raises the first storing error."""
         if self._errors:
             raise self._errors[0]
         found: Links = {}
@@ -60,7 +62,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class ContentArrived(ServiceEvent):
-    """A transfer is complete, in either direction. Its row is closed when the subscribers' answers are ready."""
+    """A transfer is complete, in either direction. Its row is closed when all subscribers' answers are ready."""
 
     transfer: Transfer
     done: TransferDone

@@ -1,4 +1,5 @@
-"""Bytes of an image transfer to pixels, and which of them are real. Pure: the same for what is whole and what broke off."""
+"""Converts the bytes of an image transfer to pixels and marks which pixels were received. Pure functions, for complete and
+partial transfers."""
 
 from __future__ import annotations
 
@@ -17,12 +18,13 @@ from gss.domain.errors import BadInput, CorruptData
 THUMBNAIL_FACTOR = 4
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 Box = tuple[int, int, int, int]
-"""First column, first row, columns, rows."""
+"""(first column, first row, columns, rows) in pixels."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """An image on board: columns, rows, bits of a pixel. More than eight bits travel as two bytes, high byte first."""
+    """Format of an image on board: columns, rows, bits per pixel. Pixels of more than eight bits are sent as two bytes, high
+    byte first."""
 
     columns: int
     rows: int
@@ -30,14 +32,14 @@ class Shape:
 
     @property
     def wire(self) -> np.dtype[Any]:
-        """A pixel on the link."""
+        """Data type of a pixel on the link."""
         return np.dtype(np.uint8) if self.bits <= 8 else np.dtype(">u2")
 
 
 @dataclass(frozen=True)
 class Picture:
-    """(rows, columns) pixels with 0 where nothing came. ``boxes``: the rectangles that are real, where only a part was asked
-    for; ``rows_held``: row ranges, inclusive, with real pixels; ``complete``: the whole image and all of it."""
+    """(rows, columns) pixels, 0 where none was received. ``boxes``: received rectangles if only a part was requested;
+    ``rows_held``: inclusive row ranges with received pixels; ``complete``: True if it is a whole image without gaps."""
 
     pixels: Pixels
     rows_held: tuple[tuple[int, int], ...]
@@ -46,14 +48,15 @@ class Picture:
 
 
 def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Shape:
-    """The image's own word where there is one, else the detector's."""
+    """Return the format given in the image's own report, or the detector's where the report lacks it."""
     return Shape(int(info.get("columns") or columns), int(info.get("rows") or rows), int(info.get("bits") or bits or 8))
 
 
 def picture_of(
     kind: str, data: bytes, shape: Shape, part: Part | None, held_bytes: Sequence[tuple[int, int]]
 ) -> Picture:
-    """Pixels of a transfer. ``held_bytes``: half-open byte ranges that came, empty where all did."""
+    """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all were received.
+    Raises CorruptData."""
     if kind == "star_windows":
         return _windows(data)
     if kind == "region" and part is not None:
@@ -75,7 +78,7 @@ def _grid(data: bytes, columns: int, wire: np.dtype[Any]) -> Pixels:
 
 
 def _whole_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int) -> tuple[tuple[int, int], ...]:
-    """Rows that came whole; all of them where nothing is missing."""
+    """Return inclusive ranges of completely received rows; all rows if nothing is missing."""
     if not held_bytes:
         return ((0, rows - 1),)
     whole = ((math.ceil(a / row_bytes), min(b // row_bytes, rows) - 1) for a, b in held_bytes)
@@ -83,7 +86,7 @@ def _whole_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int
 
 
 def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> Picture:
-    """A rectangle at its place in an image of the full size: pixel coordinates stay those of the detector."""
+    """Place a rectangle in an image of the full size, so that pixel coordinates are those of the detector."""
     inside = part.columns > 0 and part.col_px + part.columns <= shape.columns
     if not inside or part.row_px + part.rows > shape.rows:
         raise CorruptData("a region outside the image", expected=f"{shape.columns} x {shape.rows} px", got=str(part))
@@ -96,7 +99,7 @@ def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[in
 
 
 def _windows(data: bytes) -> Picture:
-    """Squares at their places in an image of the full size."""
+    """Place square star windows in an image of the full size."""
     pixels, windows = decode_windows(data)
     boxes = tuple((w.col_px, w.row_px, w.columns, w.rows) for w in windows)
     real = np.zeros(len(pixels) + 2, bool)
@@ -108,7 +111,7 @@ def _windows(data: bytes) -> Picture:
 
 
 def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:
-    """A stored frame as image memory takes it; BadInput where it does not fit the detector."""
+    """Convert a stored frame to the format of image memory. Raises BadInput if it does not fit the detector."""
     if pixels.shape != (shape.rows, shape.columns):
         got = f"{pixels.shape[1]} x {pixels.shape[0]} px"
         raise BadInput("the frame does not fit the detector", expected=f"{shape.columns} x {shape.rows} px", got=got)

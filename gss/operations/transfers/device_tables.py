@@ -1,4 +1,4 @@
-"""Calibrations, parameter sets and triplet tables: made, kept, sent to the sensor; and what the sensor says it holds."""
+"""Calibrations, parameter sets and triplet tables: created, stored, uploaded to the sensor, and as reported by it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READ_BACK = ("triplets", "calibration", "parameters", "star_list", "distance_tab
 
 @dataclass(frozen=True)
 class TableReport:
-    """A table bank as the device reports it. ``table_id``: what the ground knows under the same hash."""
+    """A table bank as the device reports it. ``table_id``: the stored table of the same hash, if any."""
 
     table: str
     bank: str
@@ -47,7 +47,7 @@ class TableReport:
 
 
 class DeviceTableService:
-    """Tables of the store and tables on board."""
+    """Manages tables in the store and tables on board."""
 
     def __init__(
         self,
@@ -64,10 +64,11 @@ class DeviceTableService:
         self._reports: dict[tuple[str, str], Mapping[str, Any]] = {}
         self._lock = threading.Lock()
 
-    # --- making -------------------------------------------------------------------------------------------------
+    # --- creation -----------------------------------------------------------------------------------------------
 
     def create(self, kind: str, name: str, profile_name: str, content: Mapping[str, Any], *, user: str) -> DeviceTable:
-        """Make a table: the camera's own values with ``content`` in their place; triplets need content["catalogue_id"]."""
+        """Create a table: the camera's default values, overridden by ``content``. Triplets need content["catalogue_id"].
+        Raises BadInput."""
         if kind == "triplets":
             data, values, profile_name = self._triplets(profile_name, content)
         else:
@@ -108,38 +109,38 @@ class DeviceTableService:
         self._bus.record("catalogue", "ok", f"{kind} table {row.name} kept, by {user}", table_id=row.id)
         return row
 
-    # --- reading ------------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, kind: str = "") -> list[DeviceTable]:
-        """Newest first."""
+        """Return the newest tables first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit, kind)
 
     def get(self, table_id: int) -> DeviceTable:
-        """The table of that id."""
+        """Return the table with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, table_id)
 
     def data(self, table_id: int) -> bytes:
-        """The bytes as the sensor keeps them."""
+        """Return the bytes of a table in the sensor's format."""
         return self._blobs.get(self.get(table_id).sha256)
 
     # --- on board -----------------------------------------------------------------------------------------------
 
     def forget(self) -> None:
-        """The device restarted: its reports are void."""
+        """Discard all reports, because the device restarted."""
         with self._lock:
             self._reports.clear()
 
     def told(self, info: Mapping[str, Any]) -> bool:
-        """Take a report of a table bank; does the device work with it?"""
+        """Store a report of a table bank. Return True if the device currently uses that bank."""
         with self._lock:
             self._reports[str(info["table"]), str(info["bank"])] = info
         self._bus.publish("tables", self.on_board())
         return bool(info["active"]) and str(info["state"]) in HOLDS_DATA
 
     def on_board(self) -> list[TableReport]:
-        """Every table bank the device told of."""
+        """Return every table bank that the device reported."""
         with self._lock:
             reports = list(self._reports.values())
         with self._database.unit_of_work() as session:
@@ -147,14 +148,14 @@ class DeviceTableService:
         return [_report(info, known[_hex(info["sha256"])]) for info in reports]
 
     def at_work(self) -> dict[str, str]:
-        """Hash of each table that the device works with and that is not the factory's."""
+        """Return the hash of each non-factory table that the device currently uses, by kind."""
         with self._lock:
             reports = list(self._reports.values())
         used = [i for i in reports if i["active"] and str(i["bank"]) != FACTORY and str(i["state"]) in HOLDS_DATA]
         return {str(info["table"]): _hex(info["sha256"]) for info in used}
 
     def bytes_of(self, kind: str, sha256: str) -> bytes:
-        """The bytes of a table by its hash; NotFound where the ground does not have it."""
+        """Return the bytes of a table by its hash. Raises NotFound if the ground does not have it."""
         with self._database.unit_of_work() as session:
             known = store.by_sha256(session, kind, sha256)
         if known is None:
@@ -162,7 +163,8 @@ class DeviceTableService:
         return self._blobs.get(sha256)
 
     def upload(self, table_id: int, bank: str) -> TransferView:
-        """Send a table to an inactive bank; read-back verify and commit follow by themselves."""
+        """Upload a table to an inactive bank; read-back verification and commit follow automatically. Raises BadInput or
+        Conflict."""
         row, hello = self.get(table_id), self._link.hello
         if row.kind not in table_content.KINDS:
             raise BadInput("this cannot be sent", expected=" | ".join(table_content.KINDS), got=row.kind)
@@ -190,7 +192,7 @@ class DeviceTableService:
         )
 
     def keep_read_back(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
-        """Store bytes that were read back, unless they are known. Returns the link of the transfer's row."""
+        """Store a table that was read back, unless it is already stored. Returns the link for the transfer's row."""
         with self._database.unit_of_work() as session:
             known = store.by_sha256(session, done.kind, done.sha256)
         if known is not None:
@@ -211,7 +213,7 @@ class DeviceTableService:
 
 
 def table_bank_number(dictionary: Dictionary, bank: str) -> int:
-    """The number of a table bank on the wire; BadInput lists the banks."""
+    """Return the number of a table bank in the protocol. Raises BadInput with the list of banks."""
     return dictionary.command("VERIFY_TABLE").argument("bank").choice(bank).value
 
 

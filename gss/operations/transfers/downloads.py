@@ -1,4 +1,4 @@
-"""Bringing things down on an operator's word: which kind, from which memory or bank, which part of an image."""
+"""Downloads requested by an operator: which kind, from which image memory or bank, which part of an image."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ LISTED_BY = {"bank": "VERIFY_BANK", "table": "VERIFY_TABLE"}
 
 
 def permission_of(kind: str) -> str:
-    """What one must be allowed to bring that kind down, or to go on with it in either direction; an admin's where it is unknown."""
+    """Return the permission needed to download that kind, or to resume its transfer in either direction; an admin permission
+    if the kind is unknown."""
     if kind in (*IMAGE_KINDS, UPLOADED_IMAGE):
         return "frames.transfer"
     return "catalogues.upload" if kind in BANK_KINDS else "tables" if kind in TABLE_KINDS else "admin.users"
 
 
 class Downloads:
-    """Checks what is asked for before the device is bothered with it."""
+    """Checks download requests before they are sent to the device."""
 
     def __init__(self, link: LinkService, transfers: TransferService) -> None:
         self._link, self._transfers = link, transfers
@@ -39,7 +40,7 @@ class Downloads:
         region: Part | None = None,
         side_px: int | None = None,
     ) -> TransferView:
-        """Queue a download. BadInput where the kind and the rest do not go together."""
+        """Queue a download. Raises BadInput if the kind and the other arguments do not fit together."""
         if (region is None) == (kind == "region"):
             raise BadInput("a region goes with kind region, and only there", got=kind)
         if side_px is not None and kind != "star_windows":
@@ -75,7 +76,7 @@ class Downloads:
         return region
 
     def _bank(self, kind: str, slot: int | None, bank: str | None) -> tuple[str, int]:
-        """Name and number on the wire."""
+        """Return the name of a bank and its number in the protocol."""
         if bank is None or slot is not None:
             raise BadInput(f"{kind} comes from a bank", expected="bank", got=f"slot {slot}" if slot is not None else "")
         command = LISTED_BY["bank" if kind in BANK_KINDS else "table"]

@@ -1,4 +1,4 @@
-"""The active catalogue's validity, told as an alarm before it ends."""
+"""Raises an alarm before the active catalogue's validity ends."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ NAME_LENGTH = 60
 
 
 class ExpiryWatch:
-    """Judges what the device matches from, also while the line is closed: time goes on without it."""
+    """Checks the catalogue that the device matches with, also while the line is closed, because it expires then too."""
 
     def __init__(self, history: BankHistoryService, alarms: AlarmService, now: Now, watch_days: float) -> None:
         self._history, self._alarms, self._now, self._watch_days = history, alarms, now, watch_days
 
     def tick(self) -> None:
-        """Raise, follow or end the alarm; another active catalogue ends the one of the catalogue before."""
+        """Raise, update or end the alarm; when another catalogue becomes active, the alarm of the previous one ends."""
         stay, now = self._history.active(), self._now()
         catalogue = stay.catalogue if stay else None
         mine = _key(catalogue) if catalogue else None

@@ -1,4 +1,4 @@
-"""What a table holds, as values a person edits, and as bytes for the sensor. Pure but for the star list it is handed."""
+"""Content of a table, as editable values and as bytes for the sensor. Pure functions, given the star list."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FORMATS = {"calibration": TABLE_FORMAT, "parameters": TABLE_FORMAT, "triplets": 
 
 
 def defaults(kind: str, profile_name: str) -> dict[str, Scalar]:
-    """What a new table holds before anybody changes it."""
+    """Return the initial values of a new table. Raises BadInput for an unknown kind."""
     known = profile(profile_name)
     if kind == "calibration":
         return calibration_values(known)
@@ -45,7 +45,8 @@ def defaults(kind: str, profile_name: str) -> dict[str, Scalar]:
 
 
 def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
-    """Liebe's 3′ and 25 %; as faint as a whole list to the camera's limit allows; neighbours within half the field."""
+    """Return Liebe's 3′ and 25 %; the faintest magnitude for which a list complete to the camera's limit suffices;
+    neighbours within half the field of view."""
     deepest_mag = known.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {
         "uncertainty_arcsec": 180.0,
@@ -56,7 +57,8 @@ def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
 
 
 def table_bytes(kind: str, profile_name: str, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
-    """Bytes and values of a calibration or a parameter set: the defaults with ``changes``. BadInput names what is wrong."""
+    """Return bytes and values of a calibration or parameter set: the defaults with ``changes``. Raises BadInput naming the
+    invalid value."""
     known, values = profile(profile_name), _changed(kind, defaults(kind, profile_name), changes)
     if kind == "calibration":
         calibrated(known, values)
@@ -66,7 +68,7 @@ def table_bytes(kind: str, profile_name: str, changes: Mapping[str, Any]) -> tup
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
-    # Another distortion model or chain has other values: then all of them must be given.
+    # Another distortion model or chain has other values, so its defaults do not apply and all of them must be given.
     word = {"calibration": "distortion", "parameters": "chain"}.get(kind, "")
     if word in changes and changes[word] != values[word]:
         values = {} if kind == "parameters" else {k: v for k, v in values.items() if k not in _model_values()}
@@ -74,12 +76,12 @@ def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -
 
 
 def _model_values() -> set[str]:
-    """Names that belong to one distortion model only."""
+    """Return the names that belong to one distortion model only."""
     return {name for _, names in MODELS.values() for name in names}
 
 
 def triplet_bytes(stars: StarTable, image: bytes, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
-    """Bytes and figures of the triplet table of a bank image, whose star list is ``stars``."""
+    """Return bytes and statistics of the triplet table of a bank image, whose star list is ``stars``. Raises BadInput."""
     wanted = _triplet_defaults(profile(read_header(image).profile_name)) | dict(changes)
     unknown = set(wanted) - set(TRIPLET_LIMITS)
     if unknown:
@@ -110,8 +112,8 @@ def _triplet_figures(data: bytes) -> dict[str, Scalar]:
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
-    """Profile ("" where the bytes do not say), format and values of bytes that came from a device. CorruptData or BadInput
-    where they are no such table."""
+    """Return profile ("" if the bytes do not contain it), format and values of a table received from a device. Raises
+    CorruptData or BadInput if it is not a valid table."""
     if kind in CHAIN_KINDS:
         profile_name, values = decode_table(kind, data)
         return profile_name, TABLE_FORMAT, values
@@ -121,7 +123,8 @@ def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
 
 
 def star_list(image: bytes, stars: StarTable, hips: list[int]) -> StarTable:
-    """The stars of a bank image in its rows' order, with the positions the bank holds and the magnitudes of the ground."""
+    """Return the stars of a bank image in row order, with the bank's positions and the ground's magnitudes. Raises BadInput
+    if the ground lacks a star."""
     bank = decode_bank(image)
     unknown = [hip for hip in hips if hip not in stars.row_of_hip]
     if unknown or len(hips) != len(bank):

@@ -1,4 +1,4 @@
-"""What broken downloads have brought so far, on disk, so that they go on after a crash of the server."""
+"""Stores the received parts of interrupted downloads on disk, so that they can resume after a crash of the server."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ KEPT_PARTS = 16
 
 
 class PartStore:
-    """One file of bytes and one of notes per transfer, by the transfer's id. A damaged or missing part is no part: the hash
-    of the whole decides in the end."""
+    """One data file and one file of notes per transfer, named by its id. A damaged or missing part is ignored: the hash of
+    the complete content is checked at the end."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def keep(self, transfer_id: int, part: HeldPart) -> None:
-        """Replace what was kept. The notes never claim bytes that are not on the disk yet."""
+        """Replace the stored part. The notes never list bytes that are not on disk yet."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"{transfer_id}.part"
         fresh = not path.exists() or path.stat().st_size != len(part.data)
@@ -33,7 +33,7 @@ class PartStore:
         draft.replace(path.with_suffix(".json"))
 
     def load(self, transfer_id: int) -> HeldPart | None:
-        """What was kept; None where there is nothing to go on with."""
+        """Return the stored part; None if there is nothing usable."""
         path = self._folder / f"{transfer_id}.part"
         try:
             notes = json.loads(path.with_suffix(".json").read_text())
@@ -45,12 +45,12 @@ class PartStore:
             return None
 
     def drop(self, transfer_id: int) -> None:
-        """The transfer needs it no more."""
+        """Delete the stored part of a transfer."""
         for suffix in (".part", ".json", ".draft"):
             (self._folder / f"{transfer_id}{suffix}").unlink(missing_ok=True)
 
     def prune(self) -> None:
-        """Keep the newest only."""
+        """Delete all but the ``KEPT_PARTS`` newest parts."""
         ids = sorted(int(path.stem) for path in self._folder.glob("*.part") if path.stem.isdigit())
         for transfer_id in ids[:-KEPT_PARTS]:
             self.drop(transfer_id)

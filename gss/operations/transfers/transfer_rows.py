@@ -1,4 +1,4 @@
-"""Rows of transfers: told while they change, and enough in them to begin a transfer again after a crash."""
+"""Rows of transfers: published on each change, and complete enough to restart a transfer after a crash."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ LOG_LINES = 40
 
 @dataclass(frozen=True)
 class TransferView:
-    """A transfer's row with the figures of the moment, None when it is not under way."""
+    """A transfer's row with its current progress; None if it is not in progress."""
 
     row: Transfer
     live: TransferUpdate | None
 
 
 class TransferRows:
-    """Changes rows and tells everybody."""
+    """Changes rows and publishes them."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
     def note(self, row_id: int, words: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
-        """Change the row, add a line to its log, tell everybody."""
+        """Change the row, append a line to its log, and publish it."""
         if not words and "state" in values and live is None:
             words = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
         with self._database.unit_of_work() as session:
@@ -52,7 +52,8 @@ Start = Callable[[HostSession, float], int]
 
 
 def prepare(row: Transfer, blobs: BlobStore, held: HeldPart | None = None, paused: str | None = None) -> Start:
-    """Read what a session needs to start the transfer that ``row`` describes. ``held``, ``paused``: see ``HostSession``."""
+    """Read what a session needs to start the transfer described by ``row``. ``held``, ``paused``: see ``HostSession``.
+    Raises BadInput."""
     options = row.options
     if "slot" not in options:
         raise BadInput("it was begun by an older version", hint="start it anew")
@@ -67,7 +68,7 @@ def prepare(row: Transfer, blobs: BlobStore, held: HeldPart | None = None, pause
 
 
 def words_of(update: TransferUpdate) -> str:
-    """State, whether it was resumed, and why or how far: a line of the log."""
+    """Return a log line: state, whether it was resumed, and reason or progress."""
     state = str(update.state).replace("_", " ")
     resumed = " (resumed)" if update.resumed else ""
     return (

@@ -1,7 +1,7 @@
-"""Files on their way: frames down, catalogues, tables and images up. Progress shown is what the receiving side says it stored.
+"""Transfers in progress: frames down; catalogues, tables and images up. Progress is what the receiving side reports as stored.
 
-What is needed to go on after a crash is stored before anything is sent: the content of an upload as a blob, what a download
-has brought as a part on disk, and everything else in the row's options.
+Everything needed to resume after a crash is stored before anything is sent: the content of an upload as a blob, the received
+part of a download on disk, and everything else in the row's options.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from gss.store.models import Transfer
 PUBLISH_EVERY_S = 0.25
 KEEP_PART_EVERY_S = 2.0
 STORE_WITHIN_S = 5.0
-"""So long the end of the server waits for what is being stored; a part of it is kept, and it comes down again otherwise."""
+"""How long the server waits at its end for content being stored. If that fails, the kept part allows the download to be
+repeated."""
 
 RESTARTED = "the server restarted"
 ENDS = tuple(map(TransferState, ("verified", "committed", "active", "failed", "aborted")))
@@ -39,9 +40,9 @@ RESUMABLE = ("paused", "link_lost", "failed", "aborted")
 
 
 class TransferService:
-    """Starts, follows and ends transfers. What arrives is published as ContentArrived and PartArrived.
+    """Starts, follows and ends transfers. Arrived content is published as ContentArrived and PartArrived.
 
-    ``check_room`` raises StoreDown where the disk has no room for what it is given in words.
+    ``check_room`` raises StoreDown if the disk is too full; its argument names the operation.
     """
 
     def __init__(
@@ -68,8 +69,8 @@ class TransferService:
         self._parts_arrived: list[PartArrived] = []
 
     def start(self) -> None:
-        """Transfers that the last server left open come back paused and go on when the device has answered; what an
-        operator had paused stays paused."""
+        """Restore the transfers that the last server left open, paused until the device answers; those that an operator had
+        paused remain paused."""
         self._parts.prune()
         with self._database.unit_of_work() as session:
             rows = store.unfinished(session)
@@ -84,11 +85,11 @@ class TransferService:
             self._rows.note(row.id, state="paused", reason="" if by_operator else RESTARTED)
 
     def stop(self) -> None:
-        """After the line was closed: what came is stored, as far as its store lets us."""
+        """Called after the line was closed: finish storing received content, within a time limit."""
         self._writer.finish(STORE_WITHIN_S)
         self.settle()
 
-    # --- orders -------------------------------------------------------------------------------------------------
+    # --- operator requests --------------------------------------------------------------------------------------
 
     def download(
         self,
@@ -100,8 +101,8 @@ class TransferService:
         facts: Mapping[str, Any] | None = None,
         target: str = "",
     ) -> TransferView:
-        """Bring content down. ``slot``: number of the image memory or bank, ``target``: its name where it has one.
-        ``facts``: what will be needed to store it, JSON values."""
+        """Queue a download. ``slot``: number of the image memory or bank; ``target``: its name, if any. ``facts``: JSON
+        values needed to store the content."""
         self._check_line()
         self._check_room("a download")
         options = {"slot": slot, "part": asdict(part) if part else None, "facts": dict(facts or {})}
@@ -119,7 +120,8 @@ class TransferService:
         options: Mapping[str, Any] | None = None,
         **links: int | None,
     ) -> TransferView:
-        """Send data to a bank or a slot; verify and commit follow by themselves. ``links``: catalogue_id, frame_id, table_id."""
+        """Queue an upload to a bank or a slot; verification and commit follow automatically. ``links``: catalogue_id,
+        frame_id, table_id."""
         self._check_line()
         self._check_room("an upload")
         facts = asdict(compatibility) | {"dictionary_hash": compatibility.dictionary_hash.hex()}
@@ -127,11 +129,12 @@ class TransferService:
         return self._add(Direction.UP, kind, name, subject, kept, links)
 
     def pause(self, transfer_id: int) -> TransferView:
-        """Stop sending; what is stored stays stored."""
+        """Stop sending; chunks already stored are kept."""
         return self._control(transfer_id, self._link.session.pause_transfer)
 
     def resume(self, transfer_id: int) -> TransferView:
-        """Go on with what is missing; also with what failed or was aborted, by this server or one before it."""
+        """Resume with the missing chunks; also a transfer that failed or was aborted, by this server or an earlier one.
+        Raises Conflict if it cannot be resumed."""
         if transfer_id in self._session_of:
             return self._control(transfer_id, self._link.session.resume_transfer)
         row = self.get(transfer_id).row
@@ -142,7 +145,7 @@ class TransferService:
         return self.get(transfer_id)
 
     def abort(self, transfer_id: int) -> TransferView:
-        """Give it up on both sides."""
+        """Abort the transfer on both sides."""
         return self._control(transfer_id, self._link.session.abort_transfer)
 
     def _control(self, transfer_id: int, action: Callable[[int, float], None]) -> TransferView:
@@ -153,21 +156,22 @@ class TransferService:
             action(self._session_of[transfer_id], self._link.monotonic_s())
         return self.get(transfer_id)
 
-    # --- reading ------------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def get(self, transfer_id: int) -> TransferView:
-        """The transfer of that id."""
+        """Return the transfer with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             row = store.get(session, transfer_id)
         return TransferView(row, self._live.get(row.id))
 
     def newest(self, limit: int) -> list[TransferView]:
-        """Newest first."""
+        """Return the newest transfers first."""
         with self._database.unit_of_work() as session:
             return [TransferView(row, self._live.get(row.id)) for row in store.newest(session, limit)]
 
     def busy(self, direction: Direction) -> bool:
-        """Is one of that direction under way? One that is only being stored leaves the line free, until too many are."""
+        """True if a transfer in that direction is in progress. One that is only being stored does not count, unless the
+        writer's queue is full."""
         stored = {one.row.id for one in self._storing}
         return (direction is Direction.DOWN and self._writer.full) or any(
             update.direction is direction and update.state not in AT_REST and row_id not in stored
@@ -175,13 +179,13 @@ class TransferService:
         )
 
     def in_use(self, kind: str, sha256: str) -> None:
-        """The device works with that content now: the upload that brought it counts as active, others as committed."""
+        """Record that the device now uses that content: the upload that sent it becomes active, others committed."""
         with self._database.unit_of_work() as session:
             changed = store.mark_active(session, kind, sha256)
         for row in changed:
             self._bus.publish("transfer", TransferView(row, None))
 
-    # --- into the session ---------------------------------------------------------------------------------------
+    # --- session ------------------------------------------------------------------------------------------------
 
     def _add(
         self,
@@ -213,7 +217,7 @@ class TransferService:
                 with self._database.unit_of_work() as session:
                     store.add(session, row)
             except StoreDown:
-                # A transfer that cannot be recorded is not carried out.
+                # A transfer that cannot be recorded must not run.
                 with self._link.lock:
                     self._link.session.abort_transfer(session_id, self._link.monotonic_s())
                 raise
@@ -223,8 +227,8 @@ class TransferService:
         return view
 
     def _enter(self, row: Transfer, paused: str | None) -> None:
-        """Give a stored transfer to the session again; ``paused``: "" until an operator resumes it, a reason until the device
-        answers, None not at all."""
+        """Start a stored transfer in the session again. ``paused``: "" until an operator resumes it, a reason until the
+        device answers, None not at all."""
         start = prepare(row, self._blobs, self._parts.load(row.id), paused)
         with self._link.hold_events():
             with self._link.lock:
@@ -238,10 +242,10 @@ class TransferService:
         if not self._link.connected:
             raise Conflict("the line is down", got=self._link.reason, hint="open the port first")
 
-    # --- what happens -------------------------------------------------------------------------------------------
+    # --- events -------------------------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> list[ContentArrived | PartArrived]:
-        """Follow the transfers of a batch. Content is stored before its transfer is reported as complete."""
+        """Update the transfers of a batch. Content is stored before its transfer is reported as complete."""
         known = [
             e for e in batch.events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of
         ]
@@ -336,7 +340,7 @@ class TransferService:
         self._parts_arrived.append(part)
 
     def _link_to(self, row: Transfer, answers: Answers) -> None:
-        """Put into the row what its content became."""
+        """Store the links to the rows created from the content in the transfer's row."""
         try:
             links = answers.links()
         except GssError as error:

@@ -1,4 +1,5 @@
-"""A stored frame into image memory and, if asked, through the sensor's own chain: what it says is laid beside that frame."""
+"""Uploads a stored frame to image memory and, if requested, runs the sensor's own chain on it; results are attached to that
+frame."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ CHAIN = ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE")
 
 
 class UploadedImages:
-    """Sends frames up, follows the commands of their solution, and knows which stored frame an image on board is."""
+    """Uploads frames, sends the commands that solve them, and maps images on board to stored frames."""
 
     def __init__(
         self,
@@ -45,7 +46,8 @@ class UploadedImages:
         self._found_in: int | None = None
 
     def upload(self, frame_id: int, slot: int, *, solve: bool) -> TransferView:
-        """Send a complete frame of the detector's size to an image memory; Conflict or BadInput says why not."""
+        """Upload a complete frame of the detector's size to an image memory. Raises Conflict or BadInput if that is not
+        possible."""
         frame, hello = self._frames.get(frame_id), self._link.hello
         if hello is None:
             raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
@@ -80,10 +82,10 @@ class UploadedImages:
         while len(self._frame_of) > REMEMBERED:
             self._frame_of.popitem(last=False)
 
-    # --- what happens -------------------------------------------------------------------------------------------
+    # --- events -------------------------------------------------------------------------------------------------
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow uploads of images and the commands of their solutions."""
+        """Follow image uploads and the commands that solve them."""
         for event in batch.events:
             if (
                 isinstance(event, ContentArrived)
@@ -95,7 +97,7 @@ class UploadedImages:
                 self._completed(event.name, event.arguments, event.values)
 
     def _sent(self, transfer: Transfer, done: TransferDone) -> None:
-        """An image is in image memory: learn its number there, then have it solved if that was requested."""
+        """Handle an uploaded image: request its number on board, then start the solution if requested."""
         if transfer.frame_id is not None:
             self._remember(done.sha256, transfer.frame_id)
         if transfer.options.get("solve"):
@@ -103,7 +105,7 @@ class UploadedImages:
         self._send("LIST_FRAMES", {})
 
     def frame_of(self, info: Mapping[str, Any]) -> Frame | None:
-        """The stored frame that an image on board was sent from; None for any other image."""
+        """Return the stored frame that an image on board was uploaded from; None for any other image."""
         sha256 = info.get("sha256")
         key = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
         if str(info.get("source")) != "uploaded" or key not in self._frame_of:
@@ -111,7 +113,7 @@ class UploadedImages:
         return self._frames.get(self._frame_of[key])
 
     def _completed(self, name: str, arguments: Mapping[str, Any], values: Mapping[str, Any]) -> None:
-        """A command completed: send the next one of a solution that is under way. Where one fails the solution ends there."""
+        """Send the next command of a solution in progress. A failed command ends the solution."""
         if name == "LIST_FRAMES" and self._waiting:
             self._searched_slot = self._waiting.popleft()
             self._send("FIND_CENTROIDS", {"slot": self._searched_slot})
