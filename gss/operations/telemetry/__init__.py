@@ -1,1 +1,1 @@
-"""Values, limits, alarms, plots and exports."""
+"""Telemetry: values, limits, alarms, archive, plots and exports."""

@@ -1,4 +1,4 @@
-"""What an alarm says."""
+"""Texts of alarms."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from gss.store.models import Alarm
 LONGEST = 120
 EVENT, LINK, CATALOGUE, STORE = "event", "link", "catalogue", "store"
 UNMEASURED = (EVENT, LINK, CATALOGUE, STORE)
-"""Alarms that are not about a field have these for a packet."""
+"""Pseudo packet names of alarms that are not about a telemetry field."""
 SIGNAL: Key = (LINK, "housekeeping")
 
 
 @dataclass(frozen=True)
 class AlarmView:
-    """An alarm's row with its level of the moment, as the pages show it."""
+    """An alarm's row with its current level and display texts."""
 
     row: Alarm
     level: State
@@ -31,13 +31,13 @@ class AlarmView:
 
 
 def field_of(dictionary: Dictionary, row: Alarm) -> TelemetryField | None:
-    """The field that an alarm is about; None for events, the line, and fields that a newer dictionary no longer has."""
+    """Return the field that an alarm is about; None for events, the line, and fields that the current dictionary lacks."""
     packets = [p for p in dictionary.telemetry if p.name == row.packet]
     return next((f for p in packets for f in p.values if f.name == row.field), None)
 
 
 def title_of(dictionary: Dictionary, row: Alarm) -> str:
-    """What it is about."""
+    """Return the title of an alarm."""
     if (row.packet, row.field) == SIGNAL:
         return "Loss of signal"
     if row.packet == CATALOGUE:
@@ -49,7 +49,7 @@ def title_of(dictionary: Dictionary, row: Alarm) -> str:
 
 
 def text_of(dictionary: Dictionary, row: Alarm) -> str:
-    """The line of the header bar."""
+    """Return the text of an alarm for the header bar."""
     if row.packet == EVENT:
         times = int(row.value or 1)
         return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
@@ -58,7 +58,7 @@ def text_of(dictionary: Dictionary, row: Alarm) -> str:
 
 
 def with_unit(value: float, field: TelemetryField) -> str:
-    """A value as the pages show it."""
+    """Return a value with its unit, as displayed."""
     if field.type == "bool":
         return formatted(bool(value), 0)
     shown = formatted(value if field.decimals or not value.is_integer() else int(value), field.decimals)
@@ -66,7 +66,7 @@ def with_unit(value: float, field: TelemetryField) -> str:
 
 
 def limit_text(rule: Rule, state: State, value: float) -> str:
-    """The limit that was left: "above 55 (warning)"."""
+    """Return the limit that was exceeded: "above 55 (warning)"."""
     for level, (low, high) in rule.limits.levels:
         if level is state:
             if low is not None and value < low:
@@ -77,5 +77,5 @@ def limit_text(rule: Rule, state: State, value: float) -> str:
 
 
 def cut(text: str) -> str:
-    """At most as long as the row can keep."""
+    """Truncate a text to the length of its column."""
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

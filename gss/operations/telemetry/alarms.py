@@ -1,8 +1,9 @@
-"""Latching alarms: what left its limits stays until it is back *and* somebody has seen it.
+"""Latching alarms: an alarm stays open until its value is back in limits *and* an operator has acknowledged it.
 
-raised: out, nobody has seen it. acked: out, seen. cleared: back in, not seen. closed: back in and seen; it never opens again.
-A worse level takes an acknowledgement back. Shelved alarms follow their value like the others and are only not shown until
-their time is over. Every change is a row, an event and a message.
+raised: out of limits, not acknowledged. acked: out of limits, acknowledged. cleared: back in limits, not acknowledged. closed:
+back in limits and acknowledged; a closed alarm never reopens. A worse level resets the acknowledgement. Shelved alarms follow
+their value like the others and are only hidden until the shelving time ends. Every change updates the row, records an event and
+publishes a message.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ SHELF_MAX = timedelta(hours=24)
 
 
 class AlarmService:
-    """Raises, follows, acknowledges, shelves and closes. Link, status and request threads may call."""
+    """Raises, updates, acknowledges, shelves and closes alarms. Safe to call from link, status and request threads."""
 
     def __init__(
         self,
@@ -66,7 +67,7 @@ class AlarmService:
         telemetry.board.followed = lambda: self._open
 
     def start(self) -> None:
-        """Take up the alarms that the last server left open; what was out goes on counting as out."""
+        """Load the alarms that the last server left open; values that were out of limits still count as out of limits."""
         with self._database.unit_of_work() as session:
             rows = store.still_open(session)
         with self._lock:
@@ -75,10 +76,10 @@ class AlarmService:
             if row.state in ("raised", "acked") and row.packet not in UNMEASURED:
                 self._telemetry.board.seed((row.packet, row.field), State(row.worst))
 
-    # --- what comes ---------------------------------------------------------------------------------------------
+    # --- inputs -------------------------------------------------------------------------------------------------
 
     def judged(self, judgements: Sequence[Judgement]) -> None:
-        """Follow the samples of a batch of telemetry."""
+        """Update alarms from the judged samples of a batch of telemetry."""
         with self._lock:
             for j in judgements:
                 key = (j.packet, j.field.name)
@@ -89,7 +90,7 @@ class AlarmService:
                 self._follow(key, j.state, j.value, f"{words}, {limit}", limit, judged=j.judged)
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow the judgements of telemetry, and raise the device's severe events, which are over at once."""
+        """Update alarms from judged telemetry, and raise alarms for the device's severe events, which are cleared at once."""
         for event in batch.events:
             if isinstance(event, Judged):
                 self.judged(event.judgements)
@@ -99,7 +100,7 @@ class AlarmService:
                     self._happened((EVENT, event.name), State(event.severity), text)
 
     def tick(self) -> None:
-        """What time alone brings, called about once a second: shelves that are over, and a line that went silent."""
+        """Update what depends on time alone, about once a second: ended shelving and loss of signal."""
         now = self._now()
         with self._lock:
             for row in list(self._open.values()):
@@ -110,14 +111,14 @@ class AlarmService:
             self._listen(now)
 
     def clock_jumped(self, jump_s: float) -> None:
-        """The server's clock was set: silence is counted on as it was."""
+        """Correct the start of silence after the server's clock was set by ``jump_s``."""
         now = self._now()
         with self._lock:
             self._contact = (self._contact[0], after_jump(self._contact[1], now, jump_s))
             self._telemetry.board.clock_jumped(now, jump_s)
 
     def watch(self, key: Key, state: State, value: float, text: str, limit: str) -> None:
-        """Follow something that is judged elsewhere, for example how long a catalogue is valid."""
+        """Update an alarm that is judged elsewhere, for example the validity of a catalogue."""
         with self._lock:
             if state is not State.OK or key in self._open:
                 self._follow(key, state, value, text, limit, judged=True)
@@ -166,7 +167,7 @@ class AlarmService:
         self._tell(alarm, level.value, text)
 
     def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
-        """Out again before anybody saw that it was back, or worse than before: an acknowledgement no longer holds."""
+        """Raise the alarm again, because it is out of limits again or worse than before; this resets the acknowledgement."""
         peak = worst((state, State(row.worst)))
         more: dict[str, Any] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
         if peak is state:
@@ -193,12 +194,13 @@ class AlarmService:
             self._raise(key, state, 1.0, text, text, over=now)
         else:
             again = {"value": (row.value or 0.0) + 1.0, "limit_text": cut(text), "cleared": now}
-            self._change(row, None, "", **again)  # the event itself is on record; the alarm only counts
+            self._change(row, None, "", **again)  # the event itself is recorded; the alarm only counts
 
-    # --- what operators do --------------------------------------------------------------------------------------
+    # --- operator actions ---------------------------------------------------------------------------------------
 
     def acknowledge(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Somebody has seen it; it closes if it is back, otherwise when it comes back."""
+        """Acknowledge an alarm; it closes at once if cleared, otherwise when it clears. Raises Conflict if it is
+        acknowledged or closed."""
         with self._lock:
             row = self._opened(alarm_id)
             if row.state == "acked":
@@ -211,7 +213,7 @@ class AlarmService:
             return self._by(row, user, "acknowledged" + (" and closed" if over else ""), note, **changes)
 
     def shelve(self, alarm_id: int, until: datetime, *, user: str, note: str) -> AlarmView:
-        """Do not show it until then, at most a day; the note says why."""
+        """Hide an alarm until then, for at most 24 h; the note is the reason. Raises BadInput."""
         now = self._now()
         if not now < until <= now + SHELF_MAX:
             raise BadInput("an alarm is shelved for at most 24 h", expected="a time within 24 h", got=until.isoformat())
@@ -223,7 +225,7 @@ class AlarmService:
             return self._by(row, user, words, note, shelved_until=until, shelved_by=user)
 
     def unshelve(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Show it again."""
+        """End the shelving of an alarm. Raises Conflict if it is not shelved."""
         with self._lock:
             row = self._opened(alarm_id)
             if row.shelved_until is None:
@@ -231,7 +233,7 @@ class AlarmService:
             return self._by(row, user, "taken from the shelf", note, shelved_until=None, shelved_by="")
 
     def clear(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
-        """Close it by hand; Conflict while its value is out and fresh."""
+        """Close an alarm manually. Raises Conflict while its value is out of limits and current."""
         with self._lock:
             row = self._opened(alarm_id)
             if row.state in ("raised", "acked") and self._is_fresh(row):
@@ -257,7 +259,7 @@ class AlarmService:
         return row
 
     def _is_fresh(self, row: Alarm) -> bool:
-        """Is the value that raised it still coming?"""
+        """True if the source of the alarm still delivers values."""
         if row.packet in (LINK, CATALOGUE, STORE):
             return row.packet != LINK or self._link.connected
         found = self._telemetry.board.latest(row.packet)
@@ -299,37 +301,37 @@ class AlarmService:
         return self._telemetry.board.counted((row.packet, row.field))
 
     def view(self, row: Alarm) -> AlarmView:
-        """The alarm as the pages show it."""
+        """Return the alarm for display."""
         field = field_of(self._dictionary, row)
         shelved = row.shelved_until is not None and row.shelved_until > self._now()
         words = title_of(self._dictionary, row), field.unit if field else "", text_of(self._dictionary, row)
         return AlarmView(row, self._level(row), *words, shelved)
 
     def get(self, alarm_id: int) -> AlarmView:
-        """The alarm of that id."""
+        """Return the alarm with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return self.view(store.get(session, alarm_id))
 
     def opened(self) -> list[AlarmView]:
-        """Open alarms: those outside their limits now before those that are back, each the worst first, then the oldest."""
+        """Return open alarms: those out of limits before cleared ones, each group by severity, then oldest first."""
         with self._lock:
             rows = list(self._open.values())
         rows.sort(key=lambda r: (r.state == "cleared" and r.packet != EVENT, -ORDER[State(r.worst)], r.raised, r.id))
         return [self.view(r) for r in rows]
 
     def newest(self, limit: int) -> list[AlarmView]:
-        """Newest alarms first, closed ones too."""
+        """Return the newest alarms first, including closed ones."""
         with self._database.unit_of_work() as session:
             rows = store.newest(session, limit)
         return [self.view(row) for row in rows]
 
     def between(self, start: datetime, end: datetime) -> list[AlarmView]:
-        """Alarms that were open at some time of a span."""
+        """Return alarms that were open at some time within a span."""
         with self._database.unit_of_work() as session:
             rows = store.between(session, start, end)
         return [self.view(row) for row in rows]
 
     def of_field(self) -> dict[Key, int]:
-        """Id of the open alarm of each field that has one."""
+        """Return the id of the open alarm of each field that has one."""
         with self._lock:
             return {key: row.id for key, row in self._open.items()}

@@ -1,4 +1,4 @@
-"""The archive of telemetry: any field over any span, in bounded memory, whole for export or thinned for a plot."""
+"""The telemetry archive: any field over any span, in bounded memory, complete for export or decimated for a plot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.store.rollups import start_of
 
 @dataclass(frozen=True)
 class Column:
-    """A field as it was asked for: ``key`` is ``name`` or ``packet.name``. A list of a packet is a column too (Group)."""
+    """A requested field: ``key`` is ``name`` or ``packet.name``. A list of a packet (Group) is a column too."""
 
     key: str
     packet: str
@@ -28,13 +28,14 @@ class Column:
 
     @property
     def is_bool(self) -> bool:
-        """Yes or no: a database without such a type gives 1 and 0 back."""
+        """True for a yes/no field, which a database without a boolean type returns as 1 and 0."""
         return isinstance(self.field, Item) and self.field.type == "bool"
 
 
 @dataclass(frozen=True)
 class Series:
-    """A field over a span: Unix seconds and values. ``samples``: how many there are; ``thinned``: not all of them are here."""
+    """A field over a span: Unix seconds and values. ``samples``: number of samples in the span; ``thinned``: True if only
+    some of them are included."""
 
     key: str
     packet: str
@@ -47,8 +48,8 @@ class Series:
 
 @dataclass
 class Thinner:
-    """Takes samples in time order and keeps at most ``points``: all of them while they fit, and after that the smallest and
-    the largest of each of points // 2 equal parts of the span. Memory: O(points), whatever comes."""
+    """Decimates samples taken in time order to at most ``points``: all of them while they fit, after that the minimum and
+    maximum of each of points // 2 equal parts of the span. Memory: O(points)."""
 
     start_s: float
     end_s: float
@@ -58,7 +59,7 @@ class Thinner:
     _bins: dict[int, tuple[tuple[float, float | None], tuple[float, float | None]]] = field(default_factory=dict)
 
     def take(self, t: float, y: float | None) -> None:
-        """One sample more."""
+        """Add one sample."""
         self.samples += 1
         if self._whole is not None:
             self._whole.append((t, y))
@@ -70,14 +71,15 @@ class Thinner:
             self._bin(t, y)
 
     def merge(self, buckets: Buckets) -> None:
-        """Samples of which only the extremes of each ten seconds are known."""
+        """Add samples of which only the extremes of each ten seconds are known."""
         self.samples += int(buckets.count.sum())
         if self._whole is not None:
             kept, self._whole = self._whole, None
             for sample in kept:
                 self._bin(*sample)
         bins = max(1, self.points // 2)
-        # Both extremes in time order: a bin gets what is its own, even of a bucket that lies across its edge.
+        # Both extremes in time order, so that a bucket across the edge of a bin contributes to each bin only what lies
+        # in it.
         t = np.concatenate([buckets.low_s, buckets.high_s])
         y = np.concatenate([buckets.low, buckets.high])
         order = np.argsort(t, kind="stable")
@@ -108,7 +110,7 @@ class Thinner:
             self._bins[b] = (low, high)
 
     def result(self) -> tuple[list[float], list[float | None], bool]:
-        """(t, y, thinned), in time order."""
+        """Return (t, y, thinned), in time order."""
         if self._whole is not None:
             return [t for t, _ in self._whole], [y for _, y in self._whole], False
         kept = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
@@ -116,13 +118,14 @@ class Thinner:
 
 
 class Archive:
-    """Answers for spans of the past."""
+    """Answers queries about past telemetry."""
 
     def __init__(self, dictionary: Dictionary, database: Database, rollups: Rollups) -> None:
         self.dictionary, self.database, self._rollups = dictionary, database, rollups
 
     def column(self, key: str) -> Column:
-        """The field of a key ``name`` or ``packet.name``; of a bare name the first packet that has it, housekeeping first."""
+        """Return the field for a key ``name`` or ``packet.name``; for a bare name, of the first packet that has it,
+        housekeeping first. Raises NotFound."""
         packet_name, _, name = key.rpartition(".")
         packets: Sequence[Packet] = (
             [self.dictionary.packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
@@ -134,7 +137,8 @@ class Archive:
         raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
 
     def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[Series]:
-        """Each field over a span, at most ``points`` samples of it and no spike lost. Enumerations by number, yes as 1."""
+        """Return each field over a span, at most ``points`` samples per field, preserving spikes. Enumerations by number,
+        yes as 1. Raises BadInput for fields that cannot be plotted."""
         columns = self._checked(keys, start, end)
         for column in columns:
             if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
@@ -152,8 +156,8 @@ class Archive:
     def _thinned(
         self, packet: str, fields: Sequence[TelemetryField], start: datetime, end: datetime, points: int
     ) -> list[Thinner]:
-        """From rollups where these are as fine as the plot; from packets where not, or where a rollup is missing. Where packets
-        were removed or thinned out since, the rollups know more than they do."""
+        """Use rollups if they are as fine as the plot, packets otherwise or where rollups are missing. If packets were
+        removed or thinned since, the rollups contain more samples and are used."""
         stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
         known = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
         coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S
@@ -179,7 +183,7 @@ class Archive:
         end: datetime,
         points: int,
     ) -> list[Thinner]:
-        """Rollups of the hours that have them, packets of what lies between and at the ends."""
+        """Use rollups for the hours that have them, packets for the time between and at the ends."""
         thinners, at = [Thinner(start.timestamp(), end.timestamp(), points) for _ in fields], start
         for stretch in stretches:
             self._take_packets(packet, fields, at, start_of(stretch.first) - MOMENT, thinners)
@@ -207,7 +211,7 @@ class Archive:
     def rows(
         self, keys: Sequence[str], start: datetime, end: datetime
     ) -> tuple[list[Column], Iterator[tuple[store.Row, list[object]]]]:
-        """The columns, and (row, a value per column) of each packet that has one of them, oldest first."""
+        """Return the columns, and (row, a value per column) of each packet that has one of them, oldest first."""
         columns = self._checked(keys, start, end)
         return columns, self._merged(columns, start, end)
 
@@ -245,7 +249,7 @@ class Archive:
         before_id: int | None,
         contact_id: int | None = None,
     ) -> list[TelemetryPacket]:
-        """Stored packets newest first, a page at a time."""
+        """Return a page of stored packets, newest first."""
         if packet is not None:
             self.dictionary.packet(packet)
         with self.database.unit_of_work() as session:

@@ -1,4 +1,4 @@
-"""Which limits are in force: the dictionary's, those of the chosen limit set, or an operator's own. Every change is on record."""
+"""Limits in force: from the dictionary, the chosen limit set, or an operator's override. Every change is recorded."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ LIMITED_TYPES = (*INTEGER_RANGES, *FLOATS, "bool")
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits in force for one field. ``origin``: dictionary, set or operator; who, when and why only for the operator's."""
+    """Limits in force for one field. ``origin``: dictionary, set or operator; user, time and note only for an operator's
+    override."""
 
     limits: Limits
     persistence: int
@@ -34,7 +35,7 @@ class Rule:
 
 
 class LimitBook:
-    """Answers which rule holds for a field; an operator's own limits hold in every set until they are taken back."""
+    """Returns the rule in force for a field; an operator's override applies in every limit set until it is removed."""
 
     def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
@@ -46,7 +47,7 @@ class LimitBook:
         self._load()
 
     def subscribe(self, listener: Callable[[str | None], None]) -> None:
-        """Have ``listener`` called with ``packet.name`` of each field whose limits changed, None for all fields."""
+        """Call ``listener`` with ``packet.name`` of each field whose limits changed; None for all fields."""
         self._listeners.append(listener)
 
     def _load(self) -> None:
@@ -69,24 +70,22 @@ class LimitBook:
         return self._set
 
     def rule(self, packet: str, field: TelemetryField) -> Rule:
-        """The rule in force."""
+        """Return the rule in force for a field."""
         rules, key = self._rules, (packet, field.name)
         rule = rules.get(key)
-        if (
-            rule is None
-        ):  # a change puts another dictionary in the place of this one, so that nothing old is kept in the new
+        if rule is None:  # a change replaces this cache dictionary, so no old rule can enter the new one
             rule = rules[key] = self._own.get(f"{packet}.{field.name}") or self.given(field)
         return rule
 
     def given(self, field: TelemetryField) -> Rule:
-        """The rule without the operator's own."""
+        """Return the rule without an operator's override."""
         of_set = field.sets.get(self._set)
         if of_set is not None:
             return Rule(of_set, field.persistence, "set")
         return Rule(field.limits, field.persistence)
 
     def choose(self, name: str, *, user: str, note: str = "") -> None:
-        """Another limit set from now on."""
+        """Select another limit set. Raises NotFound."""
         if name not in dict(self.sets):
             raise NotFound("no such limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
         with self._lock:
@@ -95,7 +94,7 @@ class LimitBook:
         self._tell(None, f"{user} put the limit set {name} in force, before it was {before}", note)
 
     def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
-        """An operator's own limits for a field ``packet.name``; BadInput where they contradict themselves."""
+        """Set an operator's limits for a field ``packet.name``. Raises BadInput if they are inconsistent."""
         packet, field = self.find(key)
         count = field.persistence if persistence is None else persistence
         if not 1 <= count <= PERSISTENCE_MAX:
@@ -110,7 +109,7 @@ class LimitBook:
         return rule
 
     def restore(self, key: str, *, user: str) -> Rule:
-        """Take the operator's own limits of a field back."""
+        """Remove an operator's limits of a field."""
         packet, field = self.find(key)
         with self._lock:
             with self._database.unit_of_work() as session:
@@ -123,7 +122,7 @@ class LimitBook:
         return rule
 
     def find(self, key: str) -> tuple[str, TelemetryField]:
-        """(packet, field) of a key ``packet.name`` that can have limits."""
+        """Return (packet, field) for a key ``packet.name`` of a field that can have limits. Raises BadInput or NotFound."""
         packet, _, name = key.partition(".")
         for field in self._dictionary.packet(packet).values:
             if field.name == name:
@@ -133,7 +132,7 @@ class LimitBook:
         raise NotFound("unknown telemetry field", expected="packet.name", got=key)
 
     def fields(self) -> list[tuple[str, TelemetryField]]:
-        """(packet, field) of everything that can have limits."""
+        """Return (packet, field) of every field that can have limits."""
         return [(p.name, f) for p in self._dictionary.telemetry for f in p.values if f.type in LIMITED_TYPES]
 
     def _write(self, name: str, value: dict[str, Any], user: str) -> datetime:
@@ -160,7 +159,7 @@ def _range(pair: Any) -> Range:
 
 
 def words(rule: Rule) -> str:
-    """Limits as a line of the record: "watch −15 … 45, critical … 65, 3 samples"."""
+    """Return limits as text for the record: "watch −15 … 45, critical … 65, 3 samples"."""
     parts = [
         f"{level} {'' if low is None else f'{low:g} '}…{'' if high is None else f' {high:g}'}"
         for level, (low, high) in reversed(rule.limits.levels)

@@ -1,5 +1,5 @@
-"""Rollups: the smallest and the largest value of each field in every ten seconds, with their own times, so that a plot of a week is
-read from some hundred rows and no spike is lost. A thread makes them, an hour after the other, when the hour is over."""
+"""Rollups: minimum and maximum of each field in every ten seconds, with their times, so that a plot of a week is read from a
+few hundred rows without losing a spike. A background thread computes them hour by hour, after each hour has ended."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ log = logging.getLogger(__name__)
 PLOTTED = ("number", "enum", "bool")
 BUCKET_S = 10
 SETTLE_S = 60.0
-"""So long after its end an hour is taken as over."""
+"""Delay after which an hour is taken as complete."""
 LOOK_S = 60.0
 HOURS_AT_ONCE = 400
-"""Hours that one look makes at most; more of an old store's past is made with the next."""
+"""Maximum number of hours computed per pass; the rest of an old store's past follows in later passes."""
 MOMENT = timedelta(microseconds=1)
-"""The smallest step of a stored time."""
+"""The resolution of a stored time."""
 EARLIEST = datetime(1970, 1, 2, tzinfo=UTC)
 
 
 @dataclass(frozen=True)
 class Buckets:
-    """Spans of ten seconds that have packets, in time order. All (n,): ``count`` packets, with or without the value; Unix seconds
-    and value of the smallest (``low``) and the largest (``high``); not-a-number where no packet of a span has the value."""
+    """Ten-second spans that have packets, in time order. All (n,): ``count`` of packets, with or without the value; Unix
+    seconds and value of the minimum (``low``) and maximum (``high``); NaN if no packet of a span has the value."""
 
     count: NDArray[np.int64]
     low_s: Array
@@ -51,7 +51,7 @@ class Buckets:
         return len(self.count)
 
     def packed(self, hour: int) -> bytes:
-        """As stored: column after column, times from the hour's start."""
+        """Encode for storage: column after column, times relative to the hour's start."""
         start_s = hour * HOUR_S
         columns = (self.low_s - start_s, self.low, self.high_s - start_s, self.high)
         body = b"".join([self.count.astype("<u4").tobytes(), *(c.astype("<f8").tobytes() for c in columns)])
@@ -59,7 +59,7 @@ class Buckets:
 
     @classmethod
     def unpacked(cls, hour: int, data: bytes) -> Buckets:
-        """What :meth:`packed` made."""
+        """Decode the bytes made by :meth:`packed`."""
         body = zlib.decompress(data)
         n = len(body) // 36
         count = np.frombuffer(body, "<u4", n).astype(np.int64)
@@ -68,13 +68,13 @@ class Buckets:
 
     @classmethod
     def joined(cls, parts: Sequence[Buckets]) -> Buckets:
-        """One after the other."""
+        """Concatenate the buckets of several parts."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Hours without a gap between them, ``first`` and ``last`` included: the buckets of each field."""
+    """Consecutive hours, from ``first`` to ``last`` inclusive, with the buckets of each field."""
 
     first: int
     last: int
@@ -82,7 +82,7 @@ class Stretch:
 
 
 def buckets(t_s: Array, y: Array) -> Buckets:
-    """The buckets of samples in time order; ``y`` is not-a-number where a packet has no value."""
+    """Compute the buckets of samples in time order; ``y`` is NaN where a packet has no value."""
     numbers = np.floor_divide(t_s, BUCKET_S).astype(np.int64)
     starts = np.flatnonzero(np.concatenate([[True], numbers[1:] != numbers[:-1]]))
     count = np.diff(np.append(starts, len(t_s)))
@@ -93,14 +93,14 @@ def buckets(t_s: Array, y: Array) -> Buckets:
 
 
 def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count: NDArray[Any]) -> tuple[Any, Array]:
-    """Where each bucket's extreme is first, and it."""
+    """Return the index of the first occurrence of each bucket's extreme, and the extreme."""
     found = extreme.reduceat(y, starts)
     at = np.where(y == np.repeat(found, count), np.arange(len(y)), len(y))
     return np.minimum.reduceat(at, starts), found
 
 
 class Rollups:
-    """Makes rollups in the background and gives them to plots."""
+    """Computes rollups in the background and reads them for plots."""
 
     def __init__(self, dictionary: Dictionary, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -114,12 +114,12 @@ class Rollups:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to make them."""
+        """Start the background thread."""
         self._thread = threading.Thread(target=self._run, name="rollups", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End after the hour that is being made."""
+        """Stop after the hour in progress."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -128,13 +128,11 @@ class Rollups:
         while not self._ended.wait(LOOK_S):
             try:
                 self.make()
-            except (
-                GssError
-            ):  # a full disk or a locked database: told by those whose work it is; plots read packets meanwhile
+            except GssError:  # a full disk or locked database is reported elsewhere; plots read packets meanwhile
                 log.warning("rollups wait", exc_info=True)
 
     def make(self, most: int = HOURS_AT_ONCE) -> int:
-        """Make what is missing, oldest first; how many hours were made."""
+        """Compute missing hours, oldest first. Return the number of hours computed."""
         made, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
         for packet in self._fields:
             for hour in self._missing(packet, over):
@@ -144,7 +142,7 @@ class Rollups:
         return made
 
     def _missing(self, packet: str, over: int) -> Iterator[int]:
-        """Hours before ``over`` that have packets and are not done: a look-up in the index per stretch without packets."""
+        """Yield hours before ``over`` that have packets and no rollup, with one index lookup per stretch without packets."""
         with self._database.unit_of_work() as session:
             done = store.done_hours(session, packet, 0, over)
         self._newest[packet] = done[-1] if done else None
@@ -178,8 +176,8 @@ class Rollups:
         return kept
 
     def wrote(self, session: Any, packets: Sequence[str], at: datetime) -> None:
-        """Packets were stored as received at a moment: where its hour was done already, as after a clock was put back, it is
-        not any more, in the same transaction. Plots then read its packets."""
+        """Called in the transaction that stores packets received at ``at``: if their hour was already rolled up, for example
+        after the clock was set back, its rollup is removed. Plots then read its packets."""
         hour = store.hour_of(at)
         late = [
             name for name in dict.fromkeys(packets) if name in self._fields and hour <= self._newest_of(session, name)
@@ -194,14 +192,14 @@ class Rollups:
         return -1 if newest is None else newest
 
     def read(self, packet: str, names: Sequence[str], start: datetime, end: datetime) -> list[Stretch]:
-        """What is done of the hours that lie in a span whole, in time order."""
+        """Return the rollups of the hours that lie completely within a span, in time order."""
         first, last = store.hour_of(start - MOMENT) + 1, store.hour_of(end) - 1
         parts: dict[int, dict[str, bytes]] = {}
         with self._database.unit_of_work() as session:
             done = store.done_hours(session, packet, first, last)
             for hour, name, data in store.of_fields(session, packet, names, first, last) if done else ():
                 parts.setdefault(hour, {})[name] = data
-        # A field that the dictionary did not have when an hour was done is read from that hour's packets.
+        # If the dictionary lacked a field when an hour was rolled up, that hour is read from packets instead.
         whole = [hour for hour in done if len(parts.get(hour, ())) == len(names)]
         return [
             Stretch(

@@ -1,4 +1,4 @@
-"""Telemetry: what comes is stored, judged and made the latest."""
+"""Telemetry: received packets are stored, judged against limits, and kept as latest values."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ __all__ = ["FieldValue", "TelemetryService", "plain"]
 
 @dataclass(frozen=True)
 class Judged(ServiceEvent):
-    """What the limits say of the telemetry of a batch, which is stored by now."""
+    """Judgements of the telemetry of a batch, which has been stored before."""
 
     judgements: tuple[Judgement, ...]
 
 
 class TelemetryService:
-    """Keeps the newest packet of each kind, stores all of them, and answers for spans of the past.
+    """Stores all packets, keeps the newest of each kind, and gives access to past telemetry.
 
     ``contact_id`` returns the open contact; ``has_room`` is False while the disk is too full for telemetry.
     """
@@ -56,13 +56,13 @@ class TelemetryService:
         self.archive = Archive(dictionary, database, self.rollups)
         self.limits.subscribe(self.board.limits_changed)
         self.unstored = 0
-        """Packets that could not be stored since the server started."""
+        """Number of packets that could not be stored since the server started."""
         self.store_fails = ""
-        """Why they are not being stored now; "" while they are."""
+        """Why packets are currently not stored; "" if they are."""
         self._unstored_from = 0
 
     def handle(self, batch: LineBatch) -> list[Judged]:
-        """Store the telemetry of a batch in one transaction, then judge it and make it the latest."""
+        """Store the telemetry of a batch in one transaction, then judge it and update the latest values."""
         packets = [event for event in batch.events if isinstance(event, Telemetry)]
         if not packets:
             return []
@@ -75,7 +75,8 @@ class TelemetryService:
         return [Judged(tuple(judgements))]
 
     def _store(self, packets: Sequence[Telemetry], at: datetime) -> None:
-        """All or none. Without a store the values are judged and shown all the same: an alarm must not depend on a disk."""
+        """Store all packets or none. If storing fails, values are still judged and shown, because alarms must not depend on
+        a disk."""
         cause = "" if self._has_room() else "the disk is full"
         if not cause:
             try:
@@ -111,22 +112,22 @@ class TelemetryService:
         }
 
     def latest_packet(self, name: str) -> Telemetry | None:
-        """The newest packet of that kind, None before the first."""
+        """Return the newest packet of that kind; None before the first."""
         found = self.board.latest(name)
         return found[1] if found else None
 
     def values(self) -> list[FieldValue]:
-        """Every field of the dictionary with its state now, housekeeping first."""
+        """Return every field of the dictionary with its current state, housekeeping first."""
         return self.board.values(self._now())
 
     def cycles(self, limit: int) -> list[tuple[datetime, Mapping[str, Any]]]:
-        """(received, values) of the newest iterations' timing."""
+        """Return (received, values) of the newest timing packets."""
         with self._database.unit_of_work() as session:
             return [(row.received, row.values) for row in store.newest(session, "timing", limit)]
 
 
 def stored_values(packet: Telemetry) -> dict[str, Any]:
-    """A packet as its row keeps it: engineering values by name, each list under its name."""
+    """Return a packet's values for its row: engineering values by name, each list under its name."""
     stored = plain_values(packet.values)
     for name, items in packet.lists.items():
         stored[name] = [plain_values(item) for item in items]

@@ -1,4 +1,4 @@
-"""The latest value of everything with its state, from packets and a clock: the same board live and in a replay."""
+"""The latest value and state of every field, computed from packets and a clock; used live and in replays."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ RuleOf = Callable[[str, TelemetryField], Rule]
 
 @dataclass(frozen=True)
 class FieldValue:
-    """Latest value of one field. ``state``: ok, watch, warning, critical as it counts, or stale, never. ``sample_state``:
-    of this sample alone, before persistence; the same words."""
+    """Latest value of one field. ``state``: ok, watch, warning or critical after persistence; or stale, or never.
+    ``sample_state``: of this sample alone, before persistence; the same words."""
 
     definition: TelemetryField
     packet: str
@@ -42,7 +42,7 @@ class FieldValue:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What one sample of a field with limits came to. ``judged`` False: its iteration is over, so nothing is held against it."""
+    """Result of checking one sample against limits. ``judged`` False: its iteration has ended, so limits were not applied."""
 
     packet: str
     field: TelemetryField
@@ -54,8 +54,8 @@ class Judgement:
 
 @dataclass(slots=True)
 class _Watched:
-    """A field with limits. ``calm``: a further sample from ``low`` to ``high`` changes nothing that is known of it, which is so
-    for nearly every sample of nearly every field; NaN and infinities are in no range. ``unknown``: nor does a further NaN."""
+    """A field with limits. ``calm``: a further sample from ``low`` to ``high`` changes no state, which allows a fast path
+    for nearly all samples; NaN and infinities are in no range. ``unknown``: a further NaN changes no state either."""
 
     key: Key
     field: TelemetryField
@@ -67,7 +67,7 @@ class _Watched:
 
     @classmethod
     def by(cls, packet: str, field: TelemetryField, rule: Rule) -> _Watched:
-        """Under a rule."""
+        """Create an entry for a field under a rule."""
         lows = [low for _, (low, _) in rule.limits.levels if low is not None]
         highs = [high for _, (_, high) in rule.limits.levels if high is not None]
         bounds = max(lows, default=-LARGEST), min(highs, default=LARGEST)
@@ -75,7 +75,7 @@ class _Watched:
 
 
 class TelemetryBoard:
-    """Keeps the newest packet of each kind and the run of every field with limits. Any thread may ask."""
+    """Keeps the newest packet of each kind and the persistence of every field with limits. Thread-safe."""
 
     def __init__(self, dictionary: Dictionary, rule: RuleOf) -> None:
         self._dictionary, self._rule = dictionary, rule
@@ -88,11 +88,11 @@ class TelemetryBoard:
         self._was_iterating = False
         self._lock = threading.RLock()
         self.followed: Callable[[], Container[Key]] = tuple
-        """Fields whose judgements are wanted while they are calm, too."""
+        """Returns the fields whose judgements are reported even while they are calm."""
 
     def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
-        """Make a packet the latest of its kind and judge each of its fields that has limits. What was within its limits, and still
-        is, is not told unless it is ``followed``."""
+        """Make a packet the latest of its kind and judge each of its fields with limits. A field that remains within its
+        limits is not reported unless it is ``followed``."""
         with self._lock:
             self._latest[packet.packet] = (at, packet)
             if packet.packet == "housekeeping" and not packet.values.get("cycle_running"):
@@ -119,7 +119,7 @@ class TelemetryBoard:
         return found
 
     def _watch(self, packet: str) -> list[_Watched]:
-        """The fields of a packet that have limits, or had some that they were outside of."""
+        """Return the fields of a packet that have limits or still count as out of limits."""
         watched = []
         for field in self._dictionary.packet(packet).values:
             rule, key = self._rule(packet, field), (packet, field.name)
@@ -130,7 +130,7 @@ class TelemetryBoard:
         return watched
 
     def _look_again(self) -> None:
-        """Something changed for all fields: none is calm until its next sample was judged."""
+        """Reset the fast path of all fields until their next sample has been judged."""
         for watched in self._watched.values():
             for one in watched:
                 one.calm = one.unknown = False
@@ -144,7 +144,7 @@ class TelemetryBoard:
             return None
         value = plain(packet.values.get(field.name))
         if not isinstance(value, int | float):
-            self._runs[key] = run.broken()  # sent as not-a-number: the device has not measured it
+            self._runs[key] = run.broken()  # sent as NaN: the device has not measured it
             self._samples.pop(key, None)
             one.unknown = True
             return None
@@ -157,13 +157,13 @@ class TelemetryBoard:
             return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
         self._unjudged.discard(key)
         self._runs[key] = after = run.after(sample, rule.persistence)
-        # The next one like it leaves everything as it is, too.
+        # A further sample in the same range changes no state either.
         one.calm = after is run and run.counted is sample is State.OK and rule.limits.any
         return Judgement(packet.packet, field, float(value), after.counted, rule)
 
     def _iterating(self) -> bool:
-        """Results and timing of iterations are judged only while the cycle runs and has come to a result of its own: a sensor at
-        rest finds no stars, and the first iteration after a rest may look where the sensor pointed before it."""
+        """True if results and timing of iterations are to be judged: the cycle runs and has produced a result since it
+        started. A sensor at rest finds no stars, and the first iteration after a rest may still use the previous pointing."""
         housekeeping = self.latest("housekeeping")
         if housekeeping is None or not housekeeping[1].values.get("cycle_running"):
             return False
@@ -171,18 +171,18 @@ class TelemetryBoard:
         return iteration is None or iteration not in self._unfair
 
     def seed(self, key: Key, counted: State) -> None:
-        """Go on from what counted before a restart."""
+        """Set the state that counted before a restart."""
         with self._lock:
             self._runs[key] = Persistence(counted)
             self._watched.clear()
 
     def clock_jumped(self, now: datetime, jump_s: float) -> None:
-        """Ages are those of before: a clock that jumps makes nothing stale, and nothing fresh."""
+        """Shift reception times after the clock jumped, so that ages remain unchanged."""
         with self._lock:
             self._latest = {name: (after_jump(at, now, jump_s), packet) for name, (at, packet) in self._latest.items()}
 
     def limits_changed(self, key: str | None) -> None:
-        """The rule of a field ``packet.name`` (None: of all) is another: what was counted under the old one ends."""
+        """Reset the persistence of a field ``packet.name`` (None: of all fields) after its limits changed."""
         with self._lock:
             for k, run in self._runs.items():
                 if key is None or key == f"{k[0]}.{k[1]}":
@@ -190,17 +190,17 @@ class TelemetryBoard:
             self._watched.clear()
 
     def counted(self, key: Key) -> State:
-        """The state of a field that counts now."""
+        """Return the state of a field after persistence."""
         with self._lock:
             return self._runs.get(key, Persistence()).counted
 
     def latest(self, packet: str) -> tuple[datetime, Telemetry] | None:
-        """(received, packet): the newest of that kind, None before the first."""
+        """Return (received, packet), the newest of that kind; None before the first."""
         with self._lock:
             return self._latest.get(packet)
 
     def values(self, now: datetime) -> list[FieldValue]:
-        """Every field of the dictionary with its state now, in the dictionary's order."""
+        """Return every field with its current state, in the dictionary's order."""
         with self._lock:
             return [
                 self._value(field, packet.name, self._latest.get(packet.name), now)
@@ -221,9 +221,9 @@ class TelemetryBoard:
         if field.stale_after_s and age_s > field.stale_after_s:
             state = "stale"
         elif value is None:
-            state = "never"  # sent as not-a-number: the device has not measured it yet
+            state = "never"  # sent as NaN: the device has not measured it yet
         elif key in self._unjudged and sample != State.OK:
-            state = "stale"  # from an iteration that is over: neither an alarm nor a good value
+            state = "stale"  # from an iteration that has ended: neither an alarm nor a good value
         else:
             state = self._runs.get(key, Persistence()).counted.value
         return FieldValue(field, packet, raw, value, state, at, age_s, sample)

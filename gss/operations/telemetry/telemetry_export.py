@@ -1,4 +1,4 @@
-"""Telemetry of any fields and span as CSV or Parquet, a block at a time: the same values that the screen shows."""
+"""Exports any telemetry fields and span as CSV or Parquet, block by block, with the same values as displayed."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ BLOCK_ROWS = 4000
 def export(
     archive: Archive, keys: Sequence[str], start: datetime, end: datetime, *, form: str, file_format: str
 ) -> Iterator[bytes]:
-    """The file in pieces; at most BLOCK_ROWS rows of it are in memory. What is wrong is said before the first piece.
+    """Return the file in pieces; at most BLOCK_ROWS rows are in memory. Raises BadInput before the first piece.
 
     Columns: received (UTC), device_time_s, contact, packet, then one per key. form: converted = engineering values as stored,
-    raw = numbers of the wire, formatted = words of the screen.
+    raw = values as transmitted, formatted = text as displayed.
     """
     for name, given, known in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
         if given not in known:
@@ -54,7 +54,7 @@ def _in_form(column: Column, value: Any, form: str) -> Any:
 
 
 def _csv(columns: Sequence[Column], rows: Iterator[list[Any]]) -> Iterator[bytes]:
-    """RFC 4180 with a header; times in ISO 8601 with Z, nothing for what is not known."""
+    """RFC 4180 with a header; times in ISO 8601 with Z, empty cells for unknown values."""
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer)
     writer.writerow([*LEADING, *(c.key for c in columns)])
@@ -75,7 +75,7 @@ def _cell(value: Any) -> Any:
 
 
 class _Pieces(io.RawIOBase):
-    """A file that only grows: what was written is taken away piece by piece."""
+    """An append-only file object whose written bytes are taken out piece by piece."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class _Pieces(io.RawIOBase):
         return self._at
 
     def take(self) -> bytes:
-        """What was written since the last time."""
+        """Return the bytes written since the last call."""
         piece = bytes(self._waiting)
         self._waiting.clear()
         return piece
@@ -120,7 +120,7 @@ def _parquet(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) ->
 
 
 def _arrow_type(pa: Any, column: Column, form: str) -> Any:
-    """Type of a column: the same whatever the values are, so that files of two spans can be read as one."""
+    """Return the type of a column, independent of its values, so that files of two spans can be read as one."""
     item = column.field
     if isinstance(item, Group) or form == "formatted":
         return pa.string()

@@ -1,4 +1,4 @@
-"""A telemetered value in its three forms: as on the wire, in its unit, and as an operator reads it."""
+"""Forms of a telemetry value: as transmitted, in its engineering unit, and as displayed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AS_IT_IS = frozenset({int, bool, str})
 
 
 def kind(field: Item) -> str:
-    """number, enum, bool, text or bytes."""
+    """Return number, enum, bool, text or bytes."""
     if field.type in INTEGER_RANGES or field.type in FLOATS:
         return "number"
     if field.type in ("enum", "bool"):
@@ -23,14 +23,14 @@ def kind(field: Item) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: bytes in hex, not-a-number and infinities as None."""
+    """Convert a value for JSON: bytes to hex, NaN and infinities to None."""
     if isinstance(value, bytes):
         return value.hex()
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """:func:`plain` of each, without a call for those that nearly all are."""
+    """Apply :func:`plain` to each value, with a fast path for the most common types."""
     return {
         name: value
         if (kind := type(value)) in AS_IT_IS
@@ -40,7 +40,7 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def formatted(value: Any, decimals: int) -> str:
-    """With the dictionary's decimals and a true minus sign; yes and no; a dash for what is not known."""
+    """Format a value with the dictionary's decimals and a true minus sign; yes and no; a dash for an unknown value."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return NOTHING
     if isinstance(value, bool):
@@ -54,7 +54,7 @@ def formatted(value: Any, decimals: int) -> str:
 
 
 def raw_text(field: Item, raw: Any) -> str:
-    """As on the wire: whole numbers in hexadecimal of their width, floats as numbers, bytes in hexadecimal."""
+    """Format a raw value: integers in hexadecimal of their width, floats as numbers, bytes in hexadecimal."""
     if raw is None:
         return NOTHING
     if isinstance(raw, bytes):
@@ -68,17 +68,17 @@ def raw_text(field: Item, raw: Any) -> str:
 
 
 def number(field: Item, value: Any) -> float | None:
-    """A stored value as a point of a plot: enumerations by their number, yes as 1; None for what is no number."""
+    """Return a stored value as a number to plot: enumerations by their number, yes as 1; None for anything else."""
     if isinstance(value, str):
         return next((float(c.value) for c in field.choices if c.name == value), None)
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def raw_of(field: Item, value: Any) -> Any:
-    """The raw value that a stored engineering value came from; None where it cannot be told.
+    """Return the raw value of a stored engineering value; None if it cannot be determined.
 
-    Conversions are monotonous over the range of their type, so the raw value is found by bisection and proved by
-    converting it again.
+    Conversions are monotonic over the range of their type, so the raw value is found by bisection and verified by converting it
+    again.
     """
     if value is None:
         return None
