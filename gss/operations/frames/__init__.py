@@ -1,1 +1,1 @@
-"""Images: stored, solved, replayed, drawn, exported."""
+"""Images: storage, solving, replay, overlays and exports."""

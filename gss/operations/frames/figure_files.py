@@ -1,6 +1,6 @@
-"""The blind solver's dictionaries kept on disk, so that a fresh process need not build them: a file per content.
+"""On-disk cache of the blind solver's dictionaries, one file per content, so that a new process need not rebuild them.
 
-A file's name is the hash of what it was made from; a damaged or foreign one is built anew and written over.
+A file's name is the hash of the data it was made from; a damaged or incompatible file is rebuilt and overwritten.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ NAMES = ("stars", "size_rad", "codes")
 
 
 def users_folder() -> Path:
-    """Where programs of one user keep what can be made again."""
+    """Return the user's cache folder for this program."""
     place = os.environ.get("XDG_CACHE_HOME")
     return (Path(place) if place else Path.home() / ".cache") / "gss"
 
 
 class FigureFiles:
-    """Dictionaries in a folder, made when they are missing. Several processes may share it."""
+    """Dictionaries in a folder, built when missing. Several processes may share it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def levels(self, sky: Sky) -> Callable[[float], Level]:
-        """Builder of the dictionaries of one sky that looks on disk first."""
+        """Return a builder of the dictionaries of one sky that looks on disk first."""
         content = hashlib.sha256(f"{FORMAT} ".encode() + np.ascontiguousarray(sky.icrs).tobytes()).hexdigest()
         return lambda radius_rad: self._level(sky, radius_rad, content)
 
@@ -47,7 +47,7 @@ class FigureFiles:
         level = _read(path, sky, radius_rad)
         if level is None:
             level = build_level(sky, radius_rad)
-            with contextlib.suppress(OSError):  # a full or read-only disk costs time, not the answer
+            with contextlib.suppress(OSError):  # a full or read-only disk costs only time
                 _write(path, level)
         return level
 

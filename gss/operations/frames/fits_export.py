@@ -1,4 +1,4 @@
-"""A frame as a FITS file with the world coordinates of its solution."""
+"""Exports a frame as a FITS file with the world coordinates of its solution."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIP_ORDER = 7
 
 
 def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
-    """FITS bytes; gnomonic WCS with SIP polynomials fitted to the camera's distortion when there is an attitude."""
+    """Return FITS bytes; with an attitude, including a gnomonic WCS and SIP polynomials fitted to the camera's distortion."""
     from astropy.io import fits
 
     hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
@@ -47,7 +47,8 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
 
 
 def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
-    """TAN header cards with SIP polynomials for the camera's distortion (Shupe et al. 2005). FITS counts pixels from 1."""
+    """Return TAN header cards with SIP polynomials for the camera's distortion (Shupe et al. 2005). FITS counts pixels from
+    1."""
     ra, dec, roll = ra_dec_roll_rad(cam_from_icrs)
     c, s = np.cos(roll), np.sin(roll)
     east_north_from_cam = np.array([[-c, s], [-s, -c]])
@@ -70,7 +71,7 @@ def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
 
 
 def _sip(camera: Camera) -> dict[str, Any]:
-    """Both directions of the distortion as polynomials in the offset from the optical centre, fitted over the detector."""
+    """Fit polynomials to both directions of the distortion, in the offset from the optical centre, over the detector."""
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     cols, rows = np.meshgrid(

@@ -1,4 +1,5 @@
-"""Frames from files: FITS, TIFF, PNG, JPEG by their content, never by their name. Whatever cannot be used says why."""
+"""Reads frames from files: FITS, TIFF, PNG, JPEG, recognized by content, not by name. Unusable files raise BadInput with the
+reason."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
 MAX_SIDE_PX = 20_000
 MAX_UNPACKED_BYTES = 4 * MAX_PIXELS
-"""Of a tile-compressed FITS image."""
+"""Limit for a tile-compressed FITS image."""
 MOST_TILES = 2 * MAX_SIDE_PX
 MOST_EXTENSIONS = 100
 LONGEST_EXPOSURE_S = 86_400.0
@@ -27,19 +28,20 @@ FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX = 8
 ABSURD = 1e30
 WITHOUT_ABERRATION = "without_aberration"
-"""In ``source`` of frames whose file says that its sky was drawn without aberration, as our own exports of simulated frames do."""
+"""Key in ``source`` of frames whose file states that its sky was drawn without aberration, as our exports of simulated
+frames do."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
 LUMINANCE_32 = LUMINANCE.astype(np.float32)
 BAND_ROWS = 64
-"""Rows of a large picture that are converted at once."""
+"""Number of rows of a large picture that are converted at once."""
 HINT = "a FITS, PNG, TIFF or JPEG image of the sky"
 
 
 @dataclass(frozen=True)
 class ImportedFrame:
-    """One frame as an array (rows, columns) of uint8, uint16 or float32, with what its file says about it.
+    """One frame as an array (rows, columns) of uint8, uint16 or float32, with metadata from its file.
 
-    ``bits``: of the converter's range the values lie in (32 for float). ``exposure_s`` and ``taken_at`` None where unknown.
+    ``bits``: bits of the converter's range (32 for float). ``exposure_s`` and ``taken_at`` are None if unknown.
     """
 
     pixels: NDArray[np.generic]
@@ -50,12 +52,13 @@ class ImportedFrame:
 
     @property
     def seen_at(self) -> datetime | None:
-        """When an observer saw this sky, whose motion moved the stars; None where unknown, or where no aberration is in it."""
+        """Time of observation, for the aberration by the observer's motion; None if unknown, or if the image contains no
+        aberration."""
         return None if WITHOUT_ABERRATION in self.source else self.taken_at
 
 
 def read_frame(data: bytes, name: str) -> ImportedFrame:
-    """The frame in a file's bytes; ``name`` is used in messages only. Raises BadInput."""
+    """Return the frame in a file's bytes; ``name`` is used in messages only. Raises BadInput."""
     if not data:
         raise BadInput(f"{name} is empty", expected=HINT, got="0 bytes")
     if len(data) > MAX_BYTES:
@@ -107,7 +110,7 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
 
     try:
         with warnings.catch_warnings():
-            # Our own cap, far above Pillow's first warning, is checked before any pixel is decoded.
+            # Our own limit, far above the one at which Pillow warns, is checked before any pixel is decoded.
             warnings.simplefilter("ignore")
             image = Image.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG"))
             _check_size(image.width, image.height, name)
@@ -149,7 +152,7 @@ def _picture_meta(image: Any) -> Meta:
         if exif.get(0x0110):
             meta["camera"] = str(exif.get(0x0110)).strip("\0 ")
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
-        pass  # a broken EXIF block does not spoil the pixels
+        pass  # a broken EXIF block does not affect the pixels
     return meta
 
 
@@ -163,7 +166,7 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
         raise BadInput(
             f"{name} is not a picture", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
         )
-    # A band at a time: all channels of a large picture as real numbers would take sixteen times its size in memory.
+    # Convert band by band: all channels of a large picture as floats would need sixteen times its memory.
     grey = np.empty((image.height, image.width), first.dtype if first.dtype.kind == "u" else np.float32)
     for row in range(0, image.height, BAND_ROWS):
         until = min(row + BAND_ROWS, image.height)
@@ -198,7 +201,7 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
 
 
 def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
-    """The first (rows, columns) of an image or a data cube; the other planes are not read."""
+    """Return the first (rows, columns) plane of an image or data cube; other planes are not read."""
     header = hdu.header
     sides = [int(header[f"NAXIS{k + 1}"]) for k in range(int(header["NAXIS"]))]
     _check_size(sides[0], sides[1], name)
@@ -213,7 +216,8 @@ def _first_plane(hdu: Any, name: str) -> NDArray[np.generic]:
 
 
 def _check_tiles(hdu: Any, name: str) -> None:
-    """Refuses a tile-compressed image by what its first plane unpacks to; every tile that is touched is unpacked whole."""
+    """Raise BadInput for a tile-compressed image whose first plane is too large when unpacked; every tile touched is
+    unpacked completely."""
     tile = [min(side, whole) for side, whole in zip(hdu.tile_shape, hdu.shape, strict=True)]
     tiles = math.prod(-(-whole // side) for side, whole in zip(tile[-2:], hdu.shape[-2:], strict=True))
     unpacked = tiles * math.prod(tile) * abs(int(hdu.header["BITPIX"])) // 8
@@ -227,14 +231,16 @@ def _check_tiles(hdu: Any, name: str) -> None:
 
 
 def _read_bands(hdu: Any, name: str) -> NDArray[np.float32]:
-    """Double precision is checked and shortened band by band: whole it would be there twice, with all that the checks make."""
+    """Check double-precision pixels and convert them to float32 band by band, because a full copy with temporaries would
+    need too much memory."""
     rows, columns = hdu.shape
     pixels, not_finite = np.empty((rows, columns), np.float32), 0
     for row in range(0, rows, BAND_ROWS):
         band = np.asarray(hdu.section[row : min(row + BAND_ROWS, rows)], np.float64)
         finite = np.isfinite(band)
         not_finite += int((~finite).sum())
-        # What a float32 cannot hold must stay a number until it is told to be absurd.
+        # Values beyond float32 are clipped above the limit of ``_check_real``, so that they are still reported as
+        # absurd.
         pixels[row : row + len(band)] = np.where(finite, np.clip(band, -2 * ABSURD, 2 * ABSURD), np.nan)
     _check_real(not_finite, pixels, name)
     return pixels
@@ -267,14 +273,14 @@ def _believable_s(exposure_s: float) -> bool:
 
 
 def _believable(moment: datetime) -> datetime:
-    """The moment, if a photograph can be from then; ValueError otherwise, as for a date that cannot be read."""
+    """Return the time if it is plausible for a photograph; raise ValueError otherwise, as for an unreadable date."""
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:
         raise ValueError(f"no photograph is from {moment.year}")
     return moment
 
 
 def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFrame:
-    """Check the values and bring them to one of the three types."""
+    """Check the values and convert them to one of the three types."""
     pixels, bits = _plain(array, name)
     exposure, taken = meta.pop("exposure_s", None), meta.pop("taken_at", None)
     return ImportedFrame(np.ascontiguousarray(pixels), bits, exposure, taken, {k: str(v) for k, v in meta.items()})

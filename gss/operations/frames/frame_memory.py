@@ -1,4 +1,5 @@
-"""What was told of the newest frames before their pixels came: description, settings of the moment, truth of a simulation."""
+"""Data about the newest frames that arrived before their pixels: description, settings at that time, true attitude of a
+simulation."""
 
 from __future__ import annotations
 
@@ -14,20 +15,20 @@ REMEMBERED_FRAMES = 64
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """``info``: the device's frame_info, ``settings``: of detection with ``bank_sha256``, ``truth``: quaternion."""
+    """``info``: the device's frame_info; ``settings``: detection settings and ``bank_sha256``; ``truth``: quaternion."""
 
     info: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     truth: list[float] | None = None
 
     def plain(self) -> dict[str, Any]:
-        """As JSON values, for the row of a transfer."""
+        """Return JSON values for the row of a transfer."""
         info = {k: v.hex() if isinstance(v, bytes) else v for k, v in self.info.items()}
         return {"info": info, "settings": dict(self.settings), "truth": self.truth}
 
 
 def remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
-    """Keep the newest."""
+    """Store a value and drop the oldest beyond ``REMEMBERED_FRAMES``."""
     memory[number] = value
     memory.move_to_end(number)
     while len(memory) > REMEMBERED_FRAMES:
@@ -35,7 +36,8 @@ def remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
 
 
 class FrameMemory:
-    """Facts by the device's frame number. They are void when the device restarts, because it may count anew."""
+    """Facts by the device's frame number. They are discarded when the device restarts, because frame numbers may start
+    again."""
 
     def __init__(self) -> None:
         self._infos: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
@@ -43,12 +45,12 @@ class FrameMemory:
         self._truths: OrderedDict[int, list[float]] = OrderedDict()
 
     def forget(self) -> None:
-        """The device restarted."""
+        """Discard everything, because the device restarted."""
         for memory in (self._infos, self._settings, self._truths):
             memory.clear()
 
     def told(self, number: int, info: Mapping[str, Any], settings: Mapping[str, Any]) -> bool:
-        """A frame was described; False where that was known."""
+        """Store the description of a frame. Return False if it was already known."""
         if number in self._infos or number == 0:
             return False
         remember(self._infos, number, info)
@@ -56,15 +58,16 @@ class FrameMemory:
         return True
 
     def true_attitude(self, number: int, quaternion: list[float]) -> None:
-        """A simulator told the truth."""
+        """Store the true attitude of a frame, as reported by a simulator."""
         remember(self._truths, number, quaternion)
 
     def facts(self, number: int) -> FrameFacts:
-        """What is known; empty where nothing is."""
+        """Return the known facts of a frame; empty if there are none."""
         return FrameFacts(self._infos.get(number, {}), self._settings.get(number, {}), self._truths.get(number))
 
     def facts_for(self, transfer: Transfer, number: int) -> FrameFacts:
-        """The same, or else what was known when the transfer began, unless another frame came instead."""
+        """Return the current facts of a frame, completed by those stored when the transfer began, unless these are of
+        another frame."""
         kept = transfer.options.get("facts") or {}
         if int(kept.get("info", {}).get("frame_number", number)) != number:
             kept = {}

@@ -1,4 +1,4 @@
-"""Frames: kept with their pixels, solved on the ground, laid beside what the sensor said itself."""
+"""Frames: stored with their pixels, solved on the ground, and compared with the sensor's own results."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class FrameDetail:
 
 
 class FrameService:
-    """Stores frames and runs chains on them. Frames are solved on arrival by a separate thread, the newest last.
+    """Stores frames and runs chains on them. Frames are solved on arrival by a separate thread, in order of arrival.
 
-    ``check_room`` raises StoreDown where the disk has no room for what it is given in words.
+    ``check_room`` raises StoreDown if the disk is too full; its argument names the operation.
     """
 
     def __init__(
@@ -69,18 +69,19 @@ class FrameService:
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
-        # The solver's tables take memory; many at once would take all of it.
+        # Limits concurrent solutions, because the solver's tables need much memory.
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
         self._unsolved: deque[int] = deque()
         self.skipped = 0
-        """Frames that came faster than they could be solved, since the server started."""
+        """Number of frames since the server started that were not solved because they arrived too fast."""
 
     def stop(self) -> None:
-        """Let the running solution end; drop what waits (it can be run again from the page)."""
+        """Finish the running solution and drop waiting frames, which can be rerun from the page."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def warm(self, profile_name: str) -> None:
-        """Solve a made-up frame in the background: tables are built and loops compiled before the first real one comes."""
+        """Solve a synthetic frame in the background, so that tables are built and loops compiled before the first real
+        frame."""
         self._pool.submit(self._warm, profile_name)
 
     def _warm(self, profile_name: str) -> None:
@@ -94,24 +95,24 @@ class FrameService:
         for chain in dict.fromkeys((self._chain, on_board(known.name).name)):
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
-            except Exception as error:  # nothing depends on it but the first frame's waiting time
+            except Exception as error:  # a failure only makes the first frame slower
                 self._bus.record("solution", "warning", f"the {chain} chain could not be tried: {error}")
 
     # --- storing ------------------------------------------------------------------------------------------------
 
     def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
-        """Keep a frame that came down the line and solve it; ``values`` are the columns of its row."""
+        """Store a downlinked frame and queue it for solving; ``values`` are the columns of its row."""
         frame = self._add(pixels, source="device", **values)
         missing = "" if frame.complete else ", rows are missing"
         self._bus.record(
             "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
-        if frame.complete and frame.profile is not None:  # a thumbnail is no picture of a known camera
+        if frame.complete and frame.profile is not None:  # a thumbnail does not match a known camera
             self._solve_later(frame.id)
         return frame
 
     def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
-        """Import a FITS, PNG, TIFF or JPEG file and solve it; BadInput says what is wrong with it."""
+        """Import a FITS, PNG, TIFF or JPEG file and queue it for solving. Raises BadInput naming the defect."""
         if profile_name:
             profile(profile_name)
         self._check_room("an import")
@@ -132,7 +133,7 @@ class FrameService:
 
     def _add(self, pixels: Pixels, **values: Any) -> Frame:
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
-        bare = little.data.cast("B")  # a large frame's bytes are not copied once more
+        bare = little.data.cast("B")  # avoids another copy of a large frame's bytes
         key = self._blobs.put(bare)
         rows, columns = little.shape
         row: dict[str, Any] = {
@@ -145,20 +146,20 @@ class FrameService:
         row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
-        if not self._blobs.exists(key):  # retention took the same bytes of an older frame in between
+        if not self._blobs.exists(key):  # retention may have removed the same bytes of an older frame in between
             self._blobs.put(bare)
         self._bus.publish("frame", frame)
         return frame
 
-    # --- reading ------------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def get(self, frame_id: int) -> Frame:
-        """The frame of that id."""
+        """Return the frame with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, frame_id)
 
     def latest_id(self) -> int:
-        """Id of the frame that came last; NotFound before the first."""
+        """Return the id of the newest frame. Raises NotFound before the first."""
         with self._database.unit_of_work() as session:
             frame = store.latest(session)
         if frame is None:
@@ -166,7 +167,7 @@ class FrameService:
         return frame.id
 
     def pixels(self, frame: Frame) -> Pixels:
-        """(rows, columns) array of a frame; NotFound where retention took its pixels."""
+        """Return a frame as a (rows, columns) array. Raises NotFound if retention removed its pixels."""
         if frame.pixels_removed is not None:
             raise NotFound(
                 "the pixels of this frame have gone: its row and its solutions stay",
@@ -177,24 +178,24 @@ class FrameService:
         return data.reshape(frame.rows, frame.columns)
 
     def page(self, limit: int, offset: int, **filters: Any) -> tuple[int, list[tuple[Frame, Solution | None]]]:
-        """Total and one page of frames with their operational ground solution."""
+        """Return the total and one page of frames with their operational ground solution."""
         with self._database.unit_of_work() as session:
             total, frames = store.page(session, limit, offset, **filters)
             solutions = store.operational_solutions(session, [f.id for f in frames])
         return total, [(frame, solutions.get(frame.id)) for frame in frames]
 
     def modes(self) -> list[str]:
-        """The modes in which the stored frames were taken."""
+        """Return the modes in which the stored frames were taken."""
         with self._database.unit_of_work() as session:
             return store.modes(session)
 
     def with_solution(self, frame: Frame) -> tuple[Frame, Solution | None]:
-        """A frame with its operational ground solution."""
+        """Return a frame with its operational ground solution."""
         with self._database.unit_of_work() as session:
             return frame, store.operational_solutions(session, [frame.id]).get(frame.id)
 
     def detail(self, frame_id: int) -> FrameDetail:
-        """A frame with everything that was made of it."""
+        """Return a frame with all its solutions. Raises NotFound."""
         with self._database.unit_of_work() as session:
             frame = store.get(session, frame_id)
             solutions = store.solutions_of(session, frame_id)
@@ -205,7 +206,7 @@ class FrameService:
         return FrameDetail(frame, solutions, on_board, ground)
 
     def solution(self, solution_id: int) -> Solution:
-        """The solution of that id."""
+        """Return the solution with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             row = store.get_solution(session, solution_id)
             frame = store.get(session, row.frame_id)
@@ -215,15 +216,15 @@ class FrameService:
     # --- solving ------------------------------------------------------------------------------------------------
 
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
-        """Run a chain on a stored frame and store the result. It becomes the operational one only where the frame has none and it
-        is from the configured chain with the frame's camera."""
+        """Run a chain on a stored frame and store the result. It becomes the operational solution only if the frame has none
+        and it is from the configured chain with the frame's camera."""
         frame = self.get(frame_id)
         with self._few_solves:
             result = self._solver.solve(self.pixels(frame), request)
         return self._store(self._row(frame, result, "ground", request.camera_name))
 
     def pin(self, frame_id: int, solution_id: int, *, user: str) -> Solution:
-        """Make a stored ground solution the operational one of its frame; BadInput where it cannot be."""
+        """Make a stored ground solution the operational one of its frame. Raises BadInput if it is not eligible."""
         with self._database.unit_of_work() as session:
             row = store.get_solution(session, solution_id)
             before = store.operational_solutions(session, [frame_id]).get(frame_id)
@@ -245,11 +246,11 @@ class FrameService:
         return row
 
     def waiting(self) -> int:
-        """Frames that wait to be solved."""
+        """Number of frames waiting to be solved."""
         return len(self._unsolved)
 
     def _solve_later(self, frame_id: int) -> None:
-        """Behind those that came before; where too many wait the oldest of them is not solved by itself, which is told."""
+        """Queue a frame for solving. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
         self._unsolved.append(frame_id)
         if len(self._unsolved) > MOST_WAITING:
             self._unsolved.popleft()
@@ -277,12 +278,12 @@ class FrameService:
             self.solve(frame_id, request)
         except GssError as error:
             self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
-        except Exception as error:  # the thread must live on; a defect becomes a visible event
+        except Exception as error:  # the thread must survive; a defect becomes a visible event
             text = f"frame {frame_id}: defect in the solver: {type(error).__name__}: {error}"
             self._bus.record("solution", "critical", text, frame_id=frame_id)
 
     def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
-        """Keep what the sensor said of a frame; a later, fuller report of the same frame replaces it."""
+        """Store the sensor's own result for a frame; a later, more complete report of the same frame replaces it."""
         known = profile(frame.profile or "cubestar")
         result = onboard_result(record, known.camera, on_board(known.name).name)
         with self._database.unit_of_work() as session:
@@ -294,7 +295,7 @@ class FrameService:
         return self._store(row)
 
     def set_replay(self, solution_id: int, text: str) -> Solution:
-        """Note how the ground's rerun of the same chain compares."""
+        """Store how the ground's rerun of the same chain compares with an on-board solution."""
         with self._database.unit_of_work() as session:
             solution = store.get_solution(session, solution_id)
             solution.replay = text
@@ -302,7 +303,7 @@ class FrameService:
         return solution
 
     def keep_replay(self, frame: Frame, result: SolveResult, text: str) -> Solution:
-        """Keep the ground's rerun of the on-board chain with how it compares."""
+        """Store the ground's rerun of the on-board chain and the text of the comparison."""
         row = self._row(frame, result, "ground", frame.profile or "")
         row.replay = text
         return self._store(row)

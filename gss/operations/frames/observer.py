@@ -1,4 +1,4 @@
-"""Who looked, and how fast that observer moved: what aberration needs. Known only where somebody knows the time."""
+"""The observer's velocity, for the correction of aberration. Available only if the time of observation is known."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ IMPORT_S = 5.0  # an imported file without a date is dated by its import
 
 @dataclass(frozen=True)
 class Observer:
-    """``velocity_c``: (3,) against the barycentre, ICRS, in units of c. ``words``: for the reader of a result."""
+    """``velocity_c``: (3,) relative to the barycentre, ICRS, in units of c. ``words``: note for the result."""
 
     velocity_c: tuple[float, float, float]
     words: str
 
 
 def observer_at(moment: datetime, tle: str | None = None) -> Observer:
-    """The Earth's motion at a time with a time zone, and with a two-line element set that of the satellite on it."""
+    """Return the Earth's motion at a time with a time zone; with a two-line element set, plus that of the satellite. Raises
+    BadInput."""
     if moment.tzinfo is None:
         raise BadInput("the time has no time zone", expected="a UTC time", got=str(moment))
     earth = earth_motion(jyear_of(moment))[1]
@@ -41,7 +42,7 @@ def observer_at(moment: datetime, tle: str | None = None) -> Observer:
 
 
 def orbit_velocity_c(moment: datetime, tle: str) -> Array:
-    """(3,) ICRS velocity of a satellite round the Earth in units of c, by SGP4."""
+    """Return the (3,) ICRS velocity of a satellite relative to the Earth in units of c, by SGP4. Raises BadInput."""
     utc = moment.astimezone(UTC)
     jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
     error, _, velocity_km_s = read_tle(tle).sgp4(jd, part)
@@ -53,9 +54,9 @@ def orbit_velocity_c(moment: datetime, tle: str) -> Array:
 
 
 def observer_of_frame(frame: Frame, asked: bool | None = None) -> Observer | None:
-    """Who took a stored frame; None where its time is not known. ``asked`` True or False overrules.
+    """Return the observer of a stored frame; None if its time is unknown. ``asked`` True or False overrides the choice.
 
-    Frames of the simulator come without aberration unless it is switched on there, so theirs is left alone unless asked for.
+    Frames of the simulator contain no aberration unless it is enabled there, so by default they are not corrected.
     """
     dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
     if not (dated and frame.truth is None if asked is None else asked):

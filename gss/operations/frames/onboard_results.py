@@ -1,4 +1,4 @@
-"""What the sensor said of one frame, gathered from its packets and put into the words of the pipeline."""
+"""The sensor's own result for one frame, collected from its packets and converted to pipeline types."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Rows = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class OnboardRecord:
-    """The packets of one frame as far as they have come. ``hip_of_row``: Hipparcos numbers of the active bank's rows,
-    None where the ground does not know that bank. ``prior``: what the sensor knew when it calculated the attitude.
-    ``detected``: what came with the centroid list beside the list."""
+    """The packets of one frame received so far. ``hip_of_row``: Hipparcos numbers of the active bank's rows, None if the
+    ground does not have that bank. ``prior``: the sensor's prior knowledge when it calculated the attitude. ``detected``:
+    values sent with the centroid list besides the list."""
 
     frame_number: int
     centroids: Rows = ()
@@ -34,7 +34,7 @@ class OnboardRecord:
     detected: Mapping[str, Any] = field(default_factory=dict)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
-        """The record with one more packet; a new centroid list makes older matches and attitude void."""
+        """Return the record with one more packet; a new centroid list invalidates earlier matches and attitude."""
         if packet == "centroids":
             return replace(self, centroids=items, matches=(), attitude=None, detected=values)
         if packet == "matches":
@@ -43,7 +43,7 @@ class OnboardRecord:
 
 
 def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveResult:
-    """A result like that of a chain on the ground; what the packets do not carry is empty or NaN."""
+    """Return a result like that of a chain on the ground; values that the packets do not contain are empty or NaN."""
     centroids = _centroids(record.centroids)
     attitude = _attitude(record.attitude)
     matches = _matches(record, camera, centroids, attitude)

@@ -1,4 +1,5 @@
-"""What the sensor told of a frame and started from, as JSON beside the stored result, so that it can be replayed at any time."""
+"""The sensor's report of a frame and its starting point, as JSON stored with the result, so that the frame can be replayed
+at any time."""
 
 from __future__ import annotations
 
@@ -15,11 +16,11 @@ from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
 from gss.store.models import Frame
 
 OWN = ("number", "profile", "exposure_s", "bank_sha256", "parameters")
-"""Columns of a frame that say with what the sensor worked; a frame that was sent up has others in its own row."""
+"""Columns of a frame that describe what the sensor used; for an uploaded frame its own row has other values."""
 
 
 def told_of(record: OnboardRecord, frame: Frame) -> dict[str, Any]:
-    """Plain values of a record."""
+    """Return a record as plain values."""
     return {
         "frame": {name: getattr(frame, name) for name in OWN},
         "detected": _plain(record.detected),
@@ -33,7 +34,7 @@ def told_of(record: OnboardRecord, frame: Frame) -> dict[str, Any]:
 def record_from(
     told: Mapping[str, Any], hip_of_row: Sequence[int] | None = None, stars: StarTable | None = None
 ) -> OnboardRecord:
-    """The record of those values."""
+    """Restore the record from those values."""
     return OnboardRecord(
         int(told["frame"]["number"] or 0),
         told["centroids"],
@@ -47,7 +48,7 @@ def record_from(
 
 
 def frame_as_used(frame: Frame, told: Mapping[str, Any]) -> Frame:
-    """A copy of the frame's row with what the sensor worked with."""
+    """Return a copy of the frame's row with the values that the sensor used."""
     values = {column.name: getattr(frame, column.name) for column in Frame.__table__.columns}
     return Frame(**(values | dict(told["frame"])))
 

@@ -1,4 +1,4 @@
-"""What the page draws over a frame: regions, stars with their names, predicted positions, the sky's grid.
+"""Overlays that the page draws on a frame: regions, stars with their names, predicted positions, coordinate grid.
 
 Everything is in pixels; degrees appear only in the labels of the grid.
 """
@@ -32,7 +32,7 @@ def describe(
     attitude: Attitude | None,
     velocity_c: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
-    """The overlays of one result, ready for JSON. ``velocity_c``: of the observer, where aberration was taken out."""
+    """Return the overlays of one result, ready for JSON. ``velocity_c``: of the observer, if aberration was corrected."""
     detail: dict[str, Any] = {
         "regions": [_region(r) for r in regions],
         "stars": _stars(stars, camera, centroids, matches),
@@ -106,8 +106,8 @@ def predicted(
     centroids: Centroids,
     velocity_c: tuple[float, float, float] | None = None,
 ) -> list[dict[str, Any]]:
-    """Where the attitude puts the catalogue's stars, brightest first, and whether something was found there. A moving observer
-    sees them aside."""
+    """Return the predicted positions of catalogue stars, brightest first, and whether a centroid is near. ``velocity_c``
+    adds aberration."""
     near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
     stars = stars.take(np.flatnonzero(near & (stars.v_mag <= faint_limit_mag))).brighter_than(faint_limit_mag)
     icrs = stars.icrs if velocity_c is None else aberrate(stars.icrs, np.array(velocity_c))
@@ -129,7 +129,7 @@ def predicted(
 
 
 def grid(camera: Camera, cam_from_icrs: Array) -> list[dict[str, Any]]:
-    """Lines of constant right ascension and declination across the frame."""
+    """Return lines of constant right ascension and declination across the frame."""
     boresight = cam_from_icrs[2]
     dec_deg = math.degrees(math.asin(max(-1.0, min(1.0, float(boresight[2])))))
     reach_deg = math.degrees(camera.half_diagonal_rad)
@@ -147,7 +147,7 @@ def grid(camera: Camera, cam_from_icrs: Array) -> list[dict[str, Any]]:
 
 
 def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[dict[str, Any]]:
-    """The parts of one line that lie on the detector (with a margin, so that lines run off the edge)."""
+    """Return the parts of one line that lie on the detector (with a margin, so that lines continue to the edge)."""
     cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
     if not ahead.any():
@@ -163,7 +163,7 @@ def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: 
 
 
 def north(cam_from_icrs: Array) -> tuple[float, float]:
-    """Unit step (col, row) in the image that leads to celestial north at the boresight."""
+    """Return the unit step (col, row) in the image towards celestial north at the boresight."""
     toward = np.array([0.0, 0.0, 1.0]) - cam_from_icrs[2, 2] * cam_from_icrs[2]
     in_cam = cam_from_icrs @ toward
     length = float(np.hypot(in_cam[0], in_cam[1])) or 1.0
@@ -171,7 +171,7 @@ def north(cam_from_icrs: Array) -> tuple[float, float]:
 
 
 def field_outline(camera: Camera, cam_from_icrs: Array) -> list[tuple[float, float]]:
-    """(ra, dec) in radians round the detector's edge, for charts."""
+    """Return (ra, dec) in radians along the detector's edge, for charts."""
     v = camera.outline(8) @ cam_from_icrs
     ra, dec = np.arctan2(v[:, 1], v[:, 0]) % (2 * np.pi), np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
     return [(float(a), float(d)) for a, d in zip(ra, dec, strict=True)]

@@ -1,4 +1,4 @@
-"""Pixels as people see them: stretch, PNG, thumbnails, histograms."""
+"""Display of pixels: stretch, PNG, thumbnails, histograms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ HISTOGRAM_BINS = 256
 
 @dataclass(frozen=True)
 class Stretch:
-    """Values from ``low`` (black) to ``high`` (white), straight or with arcsinh, which shows faint and bright at once."""
+    """Display range from ``low`` (black) to ``high`` (white), linear or with arcsinh, which shows faint and bright detail
+    together."""
 
     low: float
     high: float
@@ -24,20 +25,20 @@ class Stretch:
 
 
 def auto_stretch(pixels: Pixels) -> Stretch:
-    """Black a little below the sky, white where the brightest 0.02 % begin."""
+    """Return a stretch with black slightly below the sky level and white at the brightest 0.02 %."""
     sample = np.asarray(pixels[::4, ::4], float)
     sample = sample[np.isfinite(sample)]
     if not sample.size:
         return Stretch(0.0, 1.0)
     sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
     low = sky - 0.5 * max(spread, 0.5)
-    least = 10 * max(spread, 1.0, abs(sky) * 1e-6)  # of huge values a step of one is nothing
+    least = 10 * max(spread, 1.0, abs(sky) * 1e-6)  # for huge values a step of one is negligible
     high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + least)
     return Stretch(low, high)
 
 
 def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[np.uint8]:
-    """8-bit picture of the same shape."""
+    """Return an 8-bit picture of the same shape."""
     span = max(stretch.high - stretch.low, 1e-9)
     x = np.clip((np.nan_to_num(np.asarray(pixels, np.float32)) - stretch.low) / span, 0, 1)
     if stretch.asinh:
@@ -47,14 +48,14 @@ def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[
 
 
 def png(grey: NDArray[np.uint8], level: int = 1) -> bytes:
-    """PNG file of an 8-bit picture, compressed at that level (1: quick, 9: small)."""
+    """Return the PNG file of an 8-bit picture, compressed at that level (1: fast, 9: small)."""
     buffer = io.BytesIO()
     Image.fromarray(grey).save(buffer, format="PNG", compress_level=level)
     return buffer.getvalue()
 
 
 def thumbnail(pixels: Pixels) -> bytes:
-    """Small PNG; blocks are reduced by their maximum, so that stars survive."""
+    """Return a small PNG; blocks are reduced by their maximum, so that stars are preserved."""
     factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
     rows, cols = (n // factor * factor for n in pixels.shape)
     if rows == 0 or cols == 0:
@@ -64,7 +65,7 @@ def thumbnail(pixels: Pixels) -> bytes:
 
 
 def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:
-    """(edges, counts) over the range of finite values."""
+    """Return (edges, counts) over the range of finite values."""
     values = np.asarray(pixels).ravel()
     values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Where the camera is, as far as the ground was told: the orbit given to the sensor, else that of the catalogue in use."""
+"""The camera's position as known on the ground: from the orbit sent to the sensor, else from the catalogue in use."""
 
 from __future__ import annotations
 
@@ -25,29 +25,30 @@ from gss.store import commands as store
 from gss.store.engine import Database
 
 EARTH_EXCLUSION_RAD = math.radians(25.0)
-"""Angle that the boresight should keep from the Earth's limb."""
+"""Minimum angle between the boresight and the Earth's limb."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """``km``: (3,) from the Earth's centre in ICRS axes. ``words``: how it is known."""
+    """``km``: (3,) from the Earth's centre in ICRS axes. ``words``: source of the position."""
 
     km: Array
     words: str
 
     @property
     def earth_icrs(self) -> Array:
-        """(3,) direction to the Earth's centre."""
+        """(3,) unit vector to the Earth's centre."""
         return np.asarray(-self.km / np.linalg.norm(self.km))
 
     @property
     def earth_radius_rad(self) -> float:
-        """How large the Earth looks."""
+        """Angular radius of the Earth as seen from here."""
         return math.asin(min(1.0, EARTH_RADIUS_M / 1000 / float(np.linalg.norm(self.km))))
 
 
 class PlaceService:
-    """Answers where the camera was or will be. ``clock``: the device's clock against UTC, None while unknown."""
+    """Returns the camera's position in the past or future. ``clock``: correlation of the device's clock with UTC, None while
+    unknown."""
 
     def __init__(
         self,
@@ -59,17 +60,18 @@ class PlaceService:
         self._dictionary, self._database, self._banks, self._clock = dictionary, database, banks, clock
 
     def at(self, moment: datetime) -> Place | None:
-        """The place at a time with a time zone; None where nobody told an orbit."""
+        """Return the position at a time with a time zone; None if no orbit is known."""
         return self._as_told(moment) or self._as_built(moment)
 
     def _as_told(self, moment: datetime) -> Place | None:
-        """From the newest SET_ORBIT that completed; its epoch is on the device's clock, so both clocks must be known."""
+        """Return the position from the newest completed SET_ORBIT; its epoch is in device time, so the clocks must be
+        correlated."""
         with self._database.unit_of_work() as session:
             found = store.page(session, store.Filter(names=("SET_ORBIT",), results=("completed",)), 1)
         clock = self._clock()
         if not found or clock is None:
             return None
-        told = check_arguments(self._dictionary.command("SET_ORBIT"), found[0].arguments)  # with its defaults
+        told = check_arguments(self._dictionary.command("SET_ORBIT"), found[0].arguments)  # adds the defaults
         return Place(circular_km(told, clock.device_of(moment.timestamp())), "orbit told by SET_ORBIT")
 
     def _as_built(self, moment: datetime) -> Place | None:
@@ -79,12 +81,12 @@ class PlaceService:
             return None
         try:
             return Place(tle_km(str(catalogue.request.get("tle", "")), moment), f"TLE of catalogue {catalogue.name}")
-        except BadInput:  # too old or too new for that moment: then it is not known
+        except BadInput:  # the element set is too old or too new for that time
             return None
 
 
 def circular_km(told: Mapping[str, Any], device_s: float) -> Array:
-    """(3,) km, ICRS axes: the arguments of SET_ORBIT at a moment of the device's clock."""
+    """Return (3,) km, ICRS axes, from the arguments of SET_ORBIT at a device time."""
     raan, inclination, latitude = (math.radians(float(told[f"{a}_deg"])) for a in ("raan", "inclination", "latitude"))
     orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * float(told["altitude_km"]), float(told["epoch_s"]))
     now = orbit.elements_at(device_s)
@@ -93,7 +95,7 @@ def circular_km(told: Mapping[str, Any], device_s: float) -> Array:
 
 
 def tle_km(text: str, moment: datetime) -> Array:
-    """(3,) km, ICRS axes, by SGP4. BadInput where the element set has no orbit at that time."""
+    """Return (3,) km, ICRS axes, by SGP4. Raises BadInput if the element set has no orbit at that time."""
     utc = moment.astimezone(UTC)
     jd, part = jday(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second + utc.microsecond * 1e-6)
     error, place_km, _ = read_tle(text).sgp4(jd, part)

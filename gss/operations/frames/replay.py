@@ -1,4 +1,5 @@
-"""Replay: the ground runs the sensor's own chain on the sensor's own frame, bank and parameters, and says equal or where not."""
+"""Replay: reruns the sensor's own chain on the ground with the sensor's frame, bank and parameters, and compares the
+results."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ from gss.store.models import Frame, Solution
 
 
 class ReplayService:
-    """Reruns the sensor's chain on frames of the device, one after the other, on a thread of its own."""
+    """Reruns the sensor's chain on frames of the device, one at a time, on a separate thread."""
 
     def __init__(
         self, frames: FrameService, banks: BankService, tables: DeviceTableService, stopwatch_s: Monotonic
@@ -39,11 +40,11 @@ class ReplayService:
         self._kept: tuple[tuple[Any, ...], Any] | None = None
 
     def stop(self) -> None:
-        """End after the running replay."""
+        """Stop after the replay in progress."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def queue(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
-        """Rerun this frame when there is time, and lay the result beside the sensor's."""
+        """Queue a rerun of this frame; its result is stored and compared with the sensor's."""
         self._pool.submit(self._run, frame, record, on_board)
 
     def _run(self, frame: Frame, record: OnboardRecord, on_board: Solution) -> None:
@@ -53,15 +54,15 @@ class ReplayService:
         except GssError as error:
             self._frames.set_replay(on_board.id, f"not replayed: {error}")
             return
-        except Exception as error:  # the thread must live on; the defect is shown where the answer would be
+        except Exception as error:  # the thread must survive; the defect is shown in place of the comparison
             self._frames.set_replay(on_board.id, f"not replayed: defect, {type(error).__name__}: {error}")
             return
         self._frames.set_replay(on_board.id, text)
         self._frames.keep_replay(frame, rerun.result, text)
 
     def again(self, frame_id: int) -> list[Stage]:
-        """Replay a stored frame now, stage by stage. NotFound where the sensor told nothing of it; GssError where what it worked
-        with is not known on the ground."""
+        """Replay a stored frame now, stage by stage. Raises NotFound if the sensor reported nothing about it; GssError if
+        the ground lacks the bank, tables or attitude that it used."""
         detail = self._frames.detail(frame_id)
         told = None if detail.on_board is None else detail.on_board.detail.get("told")
         if told is None:
@@ -76,7 +77,7 @@ class ReplayService:
         return [*self._used(frame), *stages(record, self.rerun(frame, record))]
 
     def _used(self, frame: Frame) -> list[Stage]:
-        """What the sensor worked with, and whether the ground holds it."""
+        """Return which bank and tables the sensor used, as stages."""
         bank, tables = frame.bank_sha256 or "", frame.parameters.get("tables", {})
         rows = [("bank", bank)] + [(f"{kind} table", sha256) for kind, sha256 in sorted(tables.items())]
         return [
@@ -87,7 +88,7 @@ class ReplayService:
         ]
 
     def rerun(self, frame: Frame, record: OnboardRecord) -> Rerun:
-        """The sensor's chain with the bank and the parameters that were active."""
+        """Run the sensor's chain with the bank and parameters that were active. Raises GssError if they are unknown."""
         bank = self._banks.onboard(frame.bank_sha256 or "")
         if bank is None:
             raise GssError(
@@ -107,7 +108,7 @@ class ReplayService:
         return Rerun(result, kept["detection"], kept["matching"])
 
     def _shelf(self, frame: Frame) -> Shelf:
-        """The tables that were active when the frame was taken, from the store."""
+        """Return the tables that were active when the frame was taken, from the store."""
         used: Mapping[str, str] = frame.parameters.get("tables", {})
         held = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
         own = profile(frame.profile or "cubestar")
@@ -119,7 +120,7 @@ class ReplayService:
         return Shelf(camera, chain_of(own, parameters), parameters, triplets, key)
 
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
-        """What the processor made of the bank when it read it; kept for the newest bank only."""
+        """Return the bank as prepared by the chain; cached for the last bank only."""
         key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
         if self._kept is None or self._kept[0] != key:
             prepared = shelf.chain.prepare(bank, shelf.profile)
@@ -131,7 +132,7 @@ class ReplayService:
 
 @dataclass(frozen=True)
 class Shelf:
-    """What the tables of the sensor make of it: camera, chain, constants that replace its own, triplets."""
+    """Effect of the sensor's tables: camera, chain, constants that override its own, triplets."""
 
     profile: CameraProfile
     chain: OnboardChain
@@ -141,8 +142,8 @@ class Shelf:
 
 
 def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
-    """What the operator had set, as housekeeping told it when the frame was taken, with the reach of a hint. A threshold of
-    0 is the chain's own."""
+    """Return the operator's settings, as reported by housekeeping when the frame was taken, with the radius of a hint. A
+    threshold of 0 means the chain's default."""
     told = frame.parameters
     return Commanded(
         threshold_dn=told.get("threshold_dn") or None,
@@ -161,5 +162,5 @@ def _frame_time_s(record: OnboardRecord) -> float:
 
 
 def compare(record: OnboardRecord, rerun: Rerun | SolveResult) -> str:
-    """ "equal", or the first stage that differs."""
+    """Return "equal" or the first stage that differs."""
     return first_difference(stages(record, rerun if isinstance(rerun, Rerun) else Rerun(rerun)))

@@ -1,4 +1,4 @@
-"""On board beside ground, stage by stage, in the order of the work: equal, different by how much, or not sent by the device."""
+"""Compares on-board and ground results stage by stage, in processing order: equal, difference, or not sent by the device."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.onboard_results import OnboardRecord
 from gss.pipeline.chains.onboard import Detection
 
-# Places, light, weights and sigmas travel as 32-bit floats; the quaternion as 64-bit.
+# Tolerances: positions, flux, weights and sigmas are sent as 32-bit floats, the quaternion as 64-bit.
 WIRE_PX, WIRE_SHARE, WIRE_QUATERNION = 1e-4, 1e-6, 1e-12
 REASON_BYTES = 200
-"""So much of a reason travels."""
+"""Maximum length of a reason as sent."""
 SHOWN = 3
 
 
 class Verdict(StrEnum):
-    """What a stage of a replay shows."""
+    """Result of comparing one stage."""
 
     EQUAL = "equal"
     DIFFERS = "differs"
@@ -35,8 +35,8 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Stage:
-    """One row of the comparison. ``difference``: in words, empty where there is none; ``difference_px`` on the detector,
-    ``difference_arcsec`` on the sky, None where that has no meaning."""
+    """One row of the comparison. ``difference``: as text, empty if there is none; ``difference_px`` on the detector,
+    ``difference_arcsec`` on the sky, None if not applicable."""
 
     name: str
     verdict: Verdict
@@ -49,7 +49,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Rerun:
-    """The ground's run. ``detection`` and ``matching`` are the chain's own intermediates."""
+    """The ground's run. ``detection`` and ``matching``: the chain's intermediate results."""
 
     result: SolveResult
     detection: Detection | None = None
@@ -57,7 +57,7 @@ class Rerun:
 
 
 def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
-    """Every stage, whether an earlier one differed or not."""
+    """Compare every stage, even after one that differs."""
     return [
         _regions(record, rerun),
         _black(record, rerun),
@@ -75,7 +75,7 @@ def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
 
 
 def first_difference(found: Sequence[Stage]) -> str:
-    """ "equal", or the first stage that differs in words."""
+    """Return "equal" or the text of the first stage that differs."""
     return next((s.difference for s in found if s.verdict is Verdict.DIFFERS), "equal")
 
 
@@ -138,7 +138,7 @@ def _places(record: OnboardRecord, rerun: Rerun) -> Stage:
 
 
 def _light(record: OnboardRecord, rerun: Rerun) -> Stage:
-    c = rerun.result.centroids  # the peak travels as a whole number
+    c = rerun.result.centroids  # the peak is sent as an integer
     for k, row in enumerate(record.centroids[: len(c)]):
         ours = {"flux_dn": float(c.flux_dn[k]), "peak_dn": int(c.peak_dn[k]), "area_px": float(c.area_px[k])}
         for name, value in ours.items():
@@ -151,7 +151,7 @@ def _light(record: OnboardRecord, rerun: Rerun) -> Stage:
 
 
 def _ours_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
-    """Row of the bank and weight by centroid, as the chain's matching has them."""
+    """Return row of the bank and weight by centroid, from the chain's matching."""
     m = rerun.matching
     if m is None:
         return None

@@ -1,7 +1,7 @@
-"""The Rerun viewer's own web files, taken out of the installed SDK so that page and recordings always match in version.
+"""The Rerun viewer's web files, extracted from the installed SDK so that page and recordings always match in version.
 
-The SDK carries the viewer inside its program and serves it from there. We start that program once, on loopback and in its
-own process group, copy the three files, and stop it. The cache is named after the SDK's version.
+The SDK embeds the viewer in its program and serves it from there. We start that program once, on loopback and in a separate
+process group, copy the three files, and stop it. The cache is named after the SDK's version.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ POLL_S = 0.1
 
 
 class RerunViewer:
-    """Hands out the viewer's files; the first call takes some seconds and is remembered on disk."""
+    """Provides the viewer's files; the first call takes several seconds and caches them on disk."""
 
     def __init__(self, cache: Path) -> None:
         self._cache = cache
         self._lock = threading.Lock()
 
     def file(self, name: str) -> bytes:
-        """One of the viewer's files, gzip-compressed. NotFound for any other name."""
+        """Return one of the viewer's files, gzip-compressed. Raises NotFound for any other name."""
         if name not in FILES:
             raise NotFound("no such file of the viewer", expected=" | ".join(FILES), got=name)
         with self._lock:

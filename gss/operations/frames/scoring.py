@@ -1,4 +1,4 @@
-"""A result against the truth that a simulator told."""
+"""Scores a result against the true attitude reported by a simulator."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gss.pipeline.score import score
 
 
 def judge(result: SolveResult, truth_quaternion: Array, known: CameraProfile, stars: StarTable) -> Verdict:
-    """Correct, imprecise, wrong or none."""
+    """Return correct, imprecise, wrong or none."""
     return score(result, truth_on(known.camera, truth_quaternion, stars), known.camera)
 
 
 def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:
-    """The stars that an attitude puts on the detector."""
+    """Return the stars that fall on the detector at an attitude."""
     cam_from_icrs = matrix_from_quaternion(quaternion)
     near = np.flatnonzero(stars.icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad * 1.05 + 0.01))
     pixels = camera.project(stars.icrs[near] @ cam_from_icrs.T)

@@ -1,4 +1,4 @@
-"""Images that follow one another: each solution is the next one's hint, and two of them give a rate."""
+"""Solves sequences of images: each solution is the hint for the next image, and two successive solutions give a rate."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from gss.pipeline.score import score
 from gss.pipeline.streaks import with_sign_of
 
 FOLLOW_RAD = math.radians(5.0)
-"""How far the camera may have turned from one image to the next and still be followed."""
+"""Maximum rotation of the camera between two images that are tracked."""
 
 
 class Sequencer:
     """Solves one image after the other. ``follow`` False: each with the same hint, if there is one.
 
-    ``interval_s``: between images that carry no time. A followed image without a solution is tried again with no hint.
+    ``interval_s``: between images without timestamps. A tracked image without a solution is tried again without a hint.
     """
 
     def __init__(self, follow: bool, interval_s: float | None, hint: Hint | None) -> None:
@@ -45,7 +45,7 @@ class Sequencer:
     def solve(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
     ) -> tuple[SolveResult, dict[str, Any] | None]:
-        """The result, and the rate since the image before where both were solved and the time between is known."""
+        """Return the result, and the rate since the previous image if both were solved and the interval is known."""
         if self._follow and request.chain in SYSTEMS:
             return self._as_on_board(solver, pixels, request, taken)
         hint = self._hint
@@ -65,7 +65,7 @@ class Sequencer:
     def _as_on_board(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
     ) -> tuple[SolveResult, dict[str, Any] | None]:
-        """A system goes through a sequence in its own modes."""
+        """Solve an image of a sequence in the modes of a sensor's own chain."""
         if self._system is None:
             self._system = SystemSequencer(request.chain, self._hint)
         result = self._system.solve(solver, pixels, request)
@@ -91,7 +91,7 @@ class Sequencer:
 
 
 def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> dict[str, Any] | None:
-    """A result against the truth somebody knows; None without an attitude."""
+    """Return a result's score and errors against a known true attitude; None without a solution."""
     if result.attitude is None:
         return None
     cross_rad, about_rad = pointing_difference_rad(result.attitude.cam_from_icrs, cam_from_icrs)

@@ -1,4 +1,4 @@
-"""The sky for charts: bright stars, Sun and Moon."""
+"""Sky positions for charts: Sun and Moon."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOON_EXCLUSION_RAD = np.radians(20.0)
 
 @dataclass(frozen=True)
 class Body:
-    """A body of the chart: geocentric direction and the angle that the boresight should keep."""
+    """A body of the chart: geocentric direction and the minimum angle to the boresight."""
 
     name: str
     icrs: Array
@@ -25,7 +25,7 @@ class Body:
 
 
 def bodies(at: datetime) -> list[Body]:
-    """Sun and Moon, good to 0.02° and 0.4°: enough for a chart, not for a computation (Astronomical Almanac, low precision)."""
+    """Return Sun and Moon, accurate to 0.02° and 0.4°: sufficient for a chart only (Astronomical Almanac, low precision)."""
     days = (at - J2000).total_seconds() / 86400
     return [Body("Sun", _sun(days), SUN_EXCLUSION_RAD), Body("Moon", _moon(days), MOON_EXCLUSION_RAD)]
 
@@ -53,7 +53,7 @@ def _moon(days: float) -> Array:
 
 
 def _precession_rad(days: float) -> float:
-    """How far the equinox of date has moved along the ecliptic since J2000."""
+    """Return the motion of the equinox of date along the ecliptic since J2000."""
     return float(np.radians(1.3969713) * days / 36525)
 
 

@@ -1,4 +1,4 @@
-"""Results on stored frames as a table for others: one row per solution, CSV or Parquet, units in the names."""
+"""Exports results on stored frames as a table: one row per solution, CSV or Parquet, units in the column names."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ SCHEMA = pa.schema(
 
 
 def export_solutions(database: Database, file_format: str, chain: str = "") -> bytes:
-    """Every stored result, oldest first; of one chain only where it is named."""
+    """Return every stored result, oldest first; only of one chain if it is named. Raises BadInput for an unknown format."""
     if file_format not in FORMATS:
         raise BadInput("unknown format", expected=" | ".join(FORMATS), got=file_format)
     with database.unit_of_work() as session:
@@ -75,7 +75,7 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
 
 
 def as_row(frame: Frame, s: Solution) -> dict[str, Any]:
-    """A result's columns, as SCHEMA has them."""
+    """Return a result's columns as defined by SCHEMA."""
     values: dict[str, Any] = {
         "solution_id": s.id,
         "frame_id": frame.id,

@@ -1,4 +1,4 @@
-"""A chain's result as the row that the store keeps."""
+"""Converts a chain's result to the row stored for it."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def solution_values(
     *,
     drawn: bool = True,
 ) -> dict[str, Any]:
-    """The columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is judged.
-    ``drawn``: with predicted places, grid and outline, which :func:`with_overlays` makes later otherwise."""
+    """Return the columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is
+    scored. ``drawn``: include predicted positions, grid and outline; otherwise :func:`with_overlays` adds them later."""
     known = PROFILES.get(profile_name or "")
     values: dict[str, Any] = {
         "chain": result.chain,
@@ -70,7 +70,8 @@ def solution_values(
 
 
 def _beside(result: SolveResult) -> dict[str, Any]:
-    """What goes with a result besides its attitude: the rate that trails show, the observer's velocity, what ran."""
+    """Return the parts of a result other than its attitude: the rate from trails, the observer's velocity, software
+    versions."""
     beside: dict[str, Any] = {"versions": dict(result.versions)}
     if result.velocity_c is not None:
         beside["velocity_c"] = list(result.velocity_c)
@@ -95,7 +96,7 @@ def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTa
 def solution_row(
     frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime, camera_name: str
 ) -> Solution:
-    """A new row for a frame."""
+    """Return a new row for a frame."""
     from gss.store.models import Solution
 
     values = solution_values(result, stars, frame.profile, frame.truth)
@@ -103,10 +104,10 @@ def solution_row(
 
 
 def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> dict[str, Any]:
-    """The overlays of a stored solution, the missing ones made from its attitude and camera."""
+    """Return the overlays of a stored solution; missing ones are computed from its attitude and camera."""
     if "grid" in row.detail:
         return row.detail
-    if not row.camera:  # a frame that could not be run
+    if not row.camera:  # a frame that could not be solved
         return dict.fromkeys(("regions", "stars", "predicted", "grid", "field"), ()) | {"north": None} | row.detail
     camera = camera_from(row.camera)
     attitude = None if row.quaternion is None else Attitude(np.array(row.quaternion, float), np.zeros((3, 3)))
@@ -121,12 +122,12 @@ def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> 
 
 
 def finite(value: float) -> float | None:
-    """The number, None where it is none: databases and JSON have no NaN."""
+    """Return the number, or None for NaN and infinities, which databases and JSON do not have."""
     return float(value) if np.isfinite(value) else None
 
 
 def _limit_of(known: CameraProfile | None, camera: Camera) -> float:
-    """Down to which magnitude predicted stars are shown: the camera's own limit, else what was matched."""
+    """Return the magnitude limit for predicted stars: the camera's own, else an estimate from its field of view."""
     if known is not None:
         return known.sensor.faint_limit_mag
     return 6.5 if camera.fov_rad[0] < 0.35 else 5.0

@@ -1,4 +1,4 @@
-"""Solve a frame with any chain: the same use case for the command line and the server."""
+"""Solves a frame with any chain; used by both the command line and the server."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from gss.pipeline.fixed_pattern import clean
 from gss.pipeline.identify import near
 
 CHAINS = (reference.NAME, *SYSTEMS)
-TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this good is an attitude
+TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this accurate is treated as an attitude
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
-FOV_SLACK = 1.08  # a field of view "known to 5 %", and whether it was meant across the sky or as pixels times scale
+FOV_SLACK = 1.08  # margin for a field of view "known to 5 %", measured across the sky or as pixels × scale
 DEFAULT_EPOCH_JYEAR = 2026.5
-DEEPER_MAG = 1.0  # how much fainter the second catalogue goes where a frame shows more than the first
+DEEPER_MAG = 1.0  # magnitudes that the second catalogue goes deeper if a frame shows more stars than the first
 
 
 @dataclass(frozen=True)
 class Started:
-    """What a system's chain starts a frame with: its mode, what it knows, and how far that may be off."""
+    """Initial state of a system's chain for a frame: mode, prior attitude, and its uncertainty."""
 
     mode: Mode
     hint: Hint | None
@@ -48,13 +48,13 @@ class Started:
 
 @dataclass(frozen=True)
 class SolveRequest:
-    """What to run. Exactly one way to know the camera: ``profile`` (a name), ``known`` (a whole camera, for example a
+    """What to run. The camera is given in exactly one way: ``profile`` (a name), ``known`` (a complete camera, for example a
     calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
 
-    ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's.
-    ``observer``: when, and on which orbit, the frame was taken; None: unknown, and aberration stays in. ``exposure_s``: gives
-    the rate of trailed frames. ``fast``: compiled loops or not, None = where they are installed. ``options``: constants of a
-    system's chain in the place of its own, as texts; ``started``: mode and knowledge of a system's chain, instead of ``hint``.
+    ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's. ``observer``: its
+    velocity when the frame was taken; None: unknown, and aberration is not corrected. ``exposure_s``: gives the rate of trailed
+    frames. ``fast``: compiled loops or not, None = if installed. ``options``: constants that override those of a system's
+    chain, as texts; ``started``: mode and prior knowledge of a system's chain, instead of ``hint``.
     """
 
     chain: str = reference.NAME
@@ -73,7 +73,7 @@ class SolveRequest:
 
     @property
     def camera_name(self) -> str:
-        """How the camera is known, as solutions store it: name of the profile, "field of view", "geometry" or "blind"."""
+        """How the camera is known, as stored with solutions: name of the profile, "field of view", "geometry" or "blind"."""
         if self.profile is not None:
             return self.profile
         if self.known is not None:
@@ -82,7 +82,7 @@ class SolveRequest:
 
 
 class Solver:
-    """Runs requests. ``stopwatch_s`` times the stages; results depend on it in nothing else."""
+    """Runs requests. ``stopwatch_s`` only times the stages and does not affect results."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class Solver:
         self._dark = dark
 
     def solve(self, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
-        """One (rows, columns) frame. "No solution" is a result; BadInput and NotFound say what is wrong with the request."""
+        """Solve one (rows, columns) frame. "No solution" is a result; an invalid request raises BadInput or NotFound."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
         known, camera = _camera_of(request, self._profiles)
@@ -134,8 +134,8 @@ class Solver:
     def cleaned(
         self, pixels: NDArray[Any], known: CameraProfile | None, exposure_s: float | None
     ) -> tuple[NDArray[Any], tuple[str, ...]]:
-        """The pixels without what the detector shows in the dark, where a dark frame is in use; and a word of it. Chains that stand
-        for a sensor see the pixels as they came."""
+        """Subtract the dark frame if one is active. Return the pixels and notes describing the correction. Chains that
+        emulate a sensor use the uncorrected pixels."""
         key = known.sources.get(DARK, "") if known else ""
         if known is None or not key or self._dark is None:
             return pixels, ()
@@ -163,7 +163,7 @@ class Solver:
         )
 
     def parameters(self, request: SolveRequest) -> Any:
-        """The constants with which a system's chain would run a request for a calibrated camera."""
+        """Return the constants with which a system's chain would run a request. Raises BadInput without a calibrated camera."""
         known, _ = _camera_of(request, self._profiles)
         if known is None:
             raise BadInput("a system's constants follow from its camera", expected="a camera profile")
@@ -172,7 +172,8 @@ class Solver:
     def _system(
         self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
     ) -> SolveResult:
-        """A chain of one of the sensors, with a bank as its flash would hold it."""
+        """Run the chain of one of the sensors, with a bank like the one in its flash. Raises BadInput without a calibrated
+        camera."""
         if known is None:
             raise BadInput(
                 f"the {request.chain} chain needs a calibrated camera",
@@ -189,7 +190,7 @@ class Solver:
 
 
 def _started(hint: near.Hint | None) -> Started:
-    """A hint as a system's chain takes it: one that is good enough is an attitude to track from."""
+    """Convert a hint for a system's chain: an accurate one is used as an attitude to track from."""
     if hint is None:
         return Started(Mode.LOST_IN_SPACE, None)
     mode = Mode.TRACKING if hint.radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
@@ -208,7 +209,7 @@ def _velocity_c(request: SolveRequest) -> Array | None:
 
 
 def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
-    """Say whether aberration was taken out."""
+    """Add a note on whether aberration was corrected."""
     if result.attitude is None:
         return result
     words = "aberration was not taken out" if observer is None else observer.words
@@ -218,7 +219,7 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
 def _camera_of(
     request: SolveRequest, profiles: Callable[[str], CameraProfile]
 ) -> tuple[CameraProfile | None, Camera | None]:
-    """The profile and the geometry asked for; both None for a foreign camera."""
+    """Return the requested profile and geometry; both None for an unknown camera. Raises BadInput."""
     ways = [
         name
         for name, given in (
@@ -247,14 +248,15 @@ def _camera_of(
 
 
 def _noted(result: SolveResult, known: CameraProfile | None, epoch_jyear: float) -> SolveResult:
-    """The result with what it was made with: epoch of the stars, and the calibration where the camera is a calibrated one."""
+    """Add notes on the epoch of the stars and, for a calibrated camera, the calibration."""
     version = known.sources.get("calibration", "") if known else ""
     made_with = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
     return replace(result, notes=(*result.notes, *made_with))
 
 
 def _limit_for(camera: Camera) -> float:
-    """Magnitude to which about 25 stars fall on the detector: what a camera without photometry is taken to show."""
+    """Return the magnitude to which about 25 stars fall on the detector, as the assumed limit of a camera without
+    photometry."""
     share = camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
-    # Hipparcos holds about 4900 stars to V 6 and 2.9 times as many for each magnitude more.
+    # Hipparcos contains about 4900 stars to V 6 and 2.9 times as many for each further magnitude.
     return float(np.clip(6 + np.log(25 / (4900 * share)) / np.log(2.9), 2.5, 8.0))

@@ -1,4 +1,4 @@
-"""What solving needs of the sky, made once: star positions, pair tables, figures, bank-like catalogues."""
+"""Cached sky data for solving: star positions, pair tables, figures, bank-like catalogues."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ T = TypeVar("T")
 class SolverCache:
     """Star positions per epoch, pair tables per camera, figures per size, bank-like catalogues per profile.
 
-    Builds each once and keeps the latest; safe to share between threads.
+    Builds each once and keeps the latest; thread-safe.
     """
 
     def __init__(self, stars: StarTable | None = None, keep: int = 40, folder: Path | None = None) -> None:
-        """``folder``: where the blind solver's dictionaries are kept for the next process; None: nowhere."""
+        """``folder``: on-disk cache of the blind solver's dictionaries; None: memory only."""
         self._base, self._keep = stars, keep
         self._files = None if folder is None else FigureFiles(folder)
         self._lock = threading.RLock()
@@ -46,7 +46,7 @@ class SolverCache:
             return cast(T, self._made[key])
 
     def stars(self, epoch_jyear: float) -> StarTable:
-        """The star table at an epoch, brightest first."""
+        """Return the star table at an epoch, brightest first."""
 
         def make() -> StarTable:
             table = propagate(self._base if self._base is not None else load_stars(), epoch_jyear)
@@ -55,18 +55,18 @@ class SolverCache:
         return self._once(("stars", epoch_jyear), make)
 
     def sky(self, epoch_jyear: float) -> Sky:
-        """The columns that identification uses."""
+        """Return the columns used for identification."""
         table = self.stars(epoch_jyear)
         return Sky(table.hip, table.icrs, table.v_mag)
 
     def known(self, camera: Camera, faint_limit_mag: float, epoch_jyear: float) -> reference.KnownSky:
-        """Stars and pair table for one camera."""
+        """Return stars and pair table for one camera."""
         key = ("pairs", camera, faint_limit_mag, epoch_jyear)
         return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
 
     def level(self, epoch_jyear: float) -> Callable[[float], Level]:
-        """Builder of figure dictionaries that remembers them."""
-        # Figures bear the proper motion of a year; one dictionary then serves all frames of it.
+        """Return a builder of figure dictionaries that caches them."""
+        # Figures tolerate the proper motion of a year, so one dictionary serves all frames of that year.
         year = float(round(epoch_jyear))
         sky = self.sky(year)
         if self._files is None:
@@ -75,7 +75,7 @@ class SolverCache:
         return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
 
     def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
-        """What a flash bank for this camera would hold: stars to its limit and their distances, not quantised."""
+        """Return the content of a flash bank for this camera: stars to its limit and their distances, not quantised."""
 
         def make() -> OnboardCatalogue:
             stars = self.stars(epoch_jyear).brighter_than(known.sensor.faint_limit_mag)
@@ -85,6 +85,6 @@ class SolverCache:
         return self._once(("bank", known.camera, known.sensor.faint_limit_mag, epoch_jyear), make)
 
     def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
-        """What a system's processor makes of such a bank."""
+        """Return such a bank as prepared by a system's processor."""
         key = ("prepared", chain.name, known.camera, known.sensor, epoch_jyear)
         return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))

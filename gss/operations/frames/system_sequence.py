@@ -1,4 +1,4 @@
-"""A sequence of images as a system's own processor would go through it: its modes, its memory of attitudes, its bridges."""
+"""Solves a sequence of images as a system's own processor would: with its modes, attitude history and chained attitudes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from gss.pipeline.chains.systems import system
 from gss.pipeline.identify import near
 
 MOST_CHAINED = 5
-"""Frames in a row that a turn from frame to frame may bridge; errors add up, and nothing names the stars."""
+"""Maximum number of successive frames with an attitude chained by relative rotation; errors accumulate and no star is
+identified."""
 
 
 class SystemSequencer:
-    """Goes from image to image in the modes of one system (lost in space, assisted, tracking), with up to two attitudes before
-    the last for predictors and averages. FAR-MST bridges images it cannot name by the turn from the one before
-    (Huffman 2006 §7.2)."""
+    """Processes images in the modes of one system (lost in space, assisted, tracking), with up to two attitudes before the
+    last for predictors and averages. FAR-MST chains the attitude of images it cannot identify by the rotation since the
+    previous one (Huffman 2006 §7.2)."""
 
     def __init__(self, chain: str, hint: near.Hint | None = None) -> None:
         self._chain = system(chain)
@@ -38,7 +39,7 @@ class SystemSequencer:
         self._chained = 0
 
     def solve(self, solver: Solver, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
-        """The next image."""
+        """Solve the next image."""
         mode = self._known.usable(self._mode)
         radius_rad = self._known.radius_rad(mode) if mode is Mode.ASSISTED else None
         started = Started(mode, self._known.hint(mode, 0.0), radius_rad)
@@ -52,7 +53,8 @@ class SystemSequencer:
         return result
 
     def _bridged(self, result: SolveResult, solver: Solver, request: SolveRequest) -> SolveResult:
-        """FAR-MST's result, or the attitude before and the turn since. The turn itself serves the next rate match."""
+        """Return FAR-MST's result, or the previous attitude chained with the rotation since. The rotation is also the
+        expected one for the next image."""
         before, turn = self._before, None
         if before is not None:
             parameters = solver.parameters(request)
