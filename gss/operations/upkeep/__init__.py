@@ -1,1 +1,1 @@
-"""Keeping the installation well: disk, retention, backup and restore, checking the store, health and figures."""
+"""Maintenance of the installation: disk space, retention, backup and restore, store checks, health and metrics."""

@@ -1,8 +1,8 @@
-"""Backups of a running server: the database at one moment, and every byte that it names then.
+"""Backups of a running server: a consistent copy of the database and all blobs that it references.
 
-A folder per backup holds the database's copy and a manifest; the bytes of frames, images and captures lie beside them under their
-hashes, once for all backups: the second backup copies only what is new. A backup is there as a whole or not at all: it is made
-under another name, and renamed when everything is on the disk.
+Each backup is a folder with the database's copy and a manifest; the bytes of frames, images and captures are stored beside them
+under their hashes, shared by all backups, so that each backup copies only new ones. A backup is atomic: it is written under
+another name and renamed when everything is on disk.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BUSY = "another backup or removal is under way"
 
 
 class BackupService:
-    """Makes backups, lists them, gives them away, and removes the oldest."""
+    """Makes, lists, exports and removes backups."""
 
     def __init__(
         self,
@@ -63,22 +63,22 @@ class BackupService:
 
     @property
     def folder(self) -> Path:
-        """Where they are."""
+        """Folder of the backups."""
         return self._folder
 
     def at(self, folder: Path) -> BackupService:
-        """The same, with backups in another folder."""
+        """Return a copy of this service that uses another backup folder."""
         other = copy(self)
         other._folder = folder
         return other
 
     def start(self, *, keep: int = 0, user: str) -> Job:
-        """Make one as a job; afterwards only the ``keep`` newest stay (0: all)."""
+        """Start a backup as a job; afterwards only the ``keep`` newest are kept (0: all)."""
         self._disk.check("a backup", self.needed_bytes())
         return self._jobs.begin("backup", "backup", {"keep": keep, "user": user})
 
     def _job(self, run: Run) -> dict[str, Any]:
-        if run.checkpoint:  # it was finished before the server died
+        if run.checkpoint:  # it was finished before the server stopped
             return run.checkpoint
         made = self.make(run.progress)
         result = {"name": made.name, "bytes": made.total_bytes, "blobs": len(made.blobs)}
@@ -88,12 +88,13 @@ class BackupService:
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
-        """About how much the next one will write: the database; what is new since the last one is not known before."""
+        """Estimate of the bytes that the next backup will write: the size of the database. New blobs are not known before."""
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
     def make(self, progress: Progress = lambda *_: None) -> Manifest:
-        """Make one now. The database first, then the bytes it names: they were there before their rows."""
+        """Make a backup now. The database is copied first, then the blobs that it references, because blobs are stored
+        before their rows."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
             for left in self._folder.glob(f"*{UNFINISHED}"):
@@ -115,7 +116,7 @@ class BackupService:
         progress(0, 0, "copying the database")
         with self._database.unit_of_work() as session:
             schema = store.schema_version(session)
-            # Read before the copy is made: what is added meanwhile is copied too many, never too few, by the second look below.
+            # Read before the copy is made. With the second read below, blobs added meanwhile are copied in any case.
             first = {r.sha256 for r in store.references(session)}
         dump(self._url, file)
         with self._database.unit_of_work() as session:
@@ -133,7 +134,7 @@ class BackupService:
             progress(k, total, f"{k} of {total} files")
             try:
                 data = path.read_bytes()
-            except FileNotFoundError:  # the oldest go as new ones come
+            except FileNotFoundError:  # the oldest are removed as new ones are written
                 continue
             stored[path.name] = pool.put(data)
             kept[stored[path.name]] = len(data)
@@ -142,9 +143,9 @@ class BackupService:
         return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Its size; None where it is missing or damaged at the source, which checking the store tells; StoreDown where the
-        store does not answer: what it holds is not lost. What earlier backups brought is read again: a disk forgets, and
-        nobody looks at it until it is needed."""
+        """Copy a blob into the pool and return its size. None if it is missing or damaged at the source, which the store
+        check reports. StoreDown if the store does not answer, because its content is not lost. Blobs of earlier backups are
+        read again, to detect damage on the disk."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
@@ -160,7 +161,7 @@ class BackupService:
         return len(data)
 
     def _sync_pool(self, keys: Iterable[str]) -> None:
-        """What a manifest names is on the disk before the manifest is."""
+        """Flush the blobs named by a manifest to disk before the manifest itself."""
         pool = self._folder / POOL
         files = [pool / key[:2] / key[2:] for key in keys]
         for path in [*files, *{file.parent for file in files}, pool]:
@@ -172,10 +173,10 @@ class BackupService:
             name, k = f"{at:%Y-%m-%dT%H%M%SZ}-{k}", k + 1
         return name
 
-    # --- those that there are -----------------------------------------------------------------------------------
+    # --- existing backups ---------------------------------------------------------------------------------------
 
     def every(self) -> list[Manifest]:
-        """Newest first; a folder that is no whole backup is left out."""
+        """Return all complete backups, newest first."""
         found = []
         for folder in sorted(self._folder.glob("*"), reverse=True):
             if folder.is_dir() and NAME.fullmatch(folder.name):
@@ -186,12 +187,12 @@ class BackupService:
         return found
 
     def newest_at(self) -> datetime | None:
-        """When the newest was made."""
+        """Return the time of the newest backup; None without one."""
         newest = next(iter(self.every()), None)
         return datetime.fromisoformat(newest.created) if newest else None
 
     def get(self, name: str) -> Manifest:
-        """The backup of that name."""
+        """Return the backup with that name. Raises BadInput or NotFound."""
         if not NAME.fullmatch(name):
             raise BadInput("not the name of a backup", expected="2026-12-01T180000Z", got=name[:40])
         if not (self._folder / name).is_dir():
@@ -199,13 +200,13 @@ class BackupService:
         return read_manifest(self._folder / name)
 
     def remove(self, name: str) -> None:
-        """Remove one; its bytes go with the next :meth:`prune`."""
+        """Remove a backup; the next :meth:`prune` removes its blobs."""
         self.get(name)
         shutil.rmtree(self._folder / name)
 
     def prune(self, keep: int, just_made: str) -> list[str]:
-        """Remove all but the ``keep`` newest, of which ``just_made`` is one, and the bytes that none of the others needs. Nothing
-        is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""
+        """Remove all but the ``keep`` newest backups, including ``just_made``, and the blobs that no other backup needs.
+        Nothing is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
             self._bus.record("upkeep", "warning", f"old backups were not removed: the server's clock is {doubt}")
@@ -224,7 +225,7 @@ class BackupService:
         return old
 
     def archive(self, name: str) -> Iterator[bytes]:
-        """One backup as a tar file, a piece at a time: what ``gss restore`` takes."""
+        """Yield one backup as a tar file, piece by piece, in the format that ``gss restore`` reads."""
         made, folder = self.get(name), self._folder / name
         pool, sink = BlobStore(str(self._folder / POOL)), _Sink()
         with tarfile.open(fileobj=sink, mode="w|", format=tarfile.PAX_FORMAT) as tar:
@@ -241,7 +242,7 @@ class BackupService:
 
 
 class _Sink(io.RawIOBase):
-    """What a tar writer has written and nobody has taken yet."""
+    """Holds the bytes that a tar writer has written until they are taken."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -260,7 +261,7 @@ class _Sink(io.RawIOBase):
 
 
 def _plain(member: tarfile.TarInfo) -> tarfile.TarInfo:
-    """Nobody's name and rights."""
+    """Remove user, group and permissions from a tar member."""
     member.uid = member.gid = 0
     member.uname = member.gname = ""
     member.mode = 0o600
@@ -268,7 +269,7 @@ def _plain(member: tarfile.TarInfo) -> tarfile.TarInfo:
 
 
 def _sync(folder: Path) -> None:
-    """The folder's entries and files are on the disk."""
+    """Flush a folder's entries and files to disk."""
     for path in [*folder.glob("*"), folder]:
         if path.is_file() or path == folder:
             _sync_one(path)

@@ -1,4 +1,5 @@
-"""Is everything there that the record says, and whole? The database, the bytes it names, captures, and the chain of the audit."""
+"""Checks that everything recorded is present and intact: the database, the blobs it references, captures, and the audit
+chain."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ ERROR, NOTE = "error", "note"
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at. ``state``: ok, note (nothing is lost) or error; ``examples``: the first of them."""
+    """Result of one check. ``state``: ok, note (nothing is lost) or error; ``examples``: the first problems."""
 
     name: str
     state: str
@@ -34,30 +35,30 @@ class Finding:
 
 @dataclass
 class Report:
-    """Everything that was looked at."""
+    """Results of all checks."""
 
     findings: list[Finding] = field(default_factory=list)
     rows: dict[str, int] = field(default_factory=dict)
 
     @property
     def whole(self) -> bool:
-        """Is there no error?"""
+        """True if there is no error."""
         return all(f.state != ERROR for f in self.findings)
 
     def add(self, name: str, bad: list[str], text: str, words: str, level: str = ERROR) -> None:
-        """``text`` where nothing is bad, else how many and ``words``."""
+        """Add ``text`` if nothing is bad, else the number of problems and ``words``."""
         if bad:
             self.findings.append(Finding(name, level, f"{len(bad)} {words}", tuple(bad[:SHOWN])))
         else:
             self.findings.append(Finding(name, "ok", text))
 
     def plain(self) -> dict[str, Any]:
-        """As JSON."""
+        """Return JSON values."""
         return {"whole": self.whole, "rows": self.rows, "findings": [asdict(f) for f in self.findings]}
 
 
 def check_store(database: Database, blobs: BlobStore, captures: Path, progress: Progress = lambda *_: None) -> Report:
-    """Look at everything; whatever is wrong is a finding, never an exception, except a cancel."""
+    """Run all checks. Every problem becomes a finding; only cancelling raises."""
     report = Report()
     _look(report, "database", lambda: _database(report, database, progress))
     _look(report, "bytes", lambda: _blobs(report, database, blobs, progress))
@@ -148,7 +149,7 @@ def _audit(report: Report, database: Database) -> None:
 
 
 class CheckStoreService:
-    """The same as a job."""
+    """Runs the store check as a job."""
 
     def __init__(self, database: Database, blobs: BlobStore, captures: Path, jobs: JobService) -> None:
         self._database, self._blobs, self._captures, self._jobs = database, blobs, captures, jobs

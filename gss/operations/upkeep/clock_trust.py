@@ -1,8 +1,9 @@
-"""Whether the server's clock may decide what is old enough to delete.
+"""Decides whether the server's clock may be used to choose data for deletion.
 
-The database holds the last trusted time: it advances every ten minutes while the clock is plausible, and not otherwise. The clock
-is in doubt when it is further ahead of that time than a plausible pause of the server, or behind it. While in doubt nothing stored
-is deleted automatically or by hand; a person confirms the clock, or it is set right. Unknown counts as in doubt.
+The database holds the last trusted time: it advances every ten minutes while the clock is plausible, and not otherwise. The
+clock is in doubt when it is behind that time, or further ahead of it than a plausible downtime of the server. While in doubt,
+nothing stored is deleted automatically or manually, until a person confirms the clock or it is corrected. Unknown counts as in
+doubt.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from gss.store.engine import Database
 NAME = "upkeep.trusted-time"
 KEEP_EVERY = timedelta(minutes=10)
 BEHIND = timedelta(hours=1)
-"""A clock that was corrected by less than this is not behind."""
+"""A clock set back by less than this, as a correction, is not in doubt."""
 SEEN_WITHIN = timedelta(minutes=15)
-"""The time that a person confirms may be this far from the clock's time when the confirmation arrives."""
+"""Maximum difference between the time that a person confirms and the clock when the confirmation arrives."""
 DAY = timedelta(days=1)
 HINT = "check the server's date and time; if they are right, confirm the clock (Admin, Storage, or gss retention --confirm-clock)"
 
 
 @dataclass(frozen=True)
 class ClockState:
-    """``trusted`` None: not known. ``doubt``: why nothing is deleted; empty where the clock is plausible."""
+    """``trusted`` None: not known. ``doubt``: why nothing is deleted; empty if the clock is plausible."""
 
     now: datetime
     trusted: datetime | None
@@ -37,14 +38,14 @@ class ClockState:
 
 
 class ClockTrust:
-    """Compares the clock with the last trusted time. ``pause``: the longest plausible time for which the server was off."""
+    """Compares the clock with the last trusted time. ``pause``: longest plausible downtime of the server."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now, pause: timedelta) -> None:
         self._database, self._bus, self._now, self._pause = database, bus, now, pause
 
     def start(self) -> None:
-        """Begin with the newest stored row where no trusted time is stored yet, or with the clock where nothing is stored. To be
-        called before this start stores rows of its own."""
+        """Initialize the trusted time, if none is stored, from the newest stored row, or from the clock if nothing is
+        stored. Must be called before this start stores rows."""
         if self._trusted() is not None:
             return
         with self._database.unit_of_work() as session:
@@ -52,19 +53,19 @@ class ClockTrust:
         self._keep(newest or self._now(), "gss")
 
     def state(self) -> ClockState:
-        """The clock against the last trusted time."""
+        """Return the clock compared with the last trusted time."""
         now, trusted = self._now(), self._trusted()
         return ClockState(now, trusted, self._doubt(now, trusted))
 
     def tick(self) -> ClockState:
-        """Let the trusted time follow a plausible clock; called about once a second."""
+        """Advance the trusted time if the clock is plausible; called about once a second."""
         found = self.state()
         if not found.doubt and found.trusted is not None and found.now - found.trusted >= KEEP_EVERY:
             self._keep(found.now, "gss")
         return found
 
     def require(self, what: str) -> None:
-        """Conflict where the clock is in doubt."""
+        """Raise Conflict if the clock is in doubt."""
         found = self.state()
         if found.doubt:
             trusted = iso_z(found.trusted, "seconds") if found.trusted else "not known"
@@ -76,7 +77,8 @@ class ClockTrust:
             )
 
     def confirm(self, seen: datetime, *, user: str) -> ClockState:
-        """A person has checked the server's clock. ``seen``: the time that was shown to them."""
+        """Record that a person has checked the server's clock. ``seen``: the time that was shown to them. Raises BadInput if
+        it differs from the clock."""
         now = self._now()
         if abs(now - seen) > SEEN_WITHIN:
             raise BadInput(

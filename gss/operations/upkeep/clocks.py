@@ -1,4 +1,4 @@
-"""The server's clock against the one that never jumps: a jump is told, and what counts days waits until the clock is trusted."""
+"""Compares the server's clock with the monotonic clock: jumps are reported, and daily work waits until the clock is steady."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STEADY_AFTER_S = 3600.0
 
 
 class ClockWatch:
-    """Compares the clocks once a second. ``jumped``: called with the seconds of each jump, to correct stored moments."""
+    """Compares the clocks once a second. ``jumped``: called with the seconds of each jump, to correct stored times."""
 
     def __init__(
         self, bus: EventBus, now: Now, monotonic_s: Monotonic, jumped: Sequence[Callable[[float], None]]
@@ -22,10 +22,10 @@ class ClockWatch:
         self._last: tuple[datetime, float] = (now(), monotonic_s())
         self._steady_from_s = self._last[1]
         self.last_jump_s: float | None = None
-        """Seconds of the last jump, forward positive; None before the first."""
+        """Size of the last jump in seconds, forward positive; None before the first."""
 
     def tick(self) -> None:
-        """Compare; a jump is an event, and counts as the beginning of a new clock."""
+        """Compare the clocks; a jump is recorded and restarts the steady period."""
         now, mono_s = self._now(), self._monotonic_s()
         (before, before_s), self._last = self._last, (now, mono_s)
         jump_s = (now - before).total_seconds() - (mono_s - before_s)
@@ -39,5 +39,5 @@ class ClockWatch:
         self._bus.record("clock", "warning", text, jump_s=round(jump_s, 3))
 
     def steady(self) -> bool:
-        """Has it run for an hour without a jump?"""
+        """True if the clock has run for an hour without a jump."""
         return self._monotonic_s() - self._steady_from_s >= STEADY_AFTER_S

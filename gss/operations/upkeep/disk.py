@@ -1,7 +1,7 @@
-"""Room on the disk: what is large stops before the disk is full, so that nothing is ever half written.
+"""Disk space: large writes are stopped before the disk is full, so that nothing is half written.
 
-Below ``watch`` there is an alarm. Below ``stop`` imports, downloads, builds and backups are refused with words. Below a quarter of
-``stop`` decoded telemetry is not stored any more: the raw capture, which comes first and can be decoded again, has the rest.
+Below ``watch`` an alarm is raised. Below ``stop`` imports, downloads, builds and backups are rejected. Below a quarter of
+``stop`` decoded telemetry is no longer stored; the raw capture, which has priority and can be decoded later, still contains it.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Usage = Callable[[Path], tuple[int, int]]
 
 
 def usage_of(folder: Path) -> tuple[int, int]:
-    """(free, total) bytes of the file system that a folder is on, as a program without privileges can use them."""
+    """Return (free, total) bytes of a folder's file system, as available without privileges."""
     usage = shutil.disk_usage(folder)
     return usage.free, usage.total
 
 
 @dataclass(frozen=True)
 class DiskState:
-    """How much room there is, and what follows from it."""
+    """Free disk space and the resulting state."""
 
     free_bytes: int
     total_bytes: int
@@ -43,14 +43,14 @@ class DiskState:
 
 
 class DiskGuard:
-    """Looks before something large is written."""
+    """Checks the disk space before large writes."""
 
     def __init__(self, folder: Path, watch_bytes: int, stop_bytes: int, usage: Usage = usage_of) -> None:
         self.folder, self.watch_bytes, self.stop_bytes = folder, watch_bytes, stop_bytes
         self._usage = usage
 
     def look(self) -> DiskState:
-        """The state now."""
+        """Return the current state."""
         free, total = self._usage(self.folder)
         text = f"{megabytes(free)} of {megabytes(total)} free"
         if free < self.stop_bytes:
@@ -59,7 +59,7 @@ class DiskGuard:
         return DiskState(free, total, level, text)
 
     def check(self, what: str, needed_bytes: int = 0) -> None:
-        """StoreDown where ``what`` would leave too little room."""
+        """Raise StoreDown if ``what`` would leave too little space."""
         free, _ = self._usage(self.folder)
         if free - needed_bytes < self.stop_bytes:
             raise StoreDown(
@@ -70,18 +70,18 @@ class DiskGuard:
             )
 
     def has_room_for_rows(self) -> bool:
-        """May decoded telemetry still be stored? What is left below that belongs to captures, commands and alarms."""
+        """True if decoded telemetry may still be stored; the remaining space is reserved for captures, commands and alarms."""
         return self._usage(self.folder)[0] >= self.stop_bytes // LAST_SHARE
 
 
 class DiskWatch:
-    """Raises, follows and ends the alarms: little room, a capture or a record that is not being written."""
+    """Raises, updates and ends the alarms for low disk space and for captures or telemetry that cannot be written."""
 
     def __init__(self, disk: DiskGuard, alarms: AlarmService, link: LinkService, telemetry: TelemetryService) -> None:
         self._disk, self._alarms, self._link, self._telemetry = disk, alarms, link, telemetry
 
     def tick(self) -> None:
-        """Look once."""
+        """Update the alarms once."""
         found = self._disk.look()
         limit = ""
         if found.level is not State.OK:
@@ -100,5 +100,5 @@ class DiskWatch:
 
 
 def megabytes(count: float) -> str:
-    """Bytes in words: MB or GB."""
+    """Format a number of bytes as MB or GB."""
     return f"{count / 1e9:.1f} GB" if count >= 1e10 else f"{count / 1e6:.0f} MB"

@@ -1,4 +1,4 @@
-"""What is on the disk, how fast it grows, when it is full, and what retention removes next."""
+"""Forecast of disk usage: current sizes, growth, when the disk is full, and what retention removes next."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gss.store.engine import Database
 
 LOOK_BACK_DAYS = 7
 YOUNGEST_DAYS = 1 / 24
-"""Below this a store's growth is its start, not its rate."""
+"""A store younger than this has no meaningful growth rate."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """``bytes_per_day``: over the last week or the shorter life of the store, of what keeps growing under the policy in force;
-    None: too young to say. ``full_in_days`` None: that, or it does not grow, or retention holds it. ``backups_bytes``: of backups
-    on the same disk; somebody makes them, so they count as kept and not as growing. ``next_removal`` None: nothing goes."""
+    """``bytes_per_day``: growth over the last week, or the shorter life of the store, of data that retention does not limit;
+    None: too young. ``full_in_days`` None: unknown, no growth, or limited by retention. ``backups_bytes``: backups on the
+    same disk, counted as used but not as growing. ``next_removal`` None: nothing will be removed."""
 
     database_bytes: int
     frames_bytes: int
@@ -36,7 +36,7 @@ class Forecast:
 
 
 def forecast(database: Database, retention: RetentionService, disk: DiskGuard, backups: Path) -> Forecast:
-    """Look at the store as it is. ``backups``: their folder."""
+    """Compute the forecast for the current store. ``backups``: their folder."""
     at, policy = retention.now(), retention.policy()
     since = at - LOOK_BACK_DAYS * DAY
     with database.unit_of_work() as session:
@@ -48,7 +48,7 @@ def forecast(database: Database, retention: RetentionService, disk: DiskGuard, b
     files = retention.capture_files()
     captured = sum(path.stat().st_size for path in files)
     new_captures = sum(path.stat().st_size for path in files if path.stat().st_mtime >= since.timestamp())
-    # A young installation has not run for a week: its growth is over the time that it has.
+    # For a store younger than a week, growth is averaged over its life.
     days = LOOK_BACK_DAYS if first is None else min(LOOK_BACK_DAYS, (at - first) / DAY)
     new = 0.0
     if not (policy.frames_gb or policy.frames_days):
@@ -77,12 +77,12 @@ def forecast(database: Database, retention: RetentionService, disk: DiskGuard, b
 
 
 def _bytes_beside(folder: Path, other: Path) -> int:
-    """Bytes of everything in a folder, 0 where it is missing or on another disk than ``other``."""
+    """Return the size of a folder's content; 0 if it is missing or on another disk than ``other``."""
     if not folder.is_dir() or folder.stat().st_dev != other.stat().st_dev:
         return 0
     total = 0
     for path in folder.rglob("*"):
-        with contextlib.suppress(FileNotFoundError):  # a backup that is pruned meanwhile
+        with contextlib.suppress(FileNotFoundError):  # a backup may be pruned meanwhile
             total += path.lstat().st_size if path.is_file() else 0
     return total
 
@@ -90,7 +90,7 @@ def _bytes_beside(folder: Path, other: Path) -> int:
 def _next(
     at: datetime, frames_days: float, frame: datetime | None, packet_days: float, packet: datetime | None
 ) -> datetime | None:
-    """When the first thing becomes old enough."""
+    """Return when the first item becomes old enough for removal."""
     pairs = ((frames_days, frame), (packet_days, packet))
     moments = [oldest + timedelta(days=days) for days, oldest in pairs if days and oldest is not None]
     return max(at, min(moments)) if moments else None

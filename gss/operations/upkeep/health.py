@@ -1,4 +1,4 @@
-"""Is the installation well? One look at everything that can go wrong slowly, in words, and the same figures for Prometheus."""
+"""Health of the installation: checks of everything that can degrade slowly, and the same values for Prometheus."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ KIB = 1 if sys.platform == "darwin" else 1024
 
 @dataclass(frozen=True)
 class Check:
-    """One thing. ``state``: ok, watch, warning, critical, unknown."""
+    """One check. ``state``: ok, watch, warning, critical, unknown."""
 
     name: str
     state: str
@@ -47,14 +47,14 @@ class Check:
 
 @dataclass(frozen=True)
 class Health:
-    """All of them, and the worst."""
+    """All checks and the worst state."""
 
     state: str
     checks: tuple[Check, ...]
 
 
 class HealthService:
-    """Examines the server on request. ``drops``: what each bounded queue has lost, by its name."""
+    """Runs the health checks on request. ``drops``: number of items dropped by each bounded queue, by its name."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class HealthService:
         self._pages, self._dispatcher, self._streams, self._drops = pages, dispatcher, streams, dict(drops)
 
     def look(self) -> Health:
-        """Everything now; a check that fails itself is a finding of its own."""
+        """Run all checks now; a check that raises becomes a critical one."""
         looks = (
             self._database_check,
             self._disk_check,
@@ -175,10 +175,10 @@ class HealthService:
         up_s = self._monotonic_s() - self._started_s
         return Check("version", "ok", up_s, f"GSS {__version__}, up for {up_s / 3600:.1f} h")
 
-    # --- figures ------------------------------------------------------------------------------------------------
+    # --- metrics ------------------------------------------------------------------------------------------------
 
     def samples(self) -> Iterator[Sample]:
-        """The figures of the moment."""
+        """Yield the current metrics."""
         counters = self._link.counters
         for way, c in (("sent", counters.sent), ("received", counters.received)):
             yield _counter("gss_link_bytes_total", "Bytes on the line.", c.bytes, direction=way)
@@ -220,7 +220,7 @@ class HealthService:
 
 
 def memory_bytes() -> tuple[int, int]:
-    """(resident now, most ever) of this process."""
+    """Return (resident now, maximum so far) of this process in bytes."""
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])

@@ -1,4 +1,4 @@
-"""What a backup holds: the database's copy, and by their hashes the bytes and raw captures that belong to it."""
+"""Manifest of a backup: the database's copy, and by their hashes the blobs and raw captures that belong to it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class Manifest:
-    """``blobs``: bytes of each by its hash; ``captures``: hash by file name. ``schema``: the migration it is at."""
+    """``blobs``: size in bytes by hash; ``captures``: hash by file name. ``schema``: the database's migration."""
 
     name: str
     created: str
@@ -44,18 +44,19 @@ class Manifest:
 
     @property
     def total_bytes(self) -> int:
-        """Of everything that it names."""
+        """Total bytes of the database and the blobs."""
         return self.database_bytes + sum(self.blobs.values())
 
     def write(self, folder: Path) -> None:
-        """Into a folder, with its own hash beside it."""
+        """Write the manifest and its own hash into a folder."""
         data = json.dumps(asdict(self), indent=1, sort_keys=True).encode()
         (folder / MANIFEST).write_bytes(data)
         (folder / SEAL).write_text(hashlib.sha256(data).hexdigest() + f"  {MANIFEST}\n")
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a backup's folder; NotFound, CorruptData or BadInput where it cannot be trusted."""
+    """Return the manifest of a backup's folder. Raises NotFound, CorruptData or BadInput if it is missing, changed or of
+    another format."""
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotFound("this is no backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
     data = (folder / MANIFEST).read_bytes()
@@ -69,7 +70,7 @@ def read_manifest(folder: Path) -> Manifest:
         _check_kinds(made)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise CorruptData("the backup's manifest cannot be read", got=str(error)[:200]) from None
-    # These names become paths.
+    # These names are used as paths, so their format must be checked.
     keys = [*made.blobs, made.database_sha256, *made.captures.values()]
     if made.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
         raise CorruptData("the backup's manifest names what is no hash", got=str(folder))
@@ -81,7 +82,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _check_kinds(made: Manifest) -> None:
-    """TypeError or ValueError where JSON held something else than a manifest writes."""
+    """Raise TypeError or ValueError if a JSON value has the wrong type."""
     words = (made.name, made.created, made.version, made.schema, made.kind, made.database_sha256)
     numbers, tables = (made.database_bytes, *made.blobs.values()), (made.blobs, made.captures)
     texts = (*words, *made.captures.values())
@@ -93,7 +94,7 @@ def _check_kinds(made: Manifest) -> None:
 
 
 def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = lambda: None) -> str:
-    """Of a whole file; ``each`` is called between blocks and may raise to cancel."""
+    """Return the hash of a whole file; ``each`` is called between blocks and may raise to cancel."""
     if isinstance(file, Path):
         with file.open("rb") as opened:
             return sha256_of(opened, each)

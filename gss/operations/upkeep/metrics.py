@@ -1,6 +1,6 @@
-"""Figures in Prometheus' text form: what is counted here, and what is asked of the services at each look.
+"""Metrics in Prometheus' text format: those counted here, and those read from the services at each request.
 
-Names follow the conventions: base units, ``_total`` for what only grows, labels with few values.
+Names follow the conventions: base units, ``_total`` for counters, labels with few values.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Sample:
 
 @dataclass
 class _Spread:
-    """How often something took how long."""
+    """Histogram of durations."""
 
     counts: list[int]
     total: float = 0.0
@@ -34,7 +34,7 @@ class _Spread:
 
 
 class Metrics:
-    """Counts, and collects the samples of ``sources`` at each look; a source that fails is left out and counted."""
+    """Counts, and collects the samples of ``sources`` at each request; a source that fails is omitted and counted."""
 
     def __init__(self, sources: Sequence[Callable[[], Iterable[Sample]]]) -> None:
         self._sources = tuple(sources)
@@ -44,14 +44,14 @@ class Metrics:
         self._help: dict[str, str] = {}
 
     def count(self, name: str, text: str, by: float = 1.0, **labels: str) -> None:
-        """One more of something that only grows."""
+        """Increase a counter."""
         with self._lock:
             key = (name, tuple(sorted(labels.items())))
             self._help[name] = text
             self._counts[key] = self._counts.get(key, 0.0) + by
 
     def observe(self, name: str, text: str, seconds: float, **labels: str) -> None:
-        """One duration into its bucket."""
+        """Add a duration to a histogram."""
         with self._lock:
             key = (name, tuple(sorted(labels.items())))
             self._help[name] = text
@@ -61,7 +61,7 @@ class Metrics:
             spread.total, spread.number = spread.total + seconds, spread.number + 1
 
     def text(self) -> str:
-        """Everything, as Prometheus reads it (text format 0.0.4)."""
+        """Return all metrics in Prometheus' text format 0.0.4."""
         return "".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
@@ -69,7 +69,7 @@ class Metrics:
         for ask in self._sources:
             try:
                 samples += list(ask())
-            except Exception:  # one room's defect must not hide the figures of the others
+            except Exception:  # a defect of one source must not hide the metrics of the others
                 failed += 1
         samples.append(Sample("gss_metrics_failed", "Rooms whose figures could not be read.", "gauge", failed))
         with self._lock:

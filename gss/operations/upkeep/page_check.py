@@ -1,4 +1,4 @@
-"""The pages of a large SQLite file: reading them all before the start would keep everybody waiting; it is done beside the work."""
+"""Reads all pages of a large SQLite file in the background, because reading them at startup would delay the server."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ log = logging.getLogger("gss.upkeep")
 
 
 class PageCheck:
-    """Reads them once, on a thread of its own. ``state``: words for the health page; "" where the start has read them."""
+    """Reads all pages once, on a separate thread. ``state``: text for the health page; "" if the startup has read them."""
 
     def __init__(self, database: Database, bus: EventBus) -> None:
         self._database, self._bus = database, bus
@@ -21,13 +21,13 @@ class PageCheck:
         self._thread = threading.Thread(target=self._read, name="pages", daemon=True)
 
     def start(self) -> None:
-        """Begin, where the start left it out."""
+        """Start the thread if the startup skipped the check."""
         if is_large(self._database.engine):
             self.state = "its pages are being read"
             self._thread.start()
 
     def wait(self) -> None:
-        """Until it has ended."""
+        """Wait until the check has ended."""
         if self._thread.is_alive():
             self._thread.join()
 

@@ -1,5 +1,6 @@
-"""The store as Parquet files in hive-style folders (``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``) that DuckDB,
-pandas and pyarrow read as they are. Units are in each column's metadata, and in schema.json and README.md beside."""
+"""Exports the store as Parquet files in hive-style folders
+(``telemetry/packet=housekeeping/day=2026-12-01/part-0.parquet``), readable by DuckDB, pandas and pyarrow. Units are in each
+column's metadata, and in schema.json and README.md."""
 
 from __future__ import annotations
 
@@ -99,7 +100,7 @@ UNITS = {"_arcsec": "arcsec", "_deg": "deg", "_px": "px", "_ms": "ms", "_s": "s"
 
 @dataclass(frozen=True)
 class Written:
-    """What an export made: files, rows and bytes."""
+    """Numbers of files, rows and bytes written."""
 
     files: int
     rows: int
@@ -108,7 +109,7 @@ class Written:
 
 @dataclass(frozen=True)
 class _Table:
-    """A folder: its columns, and rows with their moment, oldest first, block by block."""
+    """One output folder: its columns, and rows with their time, oldest first, in blocks."""
 
     folder: str
     schema: pa.Schema
@@ -123,15 +124,17 @@ def export_parquet(
     last: date | None = None,
     told: Told = lambda _: None,
 ) -> Written:
-    """Whole UTC days from ``first`` to ``last``, both included, into ``out``; a day that is there already is written anew. At
-    most one block of rows is in memory. A file has its name only when it is whole. BadInput where ``out`` holds something else."""
+    """Export whole UTC days from ``first`` to ``last``, inclusive, into ``out``; existing days are replaced. At most one
+    block of rows is in memory. A file gets its final name only when it is complete. Raises BadInput if ``out`` contains
+    other files."""
     start, end = first or FIRST_DAY, last or LAST_DAY
     if end < start:
         raise BadInput("the span is empty", expected="a first day before the last", got=f"{start} … {end}")
     if out.exists() and any(out.iterdir()) and not (out / "schema.json").is_file():
         raise BadInput("the folder holds something else", expected="a new folder, or an older export", got=str(out))
     out.mkdir(parents=True, exist_ok=True)
-    (out / "schema.json").write_text("{}\n", "utf-8")  # an export that ends before its end can be made again
+    # Marks the folder as an export, so that an interrupted one can be repeated.
+    (out / "schema.json").write_text("{}\n", "utf-8")
     span = datetime.combine(start, time(), UTC), datetime.combine(end, time(), UTC) + timedelta(days=1)
     written, schemas = Written(0, 0, 0), {}
     for table in _tables(database, dictionary, *span):
@@ -149,10 +152,10 @@ def _tables(database: Database, dictionary: Dictionary, start: datetime, end: da
     packets = {packet.name: packet for packet in dictionary.telemetry}
     for name in store.packet_names(database):
         if not name.replace("_", "").isalnum():
-            continue  # no name that is not ours becomes a folder
+            continue  # other names must not become folders
         items = list(packets[name].fields) if name in packets else None
         schema = LEADING if items is None else pa.unify_schemas([LEADING, pa.schema([_field(i) for i in items])])
-        if items is None:  # our own counters of the line are not in the device's dictionary
+        if items is None:  # our own line counters are not in the device's dictionary
             schema = schema.append(pa.field("values", pa.string(), metadata={"json": "yes"}))
         blocks = ([_packet(row, items) for row in block] for block in store.telemetry(database, name, start, end))
         yield _Table(f"telemetry/packet={name}", schema, blocks)
@@ -168,7 +171,7 @@ def _tables(database: Database, dictionary: Dictionary, start: datetime, end: da
 
 
 def _write(folder: Path, table: _Table) -> Written:
-    """A file per day; days come in order, so that one is open at a time."""
+    """Write a file per day; rows are in order of time, so only one file is open."""
     files = rows = size = 0
     day: date | None = None
     with ExitStack() as stack:
@@ -208,7 +211,7 @@ def _field(item: Item | Group) -> pa.Field:
 
 
 def _type(item: Item) -> pa.DataType:
-    """The same whatever the values are, so that all days can be read as one."""
+    """Return the type of a column, independent of its values, so that all days can be read together."""
     converted = isinstance(item, TelemetryField) and bool(item.conversion.coefficients)
     if kind(item) == "number":
         whole = item.type in INTEGER_RANGES and item.type != "u64" and not converted
@@ -243,7 +246,7 @@ def _json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
-# --- what stands beside -----------------------------------------------------------------------------------------------
+# --- metadata and README ----------------------------------------------------------------------------------------------
 
 
 def _unit(name: str) -> str:

@@ -1,4 +1,4 @@
-"""What one run of retention removes, and whether that is unusual enough to ask a person first."""
+"""What one retention run removes, and whether it is unusual enough to need confirmation."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from gss.operations.clock import iso_z
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
-"""Daily removal takes about what arrived since the last run, whatever its share: up to this many times that is usual."""
+"""A daily run removes about what arrived since the previous one, whatever its share: up to this multiple is usual."""
 FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
-"""Up to this much of a kind is never unusual, so that small stores are not held up."""
+"""Amounts that are never unusual, so that small stores need no confirmation."""
 CONFIRM_WITHIN = timedelta(hours=1)
 COUNTS = ("frames", "frames_bytes", "packets", "to_thin", "events")
 LABELS = {
@@ -26,8 +26,8 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Removal:
-    """What a policy removes as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets of which one a minute stays, not
-    counting those already thinned. ``unusual``: why a person must confirm it; empty where it may run."""
+    """What a policy removes as of ``at``. ``frames_bytes``: of their pixels; ``to_thin``: packets to be thinned to one per
+    minute, excluding those already thinned. ``unusual``: why a person must confirm it; empty if not needed."""
 
     at: datetime
     frames: int
@@ -40,7 +40,7 @@ class Removal:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """The removal that a person has seen and confirmed: as of when, and how much at most."""
+    """A removal that a person has confirmed: its time and maximum amounts."""
 
     at: datetime
     frames: int
@@ -50,22 +50,22 @@ class Confirmed:
     events: int
 
     def record(self) -> dict[str, Any]:
-        """As a job's request stores it."""
+        """Return JSON values for a job's request."""
         return asdict(self) | {"at": self.at.isoformat()}
 
     @classmethod
     def read(cls, record: dict[str, Any] | None) -> Confirmed | None:
-        """From a job's request."""
+        """Restore the confirmation from a job's request."""
         return None if record is None else cls(**record | {"at": datetime.fromisoformat(record["at"])})
 
 
 def confirmation(removal: Removal) -> Confirmed:
-    """The confirmation of exactly this preview."""
+    """Return the confirmation of exactly this preview."""
     return Confirmed(removal.at, *(getattr(removal, name) for name in COUNTS))
 
 
 def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
-    """The kinds of which more would go than ``share`` of what is stored; empty where there are none."""
+    """Return the kinds of which more than ``share`` of the stored amount would be removed; empty if there are none."""
     going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     found = []
     for kind, few in FEW.items():
@@ -76,7 +76,7 @@ def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
 
 
 def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float) -> None:
-    """Conflict where the removal is unusual and a person has not confirmed it, or less than it."""
+    """Raise Conflict if the removal is unusual and not confirmed, or larger than confirmed."""
     if not removal.unusual:
         return
     hint = "look at the preview (Admin, Storage, or gss retention), then confirm it"
@@ -98,7 +98,7 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
 
 
 def check_fresh(confirmed: Confirmed, now: datetime) -> None:
-    """Conflict where the confirmed preview is too old, or of another clock."""
+    """Raise Conflict if the confirmed preview is too old or dated in the future."""
     if not now - CONFIRM_WITHIN <= confirmed.at <= now + timedelta(seconds=1):
         raise Conflict(
             "the confirmed preview is out of date",

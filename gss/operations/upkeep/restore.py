@@ -1,5 +1,5 @@
-"""From a backup to a data folder that a server can be started on. Everything is verified before anything is put in place, and
-nothing that is there is ever written over."""
+"""Restores a backup to a data folder on which a server can be started. Everything is verified first, and existing data is
+never overwritten."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from gss.store.dump import SQLITE, load
 from gss.store.engine import Database, known_schemas, migrate, open_engine
 
 NEW_IDS = 1_000_000
-"""Commands that may have been sent since the backup: their ids must not be used again, the device remembers its last ones."""
+"""Command ids skipped after a restore: commands may have been sent since the backup, and the device remembers its last ids."""
 KEYS_ENDED = (
     "All sessions are ended, one-time links void and tokens revoked; users and passwords are those of the backup. "
     "Who was disabled, or given another role or password, after it was made is not known here: look at Admin, Users first."
 )
-"""What whoever restores must be told."""
+"""Notice shown after a restore."""
 MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
 MOST_UNPACKED = 100
-"""Times the size of the file, for one that was compressed. Databases and captures shrink to a tenth at best."""
+"""Maximum ratio of unpacked to packed size. Databases and captures compress to a tenth at best."""
 SPARE_BYTES = 256 << 20
-"""Of the disk, that unpacking leaves free."""
+"""Disk space in bytes that unpacking leaves free."""
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Restored:
-    """What was put in place."""
+    """What was restored."""
 
     manifest: Manifest
     folder: Path
@@ -51,9 +51,9 @@ class Restored:
 def restore(
     source: Path, into: Path, now: Now, *, database_url: str = "", blobs_url: str = "", tell: Tell = lambda _: None
 ) -> Restored:
-    """Put a backup, a folder or a tar file of it, into an empty or new folder. A PostgreSQL backup goes into the empty database
-    of ``database_url``; bytes go into ``blobs_url`` where that is given. Conflict, CorruptData or BadInput: nothing is put in
-    place."""
+    """Restore a backup (a folder or a tar file) into an empty or new folder. A PostgreSQL backup is loaded into the empty
+    database of ``database_url``; blobs are stored in ``blobs_url`` if given. Raises Conflict, CorruptData or BadInput
+    without restoring anything."""
     into = into.resolve()
     if into.exists() and (not into.is_dir() or any(into.iterdir())):
         raise Conflict("restoring writes over nothing", expected="an empty or new folder", got=str(into))
@@ -88,7 +88,7 @@ def restore(
             if into.exists():
                 into.rmdir()
             draft.rename(into)
-        except BaseException:  # also Ctrl-C: a half restored store must not be left
+        except BaseException:  # also on Ctrl-C: a half restored store must not be left
             shutil.rmtree(draft, ignore_errors=True)
             raise
     return Restored(manifest, into, len(manifest.blobs))
@@ -96,7 +96,7 @@ def restore(
 
 @contextlib.contextmanager
 def _opened(source: Path, beside: Path, tell: Tell) -> Iterator[Path]:
-    """The backup's folder; a tar file is unpacked first, under names that we choose."""
+    """Yield the backup's folder; a tar file is first unpacked into a temporary folder."""
     if source.is_dir():
         yield source
         return
@@ -140,7 +140,7 @@ def _unpack(source: Path, held: Path) -> Path:
 
 
 def _verified(folder: Path, manifest: Manifest) -> BlobStore:
-    """Every byte is what its name says."""
+    """Verify the hashes of the database and all blobs. Return the pool of blobs."""
     if not (folder / manifest.database).is_file():
         raise CorruptData("the backup's database is missing", expected=manifest.database, got=str(folder))
     if sha256_of(folder / manifest.database) != manifest.database_sha256:
@@ -151,7 +151,7 @@ def _verified(folder: Path, manifest: Manifest) -> BlobStore:
         )
     pool = BlobStore(str(folder.parent / POOL)) if manifest.blobs else BlobStore(tempfile.gettempdir())
     for key in manifest.blobs:
-        pool.get(key)  # checks its hash
+        pool.get(key)  # checks the hash
     return pool
 
 
@@ -169,8 +169,8 @@ def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_
 
 
 def _make_ready(url: str, now: Now) -> None:
-    """To the newest schema; from here on command ids begin where none was used after the backup, and no key opens anything:
-    which were revoked after the backup is not known."""
+    """Migrate to the newest schema, skip command ids that may have been used after the backup, and invalidate all sessions,
+    links and tokens, because revocations after the backup are unknown."""
     migrate(url)
     database = Database(open_engine(url))
     try:

@@ -1,9 +1,9 @@
-"""Retention: what may go, when, and in which order. Rows of frames, their solutions, commands, alarms, contacts and the audit
-record always stay; what goes are pixels, raw telemetry packets, old lines of the record, and the oldest raw captures.
+"""Retention: what is removed, when, and in which order. Rows of frames, their solutions, commands, alarms, contacts and the
+audit log are always kept; pixels, raw telemetry packets, old events and the oldest raw captures can be removed.
 
-Nothing is removed automatically until a policy is chosen: every age and size is "for ever" at first. A removal runs as a job in
-small transactions, so that the line never waits for it, and continues where it was after a crash. It does not run while the
-server's clock is in doubt, and waits for a person where it would take an unusual share of what is stored.
+By default everything is kept, and nothing is removed until a policy is chosen. A removal runs as a job in small transactions,
+so that the line never waits for it, and continues after a crash where it stopped. It does not run while the server's clock is
+in doubt, and needs confirmation if it would remove an unusual share of the stored data.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ FIGURES = ("frames", "bytes", "packets", "thinned", "events")
 
 @dataclass(frozen=True)
 class Policy:
-    """0 keeps for ever. ``frames_days``, ``frames_gb``: pixels go by age, and the oldest while all together are larger;
-    ``keep_frames``: never of so many newest. ``telemetry_thin_days``: after so long one packet a minute of each kind stays;
-    ``telemetry_days``: none. ``captures_mb`` 0: as GSS_CAPTURE_KEEP_MB says. ``backups_keep``: newest backups that stay."""
+    """0 keeps forever. ``frames_days``, ``frames_gb``: pixels are removed by age, and oldest first while their total is
+    larger; ``keep_frames``: the newest frames always keep theirs. ``telemetry_thin_days``: after this age one packet per
+    minute of each kind is kept; ``telemetry_days``: none. ``captures_mb`` 0: as set by GSS_CAPTURE_KEEP_MB.
+    ``backups_keep``: number of newest backups kept."""
 
     frames_days: float = 0
     frames_gb: float = 0
@@ -69,7 +70,7 @@ class Policy:
 
 
 class RetentionService:
-    """Keeps the policy, forecasts, and removes. ``share``: a larger part of a kind is removed only when a person confirms it."""
+    """Stores the policy, previews and removes. ``share``: removing a larger share of a kind needs confirmation."""
 
     def __init__(
         self,
@@ -88,23 +89,23 @@ class RetentionService:
         self._link, self._lock, self._now = link, lock, now
         self.now = now
         jobs.resumable("retention", self.work)
-        # A policy that somebody took back must not remove anything once more.
+        # A restarted job uses the current policy, not one that was withdrawn since.
         jobs.renewals["retention"] = lambda: {"policy": asdict(self.policy())}
         jobs.renewals["backup"] = lambda: {"keep": self.policy().backups_keep}
 
     def start(self) -> None:
-        """Put the policy of the captures in force."""
+        """Apply the policy to the raw captures."""
         if self.policy().captures_mb:
             self._link.capture.keep_at_most(self.policy().captures_mb << 20)
 
     def policy(self) -> Policy:
-        """What is in force."""
+        """Return the policy in force."""
         value = _choice(self._database, CHOICE)
         names = {f.name for f in fields(Policy)}
         return Policy(**{k: v for k, v in value.items() if k in names})
 
     def choose(self, policy: Policy, *, user: str) -> Policy:
-        """Put another policy in force from the next run on; the captures' size at once."""
+        """Set another policy, effective from the next run; for the size of captures at once."""
         with self._database.unit_of_work() as session:
             choices.write(session, CHOICE, asdict(policy), self._now(), user)
             choices.forget(session, WAITING)
@@ -115,8 +116,8 @@ class RetentionService:
         return policy
 
     def run(self, *, user: str, confirmed: Confirmed | None = None) -> Job:
-        """Remove now what the policy lets go; a job. Conflict where the clock is in doubt, or where the removal is unusual and a
-        person has not confirmed it."""
+        """Start a removal as a job. Raises Conflict if the clock is in doubt, or if the removal is unusual and not
+        confirmed."""
         self._trust.require("retention")
         if confirmed is not None:
             check_fresh(confirmed, self._now())
@@ -124,7 +125,7 @@ class RetentionService:
         return self._begin(user, confirmed)
 
     def run_daily(self) -> Job:
-        """The same without a person: the job itself checks what it would take."""
+        """Start a removal without confirmation; the job itself checks whether it is unusual."""
         return self._begin("gss, daily", None)
 
     def _begin(self, user: str, confirmed: Confirmed | None) -> Job:
@@ -133,19 +134,19 @@ class RetentionService:
         return self._jobs.begin("retention", "retention", request)
 
     def waiting(self) -> str:
-        """Why the last removal waits for a person; empty where it does not."""
+        """Why the last removal waits for confirmation; empty if it does not."""
         return str(_choice(self._database, WAITING).get("text", ""))
 
     def capture_files(self) -> list[Path]:
-        """The files of the raw capture, oldest first."""
+        """Return the files of the raw captures, oldest first."""
         return capture_files(self._link.capture.folder)
 
     def capture_bytes(self) -> int:
-        """How large they may become together."""
+        """Maximum total size of the raw captures in bytes."""
         return self._link.capture.retention.keep_bytes
 
     def preview(self, policy: Policy, at: datetime | None = None) -> Removal:
-        """What a removal with ``policy`` would take now, or as of ``at``; nothing is removed."""
+        """Return what a removal with ``policy`` would remove now, or as of ``at``; nothing is removed."""
         at = at or self._now()
         done = _choice(self._database, DONE).get("thinned_before")
         thinned = datetime.fromisoformat(done) if done else None
@@ -167,25 +168,26 @@ class RetentionService:
         return replace(removal, unusual=unusual(removal, held, self._share))
 
     def last_run(self) -> datetime | None:
-        """When a removal last ended."""
+        """Return when the last removal ended; None without one."""
         at = _choice(self._database, DONE).get("at")
         return datetime.fromisoformat(at) if at else None
 
     def removed_before(self) -> datetime | None:
-        """Housekeeping older than this may be thinned or gone: its gaps are retention's."""
+        """Return the time before which housekeeping may be thinned or removed, so that gaps have this cause; None if there
+        is none."""
         found = _choice(self._database, DONE)
         moments = [datetime.fromisoformat(found[k]) for k in ("packets_before", "thinned_before") if found.get(k)]
         return max(moments, default=None)
 
-    # --- removing -----------------------------------------------------------------------------------------------
+    # --- removal ------------------------------------------------------------------------------------------------
 
     def work(self, run: Run) -> dict[str, Any]:
-        """Not while a backup is being made: it must find the bytes that its rows name."""
+        """Run a removal. The lock excludes a concurrent backup, which must find the blobs that its rows reference."""
         with named_lock(self._lock, "", wait=True):
             return self._remove(run)
 
     def _remove(self, run: Run) -> dict[str, Any]:
-        """Step by step; the checkpoint is what it has removed, and bytes whose rows are marked already."""
+        """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
         self._trust.require("retention")
         confirmed = Confirmed.read(run.request.get("confirmed"))
         kept = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
@@ -215,7 +217,7 @@ class RetentionService:
         return {"removed": removed}
 
     def _check(self, policy: Policy, at: datetime, confirmed: Confirmed | None) -> None:
-        """Conflict, and a note for the page and the alarm, where a person must confirm the removal first."""
+        """Raise Conflict, and store the reason for the page and the alarm, if a person must confirm the removal first."""
         removal = self.preview(policy, at)
         try:
             check_confirmed(removal, confirmed, self._share)
@@ -232,12 +234,12 @@ class RetentionService:
             removed["frames"] += len(group)
             with self._database.unit_of_work() as session:
                 store.remove_pixels(session, [p.frame_id for p in group], at)
-                # The rows first, the bytes after: a crash between leaves bytes too many, never a row that promises too much.
+                # Rows first, blobs afterwards: a crash in between leaves unused blobs, never a row without its blob.
                 run.keep({"at": at.isoformat(), "pending": keys, "removed": removed}, session)
             self._drop(keys, removed)
 
     def going(self, policy: Policy, at: datetime) -> Iterator[store.Pixels]:
-        """Whose pixels the policy lets go, oldest first."""
+        """Yield the pixels that the policy removes, oldest first."""
         if not policy.frames_days and not policy.frames_gb:
             return
         with self._database.unit_of_work() as session:
@@ -252,7 +254,7 @@ class RetentionService:
                 yield pixels
 
     def _drop(self, keys: list[str], removed: dict[str, int]) -> None:
-        """Bytes that no row needs any more."""
+        """Delete blobs that no row needs any more."""
         with self._database.unit_of_work() as session:
             needed = store.still_needed(session, keys)
         for key in keys:
@@ -295,19 +297,20 @@ class RetentionService:
 
 
 class DailyRetention:
-    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in doubt."""
+    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in
+    doubt."""
 
     def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
         self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now
         self._next: datetime | None = None
 
     def tick(self) -> None:
-        """Called about once a second."""
+        """Start a removal if it is due; called about once a second."""
         now = self._now()
         if self._next is None:
             last = self._retention.last_run()
             self._next = now if last is None else last + DAY
-        # A clock that was set back must not put the next run off for years.
+        # A clock that was set back must not delay the next run for years.
         self._next = min(self._next, now + DAY)
         if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
             return

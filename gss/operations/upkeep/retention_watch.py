@@ -1,4 +1,4 @@
-"""Alarms of retention: a clock in doubt, a removal that waits for a person."""
+"""Alarms of retention: the clock is in doubt, or a removal waits for confirmation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RetentionWatch:
         self._trust, self._retention, self._alarms = trust, retention, alarms
 
     def tick(self) -> None:
-        """Called about once a second."""
+        """Update both alarms; called about once a second."""
         found = self._trust.tick()
         days = 0.0 if found.trusted is None else round((found.now - found.trusted) / DAY, 2)
         text = f"Server clock: {found.doubt}; retention is paused, nothing is deleted: {HINT}"

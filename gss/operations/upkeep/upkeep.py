@@ -1,4 +1,4 @@
-"""The services of upkeep together, as the wiring connects them."""
+"""The maintenance services, bundled for the wiring."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gss.store.models import Frame
 
 @dataclass(frozen=True)
 class Upkeep:
-    """Everything of this room."""
+    """All maintenance services."""
 
     database: Database
     disk: DiskGuard
@@ -36,7 +36,7 @@ class Upkeep:
     pages: PageCheck
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
-        """Retention never takes the pixels of a favourite."""
+        """Mark a frame as favourite; retention never removes the pixels of favourites. Raises NotFound."""
         with self.database.unit_of_work() as session:
             frames.get(session, frame_id)
             store.set_favourite(session, frame_id, favourite)
@@ -44,5 +44,5 @@ class Upkeep:
             return frames.get(session, frame_id)
 
     def forecast(self) -> Forecast:
-        """What is on the disk, and when it is full."""
+        """Return the forecast of disk usage."""
         return forecast(self.database, self.retention, self.disk, self.backups.folder)
