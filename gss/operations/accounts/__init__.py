@@ -1,1 +1,1 @@
-"""Who may do what: users, sign-in, tokens, permissions, and the record of it all."""
+"""Access control: users, sign-in, tokens, permissions, and the audit log."""

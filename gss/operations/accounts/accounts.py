@@ -1,4 +1,4 @@
-"""All of it together: who a request comes from, and whether that still holds."""
+"""Identifies the caller of a request and checks that the identity is still valid."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from gss.operations.clock import Monotonic, Now
 from gss.store.engine import Database
 
 REMEMBERED_S = 1.0
-"""So long an identity is taken as it was last read. What this process changes counts at once, other processes' within it."""
+"""How long an identity is cached. Changes by this process apply at once, those by other processes within this time."""
 IN_NEED_S = 600.0
-"""While the database cannot be read, who was known so lately still is: ABORT must get through."""
+"""While the database cannot be read, identities verified within this time are still accepted, so that ABORT can be sent."""
 MOST_REMEMBERED = 1000
 
 
 class Rules(Protocol):
-    """The settings that matter here."""
+    """The settings used here."""
 
     password_passes: int
     password_memory_kib: int
@@ -37,14 +37,14 @@ class Rules(Protocol):
 
 
 def open_accounts(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
-    """The service as the settings want it."""
+    """Create the service as configured."""
     passwords = Passwords(rules.password_passes, rules.password_memory_kib)
     lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))
     return AccountService(database, now, monotonic_s, passwords, lifetimes)
 
 
 class AccountService:
-    """The door. ``users``, ``sessions`` and ``tokens`` keep the rows."""
+    """Identifies callers by session or token. ``users``, ``sessions`` and ``tokens`` manage the rows."""
 
     def __init__(
         self,
@@ -65,24 +65,25 @@ class AccountService:
         self._lock = threading.Lock()
 
     def _forget(self) -> None:
-        """Users, sessions or tokens changed: what was read of them may no longer hold."""
+        """Clear the cached identities, because users, sessions or tokens changed."""
         with self._lock:
             self._changes += 1
             self._remembered.clear()
 
     def who_has_cookie(self, key: str, *, touch: bool = True) -> Who | None:
-        """Whose session; None where it is none. Without ``touch`` it does not put off the end of an idle session, and writes
-        nothing."""
+        """Return the owner of a session; None if the session is invalid. Without ``touch`` the request does not extend an
+        idle session, and writes nothing."""
         return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key, touch=touch))
 
     def remembered(self, kind: str, key: str) -> Who | None:
-        """An identity (session or token) that was read less than a moment ago, without asking the database."""
+        """Return an identity (session or token) from the cache, without a database query; None if it is not cached."""
         with self._lock:
             at_s, known = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
             return known if self._monotonic_s() - at_s < REMEMBERED_S else None
 
     def who_has_token(self, key: str, address: str) -> Who | None:
-        """Whose token; None where it is worth nothing, TooOften where too many bad ones came from that address."""
+        """Return the owner of a token; None if the token is invalid. Raises TooOften after too many invalid tokens from that
+        address."""
         hashed = f"token {key_hash(key)}"
         who = self._recall(hashed, lambda: self.tokens.who(key))
         if who is None:
@@ -90,7 +91,8 @@ class AccountService:
         return who
 
     def why_over(self, who: Who) -> str:
-        """Why session or token are worth nothing any more; "" while they are. For what stays open: ask every few seconds."""
+        """Return why a session or token is no longer valid; "" while it is. Long-lived connections call this every few
+        seconds."""
         try:
             over = self.sessions.why_over(who.key_id) if who.kind == "session" else self.tokens.why_over(who.key_id)
         except NotFound:
@@ -98,7 +100,8 @@ class AccountService:
         return over
 
     def require(self, name: str, wanted: str) -> None:
-        """NotPermitted unless whoever goes by that name may do it now: for what goes on after the request has ended."""
+        """Raise NotPermitted unless the user or token of that name has the permission now; for work that outlives its
+        request."""
         role, permissions = self._permissions(name)
         if wanted not in permissions:
             raise not_permitted(wanted, role)
@@ -127,7 +130,7 @@ class AccountService:
             raise
         with self._lock:
             self._remembered.pop(hashed, None)
-            if who is not None and changes == self._changes:  # else it may have been read before the change
+            if who is not None and changes == self._changes:  # otherwise it may have been read before the change
                 self._remembered[hashed] = (read_s, who)
             while len(self._remembered) > MOST_REMEMBERED:
                 self._remembered.popitem(last=False)

@@ -1,6 +1,7 @@
-"""Brakes for guessing: after some free failures each further one makes the next try wait longer, up to a limit.
+"""Rate limits against guessing: after some free failures, each further one doubles the wait before the next attempt, up to a
+limit.
 
-There is no lock: a wait ends by itself, and whoever knows the password gets in after it.
+There is no lockout: a wait ends automatically, after which the correct password is accepted.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ MOST_KEYS = 10_000
 
 @dataclass(frozen=True)
 class Brake:
-    """``free`` failures cost nothing; then the wait doubles from one second to ``longest_s``; ``forget_s`` after the last
-    failure all is forgotten."""
+    """``free`` failures have no effect; then the wait doubles from one second up to ``longest_s``. All failures are
+    forgotten ``forget_s`` after the last one."""
 
     free: int
     longest_s: float
@@ -32,7 +33,7 @@ BY_TOKEN_ADDRESS = Brake(free=30, longest_s=60.0)
 
 
 class Attempts:
-    """Counts failures by key (a name, an address). Bounded: the oldest keys go first."""
+    """Counts failures by key (a name, an address). Bounded: the oldest keys are dropped first."""
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         self._now_s = monotonic_s
@@ -40,8 +41,8 @@ class Attempts:
         self._lock = threading.Lock()
 
     def begin(self, keys: Sequence[tuple[str, Brake]]) -> None:
-        """A try begins: TooOften while a wait is on. It counts as failed until ``passed``, so that many tries at once
-        do not slip through before the first has failed."""
+        """Start an attempt. Raises TooOften during a wait. The attempt counts as failed until ``passed``, so that concurrent
+        attempts cannot bypass the limit."""
         with self._lock:
             wait_s = max((self._wait_s(key, brake) for key, brake in keys), default=0.0)
             if wait_s > 0:
@@ -59,7 +60,8 @@ class Attempts:
                 self._failures.popitem(last=False)
 
     def passed(self, keys: Sequence[tuple[str, Brake]]) -> None:
-        """It was right: this try did not count. Others of the same address still do: one's own account is no key to them."""
+        """Remove a successful attempt from the count. Other failures from the same address still count, so that a user's own
+        account does not help to guess others."""
         with self._lock:
             for key, _ in keys:
                 count, at_s = self._failures.pop(key, (0, 0.0))
@@ -67,7 +69,7 @@ class Attempts:
                     self._failures[key] = (count - 1, at_s)
 
     def forget(self, key: str) -> None:
-        """Nothing failed under this key."""
+        """Reset the failures of a key."""
         with self._lock:
             self._failures.pop(key, None)
 

@@ -1,5 +1,5 @@
-"""The record of who did what, when, from where, and how it ended. It only grows: the database refuses to change or remove a row,
-and each row carries the hash of the one before, so that a changed or missing one shows."""
+"""Audit log: records every user action with time, address and result. It is append-only: the database rejects changing or
+removing a row, and each row contains the hash of the previous one, so that tampering is detected."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from gss.store.models import AuditRow
 
 Result = Literal["done", "denied", "failed"]
 FIRST = "0" * 64
-"""What the first row follows."""
+"""The previous hash of the first row."""
 ONCE = "milliseconds"
-"""How finely the hash held the time at first; rows of then are as whole as ever."""
+"""Time resolution of hashes in older rows, which are still valid."""
 TRIES = 50
 FIELDS = ("seq", "at", "who", "role", "action", "target", "result", "detail", "address", "previous", "hash")
 FORMATS = {"jsonl": "application/x-ndjson", "csv": "text/csv"}
@@ -30,8 +30,8 @@ FORMATS = {"jsonl": "application/x-ndjson", "csv": "text/csv"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """What reading the whole record showed. ``problem`` is "" when it is whole; ``last_hash`` is worth noting elsewhere: a
-    record whose end was cut off is whole in itself."""
+    """Result of verifying the log. ``problem`` is "" if it is intact; ``last_hash`` should be noted elsewhere, because a log
+    truncated at its end is consistent in itself."""
 
     rows: int
     last_hash: str
@@ -39,7 +39,7 @@ class Verdict:
 
 
 class AuditService:
-    """Writes and reads the record; several processes may write at the same time."""
+    """Writes and reads the log; several processes may write concurrently."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -47,13 +47,13 @@ class AuditService:
     def record(
         self, who: str, action: str, target: str, result: Result, detail: str = "", *, role: str = "", address: str = ""
     ) -> int:
-        """Append a row; its number."""
+        """Append a row and return its number."""
         words = (_fit(who, 80), _fit(role, 20), _fit(action, 60), _fit(target, 200), result, _fit(detail, 2000))
         for _ in range(TRIES):
             try:
                 return self._append(*words, _fit(address, 60))
             except store.PlaceTaken:
-                continue  # somebody else's row came between: follow that one
+                continue  # another process appended a row meanwhile: try again after it
         raise StoreDown("the audit record cannot be written now", hint="look at disk space and locks")
 
     def _append(self, who: str, role: str, action: str, target: str, result: str, detail: str, address: str) -> int:
@@ -77,12 +77,12 @@ class AuditService:
             return row.seq
 
     def page(self, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
-        """Newest first, those below ``before``."""
+        """Return a page of rows, newest first, with numbers below ``before``."""
         with self._database.unit_of_work() as session:
             return store.page(session, wanted, limit, before)
 
     def export(self, kind: str, wanted: AuditFilter | None = None) -> Iterator[str]:
-        """All that fits, oldest first, as JSON lines or CSV, a piece at a time."""
+        """Yield all matching rows, oldest first, as JSON lines or CSV."""
         with self._database.unit_of_work() as session:
             if kind == "csv":
                 yield _csv_line(FIELDS)
@@ -94,7 +94,7 @@ class AuditService:
                     yield json.dumps(values, ensure_ascii=False) + "\n"
 
     def verify(self, known_hash: str = "") -> Verdict:
-        """Read the whole record and compute every hash again. ``known_hash``: of a row noted earlier, which must be there."""
+        """Read the whole log and verify every hash. ``known_hash``: of a row noted earlier, which must be present."""
         seq, previous, seen = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
@@ -107,7 +107,7 @@ class AuditService:
                         return Verdict(seq, previous, f"row {row.seq} was changed")
                     seq, previous = row.seq, row.hash
                     seen = seen or row.hash == known_hash
-            except ValueError as error:  # a time that is none
+            except ValueError as error:  # an invalid time
                 return Verdict(seq, previous, f"a row after row {seq} cannot be read: {error}")
             gone, strays = store.missing_guards(session), store.before_the_first(session)
         if strays:
@@ -119,23 +119,23 @@ class AuditService:
 
 
 def hash_of(row: AuditRow, timespec: str = "microseconds") -> str:
-    """SHA-256 over everything that a row says, and over the one before."""
+    """Return the SHA-256 over all columns of a row, including the previous row's hash."""
     values = [str(value) for field, value in row_values(row, timespec).items() if field != "hash"]
     return hashlib.sha256(json.dumps(values, ensure_ascii=True).encode()).hexdigest()
 
 
 def row_values(row: AuditRow, timespec: str = "microseconds") -> dict[str, str | int]:
-    """A row in plain words."""
+    """Return a row as plain values."""
     return {field: iso_z(row.at, timespec) if field == "at" else getattr(row, field) for field in FIELDS}
 
 
 def _fit(text: str, most: int) -> str:
-    """What came from outside may be long, and hold control characters that would forge a line where it is printed."""
+    """Truncate text from outside and replace control characters, which could forge a line when printed."""
     return "".join(c if c.isprintable() else "�" for c in text.encode("utf-8", "replace").decode())[:most]
 
 
 def _harmless(text: str) -> str:
-    """A spreadsheet must not take it for a formula."""
+    """Prefix text that a spreadsheet would run as a formula."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text
 
 

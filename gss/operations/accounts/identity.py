@@ -1,4 +1,4 @@
-"""Who asks."""
+"""The identity of a caller."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 
 @dataclass(frozen=True)
 class Who:
-    """Somebody who proved who they are. ``kind``: session or token, ``key_id`` its row. ``csrf``: what a page must send with a
-    change; "" for a token, which no browser sends by itself. ``expires``: the end of session or token."""
+    """An authenticated caller. ``kind``: session or token, ``key_id`` its row. ``csrf``: the CSRF token that a page must
+    send with a change; "" for an API token, which browsers never send automatically. ``expires``: end of the session or
+    token."""
 
     name: str
     role: str
@@ -26,19 +27,20 @@ class Who:
     expires: datetime
 
     def may(self, wanted: str) -> bool:
-        """Is it permitted?"""
+        """True if the caller has the permission."""
         return permitted(self.permissions, wanted)
 
     def require(self, wanted: str) -> None:
-        """NotPermitted otherwise."""
+        """Raise NotPermitted unless the caller has the permission."""
         require(self.permissions, wanted, self.role)
 
     def require_all(self, role: str, scopes: Iterable[str]) -> None:
-        """NotPermitted unless one may oneself all that a role with these scopes may: nobody hands out more than they have."""
+        """Raise NotPermitted unless the caller has every permission of the role with these scopes: callers cannot grant more
+        than they have."""
         for wanted in sorted(permissions_of(role, scopes)):
             self.require(wanted)
 
     @property
     def handed_out_until(self) -> datetime | None:
-        """The end of what one hands out, keys or links: a token's own; of a session none."""
+        """Latest expiry of keys and links that the caller may create: a token's own expiry; None for a session."""
         return self.expires if self.kind == "token" else None

@@ -1,4 +1,4 @@
-"""Passwords: argon2id (RFC 9106), rules after NIST SP 800-63B §5.1.1.2: length counts, composition does not."""
+"""Passwords: argon2id (RFC 9106); rules after NIST SP 800-63B §5.1.1.2: length counts, composition does not."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from gss.domain.errors import BadInput, TooOften
 
 SHORTEST, LONGEST = 10, 200
 AT_ONCE = 2
-"""Each hashing takes tens of megabytes: more at the same time would let strangers fill the memory."""
+"""Maximum number of concurrent hash computations; each needs tens of megabytes, so more would let anonymous clients exhaust
+the memory."""
 MOST_WAITING = 20
-"""More are told at once to come again: whoever floods the door must not make the others wait for minutes."""
+"""Maximum number of waiting sign-ins; more are rejected at once, so that a flood does not delay others for minutes."""
 Done = TypeVar("Done")
 KNOWN = frozenset(
     """password password1 password12 password123 passw0rd123 1234567890 12345678910 123456789a qwertyuiop qwerty1234
@@ -26,14 +27,14 @@ KNOWN = frozenset(
 
 
 class Turns:
-    """Threads of their own for what computes a hash, so that nothing else ever waits for one: ABORT least of all."""
+    """Thread pool for password hashing, so that nothing else waits for a hash, least of all ABORT."""
 
     def __init__(self, at_once: int = AT_ONCE, most_waiting: int = MOST_WAITING) -> None:
         self._threads = ThreadPoolExecutor(at_once, thread_name_prefix="passwords")
         self._places = threading.BoundedSemaphore(at_once + most_waiting)
 
     def take(self, work: Callable[[], Done]) -> Future[Done]:
-        """What ``work`` will return; TooOften at once while too many wait."""
+        """Queue ``work`` and return its future. Raises TooOften if too many are waiting."""
         if not self._places.acquire(blocking=False):
             raise TooOften(
                 "too many are signing in now", expected="the next try in 2 s", hint="wait", retry_after_s=2.0
@@ -44,7 +45,7 @@ class Turns:
 
 
 class Passwords:
-    """Hashes and verifies. ``passes`` and ``memory_kib`` are the cost of each guess."""
+    """Hashes and verifies passwords. ``passes`` and ``memory_kib`` set the cost of each guess."""
 
     def __init__(self, passes: int = 3, memory_kib: int = 65_536, lanes: int = 4) -> None:
         self._hasher = argon2.PasswordHasher(
@@ -56,12 +57,13 @@ class Passwords:
         self.verified = 0
 
     def hash(self, password: str) -> str:
-        """What is stored."""
+        """Return the hash to store."""
         with self._gate:
             return self._hasher.hash(_normal(password))
 
     def verify(self, stored: str, password: str) -> bool:
-        """Does it fit? With nothing stored a hash is computed all the same: an unknown name must not answer sooner."""
+        """True if the password matches. Without a stored hash one is still computed, so that an unknown name does not answer
+        sooner."""
         self._nobody = self._nobody or self.hash("the password of nobody")
         with self._gate:
             self.verified += 1
@@ -72,12 +74,12 @@ class Passwords:
         return bool(stored)
 
     def outdated(self, stored: str) -> bool:
-        """Was it hashed at another cost than today's?"""
+        """True if the hash was made with other cost parameters than the current ones."""
         return self._hasher.check_needs_rehash(stored)
 
     @staticmethod
     def check_new(password: str, name: str) -> None:
-        """BadInput unless it may become a password. The password itself is in no message."""
+        """Raise BadInput unless the password is acceptable. Messages never contain the password."""
         words = _normal(password)
         if not SHORTEST <= len(words) <= LONGEST:
             raise BadInput(
@@ -95,5 +97,5 @@ class Passwords:
 
 
 def _normal(password: str) -> str:
-    """One form for what looks the same; what is far too long is cut where the rule would refuse it anyway."""
+    """Normalize to one form (NFKC); input far beyond the length limit is cut, because it will be rejected anyway."""
     return unicodedata.normalize("NFKC", password[: 2 * LONGEST])

@@ -1,6 +1,7 @@
-"""What each role may do: one table, asked by routes, by commands and by the pages.
+"""Permissions of each role: one table, used by routes, commands and pages.
 
-Every role may stop: ABORT, pausing, stopping and aborting need ``stop`` alone. A token narrowed to other permissions may not.
+Every role may stop things: ABORT, pausing, stopping and aborting need only ``stop``. A token narrowed to other permissions may
+not.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from gss.domain.errors import BadInput, NotPermitted
 
 VIEW = "view"
 METRICS = "metrics"
-"""Figures without names or contents: harmless, so that the token of a monitor can be the least of all."""
+"""Metrics without names or contents, so that a monitoring token needs no other permission."""
 STOP = "stop"
-"""ABORT, and pausing, stopping and aborting what runs."""
+"""ABORT, and pausing, stopping and aborting work in progress."""
 EVERYBODY = (VIEW, METRICS, STOP)
 GROUPS = ("attitude", "catalogue", "imager", "link", "power", "processor", "training")
 COMMANDS = tuple(f"command.{group}" for group in GROUPS)
@@ -70,20 +71,21 @@ ROLES: Mapping[str, frozenset[str]] = {
 
 
 def permissions_of(role: str, scopes: Iterable[str] = ()) -> frozenset[str]:
-    """What a role may do, narrowed to ``scopes`` where any are given; nothing for a role that is none."""
+    """Return the permissions of a role, narrowed to ``scopes`` if any are given; none for an unknown role."""
     granted, narrowed = ROLES.get(role, frozenset()), frozenset(scopes)
     return granted & narrowed if narrowed else granted
 
 
 def checked_role(role: str) -> str:
-    """A role's name."""
+    """Return the role's name. Raises BadInput if there is no such role."""
     if role not in ROLES:
         raise BadInput("no such role", expected=", ".join(ROLES), got=role[:40])
     return role
 
 
 def permitted(permissions: frozenset[str], wanted: str) -> bool:
-    """Does one of the alternatives hold? ``wanted`` is a permission, or some with | between; ``command`` is any command's."""
+    """True if one of the alternatives is granted. ``wanted`` is a permission, or several separated by |; ``command`` means
+    any command permission."""
     return any(
         one in permissions or (one == "command" and any(p in permissions for p in COMMANDS))
         for one in wanted.split("|")
@@ -91,18 +93,18 @@ def permitted(permissions: frozenset[str], wanted: str) -> bool:
 
 
 def roles_with(wanted: str) -> list[str]:
-    """Roles that may, in the order of the table."""
+    """Return the roles that have the permission, in the order of the table."""
     return [role for role, permissions in ROLES.items() if permitted(permissions, wanted)]
 
 
 def require(permissions: frozenset[str], wanted: str, role: str) -> None:
-    """NotPermitted, with who has it, unless it is among the permissions."""
+    """Raise NotPermitted, naming the roles that have it, unless the permission is granted."""
     if not permitted(permissions, wanted):
         raise not_permitted(wanted, role)
 
 
 def not_permitted(wanted: str, role: str) -> NotPermitted:
-    """The refusal as an operator can use it."""
+    """Return the error for a missing permission, naming the roles that have it."""
     having = roles_with(wanted)
     return NotPermitted(
         f"this needs the permission {wanted.replace('|', ' or ')}",

@@ -1,4 +1,4 @@
-"""Random keys and what is kept of them. They have 256 bits, so a plain hash is enough where a password needs a slow one."""
+"""Random keys and their stored hashes. Keys have 256 bits, so a plain hash suffices where a password needs a slow one."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ TOKEN_MARK = "gss_"  # noqa: S105 - how a token begins, so that scanners of repo
 
 
 def new_key() -> str:
-    """A key nobody can guess, in characters that fit a cookie and an address."""
+    """Return an unguessable key in characters valid in cookies and URLs."""
     return secrets.token_urlsafe(BYTES)
 
 
 def new_token() -> str:
-    """A key for a program."""
+    """Return a token for a program."""
     return TOKEN_MARK + new_key()
 
 
 def key_hash(key: str) -> str:
-    """What is stored of a key."""
+    """Return the hash of a key for storage."""
     return hashlib.sha256(key.encode("utf-8", "replace")).hexdigest()
 
 
 def csrf_of(key: str) -> str:
-    """What a page must send with a change: bound to the session's key, and useless for finding it."""
+    """Return the CSRF token of a session: derived from the session's key, which cannot be recovered from it."""
     return hashlib.sha256(b"gss csrf " + key.encode("utf-8", "replace")).hexdigest()
 
 
 def same(given: str, expected: str) -> bool:
-    """Compared in constant time."""
+    """Compare two secrets in constant time."""
     return secrets.compare_digest(given.encode("utf-8", "replace"), expected.encode("utf-8", "replace"))

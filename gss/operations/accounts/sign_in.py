@@ -1,4 +1,4 @@
-"""Signing in and out. Sessions live on the server; the browser holds a random key in a cookie, the database its hash."""
+"""Signing in and out. Sessions are stored on the server; the browser holds a random key in a cookie, the database its hash."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gss.store.engine import Database
 from gss.store.models import SignIn, User
 
 SEEN_EVERY = timedelta(minutes=1)
-"""``last_seen`` is written no more often."""
+"""Minimum interval between updates of ``last_seen``."""
 KNOWN_FOR = timedelta(days=90)
-"""From an address from which somebody signed in lately, others' guesses at the name do not make them wait."""
+"""From an address from which the user signed in within this time, failed attempts by others do not delay the user."""
 
 
 @dataclass(frozen=True)
 class Lifetimes:
-    """A session ends when nothing was asked for ``idle``, and after ``longest`` whatever happens."""
+    """A session ends after ``idle`` without a request, and in any case after ``longest``."""
 
     idle: timedelta = timedelta(hours=8)
     longest: timedelta = timedelta(hours=24)
@@ -34,7 +34,7 @@ class Lifetimes:
 
 @dataclass(frozen=True)
 class NewSession:
-    """A session's key for the cookie, told once, and whose it is."""
+    """A session's key for the cookie, which is returned only once, and its user."""
 
     key: str
     who: Who
@@ -56,8 +56,8 @@ class SignInService:
         self._lifetimes, self._changed = lifetimes, changed
 
     def sign_in(self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "") -> NewSession:
-        """A new session; NotSignedIn says neither whether the name exists nor what was wrong. ``old_key``: the session that
-        the browser had, which ends: a key that was there before signing in is never worth anything after it."""
+        """Start a session. The NotSignedIn error reveals neither whether the name exists nor what was wrong. ``old_key``:
+        key of the browser's previous session, which is ended to prevent session fixation. Raises TooOften during a wait."""
         row = self._named(name)
         keys = self._brakes(name, row, address)
         self._attempts.begin(keys)
@@ -73,7 +73,7 @@ class SignInService:
         return self.begin(row.id, address=address, agent=agent)
 
     def check_password(self, who: Who, password: str, *, address: str) -> None:
-        """NotPermitted unless it is theirs; as slow for guessers as signing in."""
+        """Raise NotPermitted unless it is the user's password; with the same rate limits as signing in."""
         row = self._named(who.name)
         keys = self._brakes(who.name, row, address)
         self._attempts.begin(keys)
@@ -82,7 +82,7 @@ class SignInService:
         self._attempts.passed(keys)
 
     def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
-        """A session with a new key, for somebody who has just proved who they are."""
+        """Start a session with a new key for a user who was just authenticated."""
         now, key = self._now(), new_key()
         with self._database.unit_of_work() as session:
             user = store.user(session, user_id)
@@ -103,7 +103,7 @@ class SignInService:
             return NewSession(key, self._who(row, user, key))
 
     def sign_out(self, key: str) -> None:
-        """End the session of that key, if it is one."""
+        """End the session of that key, if there is one."""
         with self._database.unit_of_work() as session:
             found = store.sign_in_of(session, key_hash(key))
             if found is not None and found[0].ended is None:
@@ -111,7 +111,7 @@ class SignInService:
         self._changed()
 
     def end(self, sign_in_id: int, *, by: str) -> None:
-        """End somebody's session."""
+        """End a user's session."""
         with self._database.unit_of_work() as session:
             row, _ = store.sign_in(session, sign_in_id)
             if row.ended is None:
@@ -119,13 +119,14 @@ class SignInService:
         self._changed()
 
     def living(self) -> list[tuple[SignIn, User]]:
-        """Open sessions with their users."""
+        """Return open sessions with their users."""
         now = self._now()
         with self._database.unit_of_work() as session:
             return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._why_over(s, u, now)]
 
     def who(self, key: str, *, touch: bool = True) -> Who | None:
-        """Whose session that is; None where it has ended or never was. Only with ``touch`` does it count as a request."""
+        """Return the user of a session; None if it has ended or never existed. Only with ``touch`` does the call count as a
+        request."""
         now = self._now()
         with self._database.unit_of_work() as session:
             found = store.sign_in_of(session, key_hash(key))
@@ -135,11 +136,11 @@ class SignInService:
         if touch and now - row.last_seen >= SEEN_EVERY:
             row.last_seen = now
             with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:
-                store.seen(session, row.id, now)  # a full disk must not keep people out
+                store.seen(session, row.id, now)  # a full disk must not lock users out
         return self._who(row, user, key)
 
     def why_over(self, sign_in_id: int) -> str:
-        """Why a session is over; "" while it lives."""
+        """Return why a session has ended; "" while it is valid."""
         with self._database.unit_of_work() as session:
             return self._why_over(*store.sign_in(session, sign_in_id), self._now())
 
@@ -157,8 +158,9 @@ class SignInService:
             return store.user_named(session, name)
 
     def _brakes(self, name: str, row: User | None, address: str) -> list[tuple[str, Brake]]:
-        """By name and address together always. By each alone too, unless this user is known to sign in from there: else anybody
-        could keep the only admin waiting for good, by failing under that name from everywhere or under any from there."""
+        """Return the rate-limit keys of an attempt: always name and address together; also each alone, unless this user is
+        known to sign in from there. Otherwise anyone could make the only admin wait forever by failing under that name or
+        from that address."""
         pair = (f"pair {store.name_key(name)} {address}", BY_NAME)
         with self._database.unit_of_work() as session:
             known = row is not None and store.signed_in_from(session, row.id, address, self._now() - KNOWN_FOR)

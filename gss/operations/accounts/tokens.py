@@ -1,4 +1,4 @@
-"""Tokens: keys for programs, with a role, an end, and a name under which their deeds are on the record."""
+"""Tokens: keys for programs, with a role, an expiry, and a name for the audit log."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ SEEN_EVERY = timedelta(minutes=1)
 
 @dataclass(frozen=True)
 class NewToken:
-    """A token's key, told once, and its row."""
+    """A token's key, which is returned only once, and its row."""
 
     key: str
     row: ApiToken
 
 
 class TokenService:
-    """Makes, reads and revokes tokens. ``changed`` is called after each change."""
+    """Creates, checks and revokes tokens. ``changed`` is called after each change."""
 
     def __init__(self, database: Database, now: Now, changed: Callable[[], None]) -> None:
         self._database, self._now, self._changed = database, now, changed
 
     def every(self) -> list[ApiToken]:
-        """Newest first, revoked ones too."""
+        """Return all tokens, newest first, including revoked ones."""
         with self._database.unit_of_work() as session:
             return store.tokens(session)
 
@@ -52,8 +52,8 @@ class TokenService:
         scopes: Sequence[str] = (),
         until: datetime | None = None,
     ) -> NewToken:
-        """A new token. ``scopes`` narrow the role. It dies with its owner's account; one made in the shell has none. ``until``: the
-        end of the token that makes it, which it may not outlive."""
+        """Create a token. ``scopes`` narrow the role. It becomes invalid with its owner's account; a token made in the shell
+        has no owner. ``until``: expiry of the token that creates it, which it may not exceed. Raises BadInput or Conflict."""
         granted = permissions_of(checked_role(role))
         if not 0 < len(name) <= LONGEST_NAME or not name.isprintable() or name.strip() != name:
             raise BadInput("a token needs a name", expected=f"1 – {LONGEST_NAME} printable characters")
@@ -91,7 +91,7 @@ class TokenService:
         return NewToken(key, row)
 
     def revoke(self, token_id: int) -> ApiToken:
-        """It is worth nothing from now on, nor is any token that was made with it."""
+        """Revoke a token and all tokens created with it."""
         with self._database.unit_of_work() as session:
             row, _ = store.token(session, token_id)
             self._revoke(session, row)
@@ -99,7 +99,7 @@ class TokenService:
         return row
 
     def revoke_named(self, name: str) -> ApiToken:
-        """The same for the living token of that name."""
+        """Revoke the valid token of that name. Raises Conflict if there is none."""
         with self._database.unit_of_work() as session:
             found = store.living_token(session, name, self._now())
             if found is None:
@@ -109,13 +109,14 @@ class TokenService:
         return found[0]
 
     def _revoke(self, session: Any, row: ApiToken) -> None:
-        """The name may have been another token's before, and may be one's after: only what was made in this one's time is its."""
+        """Revoke a token and its children. A name can be reused, so only tokens created during this one's lifetime are its
+        children."""
         row.revoked = row.revoked or self._now()
         for child in store.tokens_made_by(session, TOKEN_PREFIX + row.name, row.created, row.revoked):
             self._revoke(session, child)
 
     def who(self, key: str) -> Who | None:
-        """Whose token that is; None where it is worth nothing."""
+        """Return the identity of a token; None if it is invalid."""
         if not key.startswith(TOKEN_MARK) or len(key) > LONGEST:
             return None
         now = self._now()
@@ -130,14 +131,14 @@ class TokenService:
         return _who(row)
 
     def named(self, name: str) -> Who | None:
-        """The identity of the living token of that name (without the prefix)."""
+        """Return the identity of the valid token of that name (without the prefix)."""
         now = self._now()
         with self._database.unit_of_work() as session:
             found = store.living_token(session, name, now)
             return None if found is None or _why_over(*found, now) else _who(found[0])
 
     def why_over(self, token_id: int) -> str:
-        """Why a token is worth nothing; "" while it is."""
+        """Return why a token is invalid; "" while it is valid."""
         with self._database.unit_of_work() as session:
             return _why_over(*store.token(session, token_id), self._now())
 

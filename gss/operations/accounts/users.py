@@ -1,4 +1,4 @@
-"""Users: made, given a role, switched off and on; and the one-time links with which they set their password."""
+"""Users: created, assigned a role, enabled and disabled; and the one-time links for setting a password."""
 
 from __future__ import annotations
 
@@ -24,59 +24,61 @@ SETUP_LASTS = timedelta(hours=1)
 PASSWORD_LASTS = timedelta(hours=24)
 OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown", "unknown name", "set-up link")
 BEGIN_OF_SOFTWARE = (TOKEN_PREFIX, "shell:")
-"""Names under which software or nobody is on the record."""
+"""Names reserved for software and unknown users in the audit log."""
 UNSEEN = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
-"""Letters and marks that show nothing."""
+"""Letters and marks that are invisible."""
 VARIATION = ("VARIATION SELECTOR", "MONGOLIAN FREE VARIATION SELECTOR")
 
 
 @dataclass(frozen=True)
 class Link:
-    """A one-time key that is told once, and its end."""
+    """A one-time key, which is returned only once, and its expiry."""
 
     key: str
     expires: datetime
 
 
 class UserService:
-    """Keeps users; the name of who made them is on their rows. ``changed`` is called after each change."""
+    """Manages users; their rows name the creator. ``changed`` is called after each change."""
 
     def __init__(self, database: Database, passwords: Passwords, now: Now, changed: Callable[[], None]) -> None:
         self._database, self._passwords, self._now, self._changed = database, passwords, now, changed
 
-    # --- reading ------------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def every(self) -> list[User]:
-        """By name."""
+        """Return all users by name."""
         with self._database.unit_of_work() as session:
             return store.users(session)
 
     def get(self, user_id: int) -> User:
-        """The user of that id."""
+        """Return the user with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.user(session, user_id)
 
     def named(self, name: str) -> User | None:
-        """The user of that name."""
+        """Return the user of that name; None if there is none."""
         with self._database.unit_of_work() as session:
             return store.user_named(session, name)
 
     def set_up_needed(self) -> bool:
-        """Is there nobody yet?"""
+        """True if there is no user yet."""
         with self._database.unit_of_work() as session:
             return not store.any_user(session)
 
-    # --- making -------------------------------------------------------------------------------------------------
+    # --- creation -----------------------------------------------------------------------------------------------
 
     def add(self, name: str, role: str, *, by: str, password: str = "") -> User:
-        """A new user; Conflict where the name is taken. Without a password a link is needed before the first sign-in."""
+        """Create a user. Raises Conflict if the name is in use. Without a password, a link is needed before the first
+        sign-in."""
         checked_role(role)
         hashed = self._hashed(password, name) if password else ""
         with self._database.unit_of_work() as session:
             return self._add(session, name, role, hashed, by)
 
     def set_up(self, key: str, name: str, password: str) -> User:
-        """The first admin, by the link that the server printed at its start."""
+        """Create the first admin with the link that the server printed at startup. Raises NotPermitted if the link is not
+        valid."""
         checked_name(name)
         self._fresh(SETUP, key)
         hashed = self._hashed(password, name)
@@ -103,10 +105,10 @@ class UserService:
         self._passwords.check_new(password, name)
         return self._passwords.hash(password)
 
-    # --- changing -----------------------------------------------------------------------------------------------
+    # --- changes ------------------------------------------------------------------------------------------------
 
     def change(self, user_id: int, *, role: str | None = None, enabled: bool | None = None) -> User:
-        """Another role, on or off; the last admin stays one. Switching off ends all sessions."""
+        """Change role or enabled state. Disabling ends all sessions. Raises Conflict for the last enabled admin."""
         if role is not None:
             checked_role(role)
         with self._database.unit_of_work() as session:
@@ -124,7 +126,7 @@ class UserService:
         return row
 
     def set_password(self, user_id: int, password: str) -> User:
-        """Another password; every session of this user ends, and no link is good any more."""
+        """Set another password; all sessions of this user end, and links become invalid."""
         hashed = self._hashed(password, self.get(user_id).name)
         with self._database.unit_of_work() as session:
             row = self._store_password(session, user_id, hashed)
@@ -132,7 +134,7 @@ class UserService:
         return row
 
     def set_password_by_link(self, key: str, password: str) -> User:
-        """A password by a one-time link; NotPermitted where it was used, is too old or never was."""
+        """Set a password with a one-time link. Raises NotPermitted if the link was used, has expired or never existed."""
         row = self.get(self._fresh(PASSWORD, key).user_id or 0)
         hashed = self._hashed(password, row.name)
         with self._database.unit_of_work() as session:
@@ -143,13 +145,14 @@ class UserService:
         return row
 
     def check_link(self, kind: str, key: str) -> None:
-        """NotPermitted where using the link would say so; nothing is used up."""
+        """Raise NotPermitted if the link is not valid, without using it."""
         self._fresh(kind, key)
         if kind == SETUP and not self.set_up_needed():
             raise _used_link()
 
     def _fresh(self, kind: str, key: str) -> OneTimeLink:
-        """The link before anything slow is done for it; it is used up later, in one step with what it is for."""
+        """Return the valid link before slow work is done for it; it is used up later, in the same transaction as its
+        purpose."""
         with self._database.unit_of_work() as session:
             link = store.fresh_link(session, kind, key_hash(key), self._now())
         if link is None:
@@ -166,14 +169,15 @@ class UserService:
     # --- links --------------------------------------------------------------------------------------------------
 
     def set_up_link(self) -> Link | None:
-        """A new set-up link in place of those before; None when there is a user already."""
+        """Create a set-up link that replaces earlier ones; None if there is a user already."""
         with self._database.unit_of_work() as session:
             if store.any_user(session):
                 return None
             return self._link(session, SETUP, None, SETUP_LASTS)
 
     def password_link(self, user_id: int, until: datetime | None = None) -> Link:
-        """A new link for a user's password in place of those before; good until ``until`` at the longest."""
+        """Create a password link that replaces earlier ones, valid until ``until`` at the latest. Raises Conflict if the
+        user is disabled."""
         with self._database.unit_of_work() as session:
             if not store.user(session, user_id).enabled:
                 raise Conflict("this user is switched off", hint="switch it on first")
@@ -190,7 +194,8 @@ class UserService:
 
 
 def checked_name(name: str) -> str:
-    """A name for a person in its one form (NFKC): every character shows, and it is not that of software."""
+    """Return a person's name in normalized form (NFKC). Raises BadInput for invisible characters or names reserved for
+    software."""
     name = checked_user(unicodedata.normalize("NFKC", name))
     if any(c in UNSEEN or unicodedata.name(c, "").startswith(VARIATION) for c in name) or "  " in name:
         raise BadInput("not a user name", expected="characters that show, single spaces", got=ascii(name))
