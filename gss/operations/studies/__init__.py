@@ -1,1 +1,1 @@
-"""Long work on many frames: calibrations, night analyses, experiments, reprocessing."""
+"""Long computations on many frames: calibrations, night analyses, experiments, reprocessing."""

@@ -1,4 +1,4 @@
-"""Turn the frames of a night, or the attitudes of a contact, into a report: what both the server and the command line do."""
+"""Turns the frames of a night, or the attitudes of a contact, into a report; used by both the server and the command line."""
 
 from __future__ import annotations
 
@@ -40,14 +40,16 @@ KINDS = (
 )
 FRAME_KINDS = KINDS[:-1]
 DEEPER_MAG = 4.0
-"""How far below the profile's limit catalogue stars are looked for, so that the true limit is seen from both sides."""
+"""Magnitudes below the profile's limit to which catalogue stars are searched for, so that the true limit lies within the
+range."""
 FOUND_PX = 2.5
 EDGE_PX = 8.0
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A report, and the same figures as a record for programs (radians, seconds, pixels, as the science names them)."""
+    """A report, and the same values as a record for programs (radians, seconds, pixels, with the names used by the
+    pipeline)."""
 
     kind: str
     report: Report
@@ -56,7 +58,7 @@ class Analysis:
 
 @dataclass(frozen=True)
 class Run:
-    """Shots of one camera with their results, in order of time; None where a shot could not be run at all."""
+    """Shots of one camera with their results, in order of time; None for a shot that could not be run."""
 
     shots: list[Shot]
     results: list[SolveResult | None]
@@ -69,7 +71,7 @@ class Run:
 
 
 def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
-    """BadInput where the kind does not exist or lacks what it needs."""
+    """Raise BadInput if the kind does not exist or lacks a required argument."""
     if kind not in KINDS:
         raise BadInput("unknown analysis", expected=" | ".join(KINDS), got=kind)
     if kind == "slew" and not (commanded_rad_s is not None and 0 < commanded_rad_s < math.radians(20)):
@@ -82,7 +84,7 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
 
 
 def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, tell: Tell) -> Run:
-    """Run a chain on every shot. A shot that is not of this camera counts as not solved; BadInput when none is solved."""
+    """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if none is solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
     results: list[SolveResult | None] = []
     reason = ""
@@ -104,7 +106,7 @@ def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chai
 def analyse(
     kind: str, solver: Solver, run: Run, *, second: Run | None = None, commanded_rad_s: float | None = None
 ) -> Analysis:
-    """The analysis of a run."""
+    """Return the analysis of a run. Raises BadInput."""
     check_kind(kind, commanded_rad_s, 0 if second is None else len(second.shots))
     makers: dict[str, Callable[[], Analysis]] = {
         "earth-fixed": lambda: _steady(kind, run),
@@ -119,7 +121,7 @@ def analyse(
 
 
 def analyse_telemetry(series: AttitudeSeries, of: str) -> Analysis:
-    """Performance from attitudes alone."""
+    """Analyse performance from attitudes alone."""
     found = telemetry_statistics(series)
     return Analysis("telemetry", sheets.telemetry(found, series, of), dict(as_record(found)))
 
@@ -151,8 +153,8 @@ def _sensitivity(run: Run, solver: Solver) -> Analysis:
 def _looked_for(
     result: SolveResult, solver: Solver, shot: Shot, known: CameraProfile
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Magnitudes of catalogue stars on the detector, and whether a spot was found where each should be. Stars with a
-    brighter one close by are left out: the spot could be the other's."""
+    """Return the magnitudes of catalogue stars on the detector, and whether a centroid was found at the predicted position
+    of each. Stars with a brighter one nearby are excluded, because the centroid could belong to the other."""
     assert result.attitude is not None  # noqa: S101 - the caller has looked
     stars = seen_stars(solver, shot).brighter_than(known.sensor.faint_limit_mag + DEEPER_MAG)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T
@@ -206,7 +208,7 @@ def _two(first: Run, second: Run) -> Analysis:
 
 
 def _of(run: Run) -> str:
-    """Of what a report speaks."""
+    """Return the subtitle of a report: frames, camera, time span and chain."""
     first, last = run.shots[0].taken, run.shots[-1].taken
     version = run.known.sources.get("calibration", "")
     camera = f"{run.known.name}, {version}" if version else run.known.name

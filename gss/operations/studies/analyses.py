@@ -1,4 +1,4 @@
-"""Analyses of stored frames and of telemetry as jobs; their reports are kept."""
+"""Runs analyses of stored frames and of telemetry as jobs and stores their reports."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class FrameAnalysis:
-    """An analysis of frames. ``profile``: whose camera took them; ``other_*``: of a second camera, for two-cameras only."""
+    """Request for an analysis of frames. ``profile``: camera of the frames; ``other_*``: of a second camera, for two-cameras
+    only."""
 
     kind: str
     profile: str
@@ -78,13 +79,13 @@ class FrameAnalysis:
 
 @dataclass(frozen=True)
 class TelemetryAnalysis:
-    """Attitudes of a contact."""
+    """Request for an analysis of a contact's attitudes."""
 
     contact_id: int
 
 
 class AnalysisService:
-    """Makes and keeps analyses."""
+    """Runs and stores analyses."""
 
     def __init__(
         self,
@@ -102,7 +103,8 @@ class AnalysisService:
         jobs.resumable("analysis", self._again)
 
     def start(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, *, user: str) -> Job:
-        """Queue an analysis; its result names the row. BadInput and NotFound before anything is queued."""
+        """Queue an analysis; its result contains the id of the stored row. Raises BadInput or NotFound before anything is
+        queued."""
         name, work = self._work(wanted, title, user)
         asked = {"type": type(wanted).__name__, "wanted": vars(wanted), "title": title, "user": user}
         return self._jobs.begin("analysis", name, asked, work)
@@ -113,7 +115,7 @@ class AnalysisService:
         return self._work(made(**values), run.request["title"], run.request["user"])[1](run)
 
     def _work(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, user: str) -> tuple[str, Resumable]:
-        """Name and work of an analysis, everything looked up that it needs."""
+        """Return the name and work function of an analysis, after looking up its inputs."""
         request = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(wanted).items()}
         first: list[Shot] = []
         other: list[Shot] = []
@@ -129,7 +131,7 @@ class AnalysisService:
         name = title or f"{kind}, {of}"
 
         def work(run: Run) -> dict[str, Any]:
-            if run.checkpoint:  # the row was stored before the server died
+            if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
             if isinstance(wanted, TelemetryAnalysis):
                 made = self._of_contact(wanted)
@@ -178,17 +180,17 @@ class AnalysisService:
         )
 
     def newest(self, limit: int, kind: str = "") -> list[Analysis]:
-        """Newest first."""
+        """Return the newest analyses first."""
         with self._database.unit_of_work() as session:
             return store.analyses(session, limit, kind)
 
     def get(self, analysis_id: int) -> Analysis:
-        """The analysis of that id."""
+        """Return the analysis with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.analysis(session, analysis_id)
 
     def export(self, analysis_id: int, kind: str) -> bytes:
-        """The report to read and print, or everything as JSON."""
+        """Return the report as HTML or PDF, or all data as JSON."""
         row = self.get(analysis_id)
         if kind == "html":
             return as_html(report_from(row.result["report"])).encode()
@@ -200,7 +202,7 @@ class AnalysisService:
 
 
 def attitudes_of(database: Database, contact_id: int, start: datetime, end: datetime) -> AttitudeSeries:
-    """The attitude packets of a contact by the device's time, each frame once; BadInput where there are none."""
+    """Return the attitudes of a contact by device time, each frame once. Raises BadInput if there are none or too many."""
     found: dict[float, tuple[Any, ...]] = {}
     for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
         if row.values[0] is not None:
@@ -227,5 +229,5 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
 
 
 def _number(value: Any) -> float:
-    """The number, NaN where the packet had none."""
+    """Return the number, NaN if the packet has none."""
     return math.nan if value is None else float(value)

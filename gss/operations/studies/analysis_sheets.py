@@ -1,4 +1,4 @@
-"""The reports of analyses: figures in arcseconds and degrees, plots over time, histograms, maps."""
+"""Reports of analyses: values in arcseconds and degrees, plots over time, histograms, maps."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from gss.pipeline.calibration.record import as_record
 from gss.pipeline.calibration.residual_figures import residual_map
 
 ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotation": (0.0203, 0.0608)}
-"""Erlank 2013 Table 6.1: 1σ and 3σ, for whom this test was first made."""
+"""Erlank 2013 Table 6.1: 1σ and 3σ of the original test."""
 TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
 
 
 def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Report:
-    """Fixed to the Earth or to the sky."""
+    """Return the report of an Earth-fixed or celestial-fixed test."""
     expected = float(np.linalg.norm(found.expected_icrs_rad_s))
     speed = float(np.linalg.norm(found.rate_icrs_rad_s))
     facts = [
@@ -80,7 +80,7 @@ def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Rep
 
 
 def slew(found: SlewTest, series: AttitudeSeries, of: str) -> Report:
-    """Rates against the commanded one."""
+    """Return the report of a slew test: measured rates against the commanded one."""
     degree = np.degrees
     uncertain = number(float(degree(found.mean_sigma_rad_s)), 2)
     facts = [
@@ -115,7 +115,7 @@ def slew(found: SlewTest, series: AttitudeSeries, of: str) -> Report:
 
 
 def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
-    """How faint a star is still found."""
+    """Return the report of the detection limit."""
     own = known.sensor.faint_limit_mag
     facts = [
         Fact("half of the stars are found at", number(found.mag_50, 3), "V", f"±{number(found.sigma_50, 2)}"),
@@ -146,7 +146,7 @@ def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
 
 
 def nea(found: NeaCurve, of: str) -> Report:
-    """Noise equivalent angle against integration time."""
+    """Return the report of noise equivalent angle against integration time."""
     facts = [Fact("falls as time to the power", number(found.exponent, 3), "", f"±{number(found.exponent_sigma, 2)}")]
     across, about = found.across_rad / ARCSEC_RAD, found.about_rad / ARCSEC_RAD
     plot = Plot(
@@ -179,7 +179,7 @@ def nea(found: NeaCurve, of: str) -> Report:
 
 
 def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, Any]]:
-    """Where on the detector, and where within a pixel, centroids are off."""
+    """Return the report, and its values, of systematic centroid errors over the detector and within a pixel."""
     size = (camera.columns, camera.rows)
     field = residual_map(pixels, residual_px, size)
     mean = np.nan_to_num(np.hypot(field.mean_px[..., 0], field.mean_px[..., 1]))
@@ -223,7 +223,7 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
 
 
 def two_cameras(found: Consistency, of: str) -> Report:
-    """How one camera sits to the other."""
+    """Return the report of the relative mounting of two cameras."""
     facts = [
         Fact("pairs", number(found.pairs)),
         Fact(
@@ -242,7 +242,7 @@ def two_cameras(found: Consistency, of: str) -> Report:
 
 
 def telemetry(found: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
-    """Performance from attitudes alone."""
+    """Return the report of performance from attitudes alone."""
     facts = [
         Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * found.availability:.1f} %"),
         Fact("longest time without", number(found.longest_outage_s, 3), "s"),

@@ -1,5 +1,5 @@
-"""Calibrations of the bench: dots, pairs of stars, checkerboards, warm detectors, a run through the focus. Each gives one part of
-a camera, with its uncertainty, and can be what a calibration from stars starts from."""
+"""Bench calibrations: dots, pairs of stars, checkerboards, dark current over temperature, focus runs. Each determines one
+part of a camera, with its uncertainty, and can serve as a prior for a calibration from stars."""
 
 from __future__ import annotations
 
@@ -38,18 +38,19 @@ KINDS = (
     "bench-focus",
 )
 PRIOR_KINDS = ("bench-centre", "bench-tilt", "bench-focal", "bench-checkerboard")
-"""These say something of a camera's geometry beforehand."""
+"""Kinds that provide a prior for the camera's geometry."""
 Rows = Sequence[Sequence[float]]
 MOST_ROWS = 5000
 MOST_POINTS = 2000
 FEWEST_SETTINGS = 4
 ZERO_C_K = 273.15
 STEADY_SIGMA_PX = 0.02
-"""What a centre or a focal length of the bench is trusted to at best, in px: clamps and tables have play."""
+"""Lower limit in px for the σ of a centre or focal length from the bench, because clamps and tables have play."""
 
 
 def centre(dots_px: Rows) -> Found:
-    """The optical centre from places (col, row) of one dot while the camera turns about its axis (Jacobs 1995 §6.2.1)."""
+    """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs 1995
+    §6.2.1)."""
     dots = table(dots_px, 2, "places of a dot: col, row")
     found = optical_centre(dots)
     content = dict(as_record(replace(found, warnings=()))) | {"dots_px": as_record(dots)}
@@ -57,14 +58,15 @@ def centre(dots_px: Rows) -> Found:
 
 
 def tilt(pairs_px: Rows, known: CameraProfile) -> Found:
-    """The detector's tilt from places of two dots, one near the centre and one far out: col, row, col, row (eq. 6.15)."""
+    """Determine the detector's tilt from positions of two dots, one near the centre and one far out: col, row, col, row (eq.
+    6.15)."""
     pairs = table(pairs_px, 4, "places of two dots: inner col, row, outer col, row")
     found = detector_tilt(pairs[:, :2], pairs[:, 2:], known.camera, known.focal_mm)
     return _found("bench-tilt", {"tilt": dict(as_record(replace(found, warnings=())))}, found.warnings)
 
 
 def dark_law(rows: Rows) -> Found:
-    """Dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
+    """Determine dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
     points = table(rows, 2, "temperature in °C, dark current in e⁻/s")
     found = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
     content = dict(as_record(replace(found, warnings=())))
@@ -73,7 +75,7 @@ def dark_law(rows: Rows) -> Found:
 
 
 def focal(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, radius_px: float | None) -> Found:
-    """The focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
+    """Determine the focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
     solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
     found = focal_from_pairs(solved.stars, known.camera, radius_px=radius_px)
     pick = np.linspace(0, len(found.values_px) - 1, min(len(found.values_px), MOST_POINTS)).astype(int)
@@ -85,7 +87,7 @@ def focal(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tel
 
 
 def radial(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, order: int) -> Found:
-    """The polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
+    """Determine the polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
     if not 1 <= order <= 4:
         raise BadInput("a polynomial of that order is not carried", expected="1 to 4", got=str(order))
     solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
@@ -106,7 +108,7 @@ def radial(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Te
 def checkerboard(
     shots: Sequence[Shot], known: CameraProfile | None, corners: tuple[int, int], square_mm: float, fit_k3: bool
 ) -> Found:
-    """Focal length, centre and Brown's coefficients from pictures of a checkerboard (Erlank 2013 §5.4)."""
+    """Determine focal length, centre and Brown's coefficients from pictures of a checkerboard (Erlank 2013 §5.4)."""
     found = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
     keep = {"corners_px": (), "residual_px": (), "warnings": ()}
     content = {n: as_record(v) for n, v in vars(found).items() if n not in keep}
@@ -124,7 +126,7 @@ def checkerboard(
 def focus(
     positions: Sequence[float], shots: Sequence[Shot], known: CameraProfile, tell: Tell, wished_sigma_px: float
 ) -> Found:
-    """The best setting of the lens from pictures of stars at several settings, one or more at each."""
+    """Determine the best focus setting from pictures of stars at several settings, one or more at each."""
     if len(positions) != len(shots):
         raise BadInput(
             "each picture of a focus run has its setting", expected=f"{len(shots)} settings", got=str(len(positions))
@@ -159,7 +161,7 @@ def focus(
 
 
 def focus_of_widths(rows: Rows, wished_sigma_px: float) -> Found:
-    """The same from widths that were measured already: setting, σ in px."""
+    """As ``focus``, from widths that were already measured: setting, σ in px."""
     points = table(rows, 2, "setting of the lens, σ of the stars in px")
     return _focus_found(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
 
@@ -178,7 +180,7 @@ def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> Found:
 
 
 def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(n, columns) numbers; BadInput names the row that is not."""
+    """Return (n, columns) numbers. Raises BadInput naming the first invalid row."""
     if not 1 <= len(rows) <= MOST_ROWS:
         raise BadInput(f"these are not {what}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
     for k, row in enumerate(rows):
@@ -188,12 +190,12 @@ def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.fl
     return np.asarray(rows, float)
 
 
-# --- what the bench says beforehand -------------------------------------------------------------------------------
+# --- priors from the bench ----------------------------------------------------------------------------------------
 
 
 def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Prior]:
-    """What results of the bench ((kind, result) of each) say of a camera beforehand; the later of two on the same value counts.
-    BadInput for a kind that says nothing of its geometry."""
+    """Return the priors for a camera from bench results ((kind, result) of each); a later result replaces an earlier one for
+    the same value. Raises BadInput for a kind that gives no prior for its geometry."""
     out: dict[str, Prior] = {}
     for kind, result in results:
         if kind == "bench-centre":
@@ -225,7 +227,8 @@ def _of_checkerboard(content: Mapping[str, Any]) -> dict[str, Prior]:
     value = dict(zip(content["names"], content["values"], strict=True))
     sigma = dict(zip(content["names"], content["sigma"], strict=True))
     focal_px = float(np.sqrt(value["focal_col_px"] * value["focal_row_px"]))
-    # A camera focused on a board is not focused on stars: its focal length is known to half a percent, not to its own σ.
+    # A camera focused on a board is not focused on stars, so its focal length is known only to half a percent, not to
+    # its own σ.
     out = {"focal_px": Prior(focal_px, max(sigma["focal_col_px"], 0.005 * focal_px))}
     for name in ("centre_col_px", "centre_row_px"):
         out[name] = Prior(value[name], max(sigma[name], STEADY_SIGMA_PX))

@@ -1,4 +1,4 @@
-"""Runs a method of the bench as it was asked for: the same for the server and the command line."""
+"""Runs a bench calibration as requested; used by both the server and the command line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ORDER = 3
 def run_bench(
     solver: Solver, wanted: BenchCalibration, known: CameraProfile | None, shots: Sequence[Shot], tell: Tell
 ) -> Found:
-    """The result of the method. ``shots`` in the order of ``wanted.frame_ids``."""
+    """Return the result of the method. ``shots`` in the order of ``wanted.frame_ids``. Raises BadInput."""
     options = dict(wanted.options)
 
     def camera() -> CameraProfile:

@@ -1,4 +1,4 @@
-"""Results of the bench as sections of a report."""
+"""Bench results as sections of a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrate a camera from shots: what both the server and the command line do."""
+"""Calibrates a camera from shots; used by both the server and the command line."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.calibration.sightings import FrameStars
 
 PSF_SHOTS = 8
-"""Shots whose stars are measured for their width: more add nothing but time."""
+"""Number of shots whose star widths are measured; more would only take longer."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A calibration before it is kept. ``values``: as the sensor's table holds them, empty for a camera without a profile."""
+    """A calibration before it is stored. ``values``: in the form of the sensor's table, empty for a camera without a
+    profile."""
 
     kind: str
     values: dict[str, Any]
@@ -43,7 +44,7 @@ class Found:
 
 
 def check_models(models: Sequence[str]) -> None:
-    """BadInput for a lens model that does not exist."""
+    """Raise BadInput for an unknown lens model."""
     unknown = sorted(set(models) - set(LENS_MODELS))
     if unknown:
         raise BadInput("unknown lens model", expected=" | ".join(LENS_MODELS), got=", ".join(unknown))
@@ -61,8 +62,8 @@ def from_stars(
     psf: bool = True,
     priors: Mapping[str, Prior] | None = None,
 ) -> Found:
-    """Geometry, magnitudes and spots from frames of stars. ``known`` None: a camera that nobody described, solved blind.
-    ``priors``: what the bench says of the camera."""
+    """Calibrate geometry, magnitudes and spot widths from frames of stars. ``known`` None: an unknown camera, solved blind.
+    ``priors``: from the bench."""
     check_models(models)
     solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
     focal_mm = known.focal_mm if known else None
@@ -81,7 +82,7 @@ def from_stars(
         )
 
     geometry = fit(solved.stars, 0.5)
-    # Where the camera was believed to be somewhere else, stars at the edge were not matched: look again with what is known now.
+    # If the assumed geometry was wrong, stars at the edge were not matched, so solve again with the fitted geometry.
     again = solve_shots(
         solver, shots, known, fov_rad, lambda share, text: tell(0.6 + 0.15 * share, text), camera=geometry.camera
     )
@@ -96,7 +97,7 @@ def from_stars(
         try:
             light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
             result["photometry"] = report.photometry(light)
-        except BadInput as error:  # the geometry is worth keeping even where nothing is known of the light
+        except BadInput as error:  # the geometry is worth storing even without photometry
             result["photometry_problem"] = str(error)
     if psf:
         tell(0.92, "measuring the spots")
@@ -116,8 +117,8 @@ def from_stars(
 def _first_solved(
     solver: Solver, shots: Sequence[Shot], known: CameraProfile | None, fov_rad: float | None, tell: Tell
 ) -> Solved:
-    """The shots as the document's camera solves them. Where it solves less than half, its lens is off: then only the width of
-    its field is believed, and what was matched blind counts if it is more."""
+    """Solve the shots with the documented camera. If fewer than half are solved, its lens is probably wrong: then solve them
+    blind using only the width of its field of view, and keep whichever matches more stars."""
     if known is None:
         return solve_shots(solver, shots, None, fov_rad, tell)
     problem: BadInput | None = None
@@ -152,8 +153,8 @@ def from_darks(
     tell: Tell,
     keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
 ) -> Found:
-    """Pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields. ``keep`` stores the
-    map for reruns and says what the result shows of it."""
+    """Determine pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields.
+    ``keep`` stores the map for reruns and returns its entry for the result. Raises BadInput for different exposures."""
     tell(0.0, counted(len(darks), "dark frame"))
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
@@ -183,6 +184,6 @@ def from_darks(
 
 
 def _alike(flats: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Frames of any level, each scaled to the median of their middle ones, so that only the pixels' own response is left."""
+    """Scale frames to a common median level, so that only the response of individual pixels remains."""
     levels = np.median(flats.reshape(len(flats), -1), axis=1)
     return np.asarray(flats * (np.median(levels) / np.maximum(levels, 1e-6))[:, None, None], np.float32)

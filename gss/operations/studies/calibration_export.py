@@ -1,4 +1,5 @@
-"""A calibration for other programs: JSON with everything, ECSV with the parameters and their uncertainties."""
+"""Exports a calibration for other programs: JSON with everything, ECSV with the parameters and their uncertainties; or as a
+report."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ KINDS = {
 
 
 def export_calibration(row: Calibration, kind: str) -> bytes:
-    """The bytes of a file."""
+    """Return the bytes of the file."""
     if kind == "html":
         return as_html(calibration_sheet(row)).encode()
     if kind == "pdf":
@@ -38,7 +39,7 @@ def _json(row: Calibration) -> bytes:
 
 
 def _ecsv(row: Calibration) -> bytes:
-    """Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value where there is none."""
+    """Return Enhanced CSV 1.0 (astropy APE 6): one row per parameter of the geometry, or per value if there is no geometry."""
     parameters = row.result.get("geometry", {}).get("parameters") or [
         {"name": name, "value": value, "sigma": None, "unit": ""}
         for name, value in row.values.items()

@@ -1,4 +1,4 @@
-"""What a calibration's page shows: the records of the science as plain values, with long lists thinned."""
+"""Content of a calibration's page: the pipeline's records as plain values, with long lists thinned."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_PIXELS = 5000
 
 
 def geometry(found: CameraCalibration) -> dict[str, Any]:
-    """Camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
+    """Return camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
     thinned = replace(found, stars=_thinned(found.stars), warnings=())
     return dict(as_record(thinned))
 
@@ -42,19 +42,19 @@ def _thinned(stars: StarResiduals) -> StarResiduals:
 
 
 def photometry(found: PhotometricCalibration) -> dict[str, Any]:
-    """Constants, histogram, and up to 4000 stars."""
+    """Return constants, histogram, and up to 4000 stars."""
     pick = np.linspace(0, len(found.v_mag) - 1, min(len(found.v_mag), MOST_POINTS)).astype(int)
     per_star = {name: getattr(found, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
     return dict(as_record(replace(found, warnings=(), **per_star)))
 
 
 def psf(found: PsfField, advice: FocusAdvice) -> dict[str, Any]:
-    """Spot widths over the field and what they mean for the focus."""
+    """Return spot widths over the field and the focus advice."""
     return {"field": as_record(replace(found, warnings=())), "focus": as_record(advice)}
 
 
 def dark(found: DarkCalibration) -> dict[str, Any]:
-    """Figures and the hot pixels, hottest first; the maps themselves are kept as blobs."""
+    """Return statistics and the hot pixels, hottest first; the maps are stored as blobs."""
     order = np.argsort(found.hot_excess_dn)[::-1][:MOST_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
     small = replace(
@@ -65,7 +65,7 @@ def dark(found: DarkCalibration) -> dict[str, Any]:
 
 
 def response(found: Response) -> dict[str, Any]:
-    """Pixels that see no light, and how much the others differ."""
+    """Return dead pixels, and the spread in the response of the others."""
     return {
         "dead": as_record(found.dead[:MOST_PIXELS]),
         "dead_count": len(found.dead),
@@ -74,10 +74,10 @@ def response(found: Response) -> dict[str, Any]:
 
 
 def photon_transfer(found: PhotonTransfer) -> dict[str, Any]:
-    """Gain, read noise and the points of the curve."""
+    """Return gain, read noise and the points of the curve."""
     return dict(as_record(replace(found, warnings=())))
 
 
 def warnings(*found: Any) -> list[dict[str, Any]]:
-    """What the reader should know, of every part that was made."""
+    """Return the warnings of all parts of a calibration."""
     return [as_record(advice) for part in found if part is not None for advice in part.warnings]

@@ -1,4 +1,4 @@
-"""What a calibration of stored frames can be asked for, checked before anything is queued."""
+"""Requests for calibrations of stored frames, validated before anything is queued."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ MOST_FRAMES = 2000
 
 @dataclass(frozen=True)
 class StarCalibration:
-    """Calibrate from frames of stars. ``profile`` "": a camera that nobody described, solved blind. ``models``: lens models
-    to choose from, all where empty. ``prior_ids``: calibrations of the bench that say something beforehand."""
+    """Calibrate from frames of stars. ``profile`` "": an unknown camera, solved blind. ``models``: lens models to choose
+    from, all if empty. ``prior_ids``: bench calibrations used as priors."""
 
     frame_ids: tuple[int, ...]
     profile: str = ""
@@ -33,7 +33,7 @@ class StarCalibration:
 
 @dataclass(frozen=True)
 class DetectorCalibration:
-    """Calibrate the detector from dark frames of one exposure and, where there are any, pairs of flat fields."""
+    """Calibrate the detector from dark frames of one exposure and, optionally, pairs of flat fields."""
 
     profile: str
     dark_ids: tuple[int, ...]
@@ -45,9 +45,9 @@ class DetectorCalibration:
 
 @dataclass(frozen=True)
 class BenchCalibration:
-    """One method of the bench. ``kind`` of ``bench.KINDS``; ``rows``: what was measured (places of dots, temperatures and dark
-    currents, settings and widths); ``frame_ids``: pictures, in the order of ``positions`` for a focus run; ``options``: corners,
-    square_mm, fit_k3, radius_px, order, wished_sigma_px, as the method takes them."""
+    """Run one bench method. ``kind``: one of ``bench.KINDS``; ``rows``: measurements (positions of dots, temperatures and
+    dark currents, settings and widths); ``frame_ids``: pictures, in the order of ``positions`` for a focus run; ``options``:
+    corners, square_mm, fit_k3, radius_px, order, wished_sigma_px, depending on the method."""
 
     kind: str
     profile: str
@@ -70,7 +70,7 @@ Wanted = StarCalibration | DetectorCalibration | BenchCalibration
 
 
 def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
-    """BadInput where there are too few, too many, or one comes twice."""
+    """Raise BadInput if there are too few or too many frames, or duplicates."""
     if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
         raise BadInput(
             f"{what} cannot be used",
@@ -80,12 +80,12 @@ def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
 
 
 def frames_of(wanted: Wanted) -> tuple[int, ...]:
-    """The frames that a calibration is made from, flats apart."""
+    """Return the frames of a calibration, without flat fields."""
     return wanted.dark_ids if isinstance(wanted, DetectorCalibration) else wanted.frame_ids
 
 
 def as_plain(wanted: Wanted) -> dict[str, Any]:
-    """The request as it is kept."""
+    """Return the request as stored plain values."""
 
     def plain(value: Any) -> Any:
         return [plain(v) for v in value] if isinstance(value, tuple) else value
@@ -94,7 +94,7 @@ def as_plain(wanted: Wanted) -> dict[str, Any]:
 
 
 def from_plain(kind: str, record: Mapping[str, Any]) -> Wanted:
-    """The request of its kept form; ``kind`` names its class."""
+    """Restore a request from its stored values; ``kind`` is the name of its class."""
     classes: Any = {made.__name__: made for made in (StarCalibration, DetectorCalibration, BenchCalibration)}
 
     def tuples(value: Any) -> Any:

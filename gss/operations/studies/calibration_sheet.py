@@ -1,4 +1,4 @@
-"""A stored calibration as a report: what was found, before and after, and what to doubt."""
+"""A stored calibration as a report: results, comparison before and after, and warnings."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from gss.operations.studies.bench_sheet import BENCH
 from gss.store.models import Calibration
 
 ARROW_CELL_SHARE = 0.9
-"""The longest arrow of a map is this share of a cell."""
+"""Length of a map's longest arrow as a share of a cell."""
 
 
 def calibration_sheet(row: Calibration) -> Report:
-    """The report of a version."""
+    """Return the report of a calibration."""
     result = row.result
     makers = {
         "geometry": _geometry,
@@ -150,7 +150,7 @@ def _length(v: Sequence[float | None]) -> float | None:
     return None if x is None or y is None else (x * x + y * y) ** 0.5
 
 
-# --- light ----------------------------------------------------------------------------------------------------------
+# --- photometry and spots -------------------------------------------------------------------------------------------
 
 
 def _photometry(p: Mapping[str, Any]) -> list[Section]:
@@ -233,7 +233,7 @@ def _dead(d: Mapping[str, Any]) -> list[Section]:
 
 
 def _dark_frame(d: Any) -> list[Section]:
-    """The map that reruns take out of frames; of a calibration from stars only that there was one."""
+    """Describe the map that reruns subtract from frames; a calibration from stars only states that one was used."""
     if not isinstance(d, Mapping):
         return [Section("Dark frame", "The frames were worked on with the dark frame that was in use.")]
     p = d["picture"]
@@ -246,7 +246,7 @@ def _dark_frame(d: Any) -> list[Section]:
 
 
 def _account(result: Mapping[str, Any]) -> list[Section]:
-    """Which frames took part."""
+    """List which frames were used."""
     fits = {f["name"]: f for f in result.get("geometry", {}).get("frames", [])}
     rows = []
     for a in result.get("account", []):

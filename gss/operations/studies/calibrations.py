@@ -1,4 +1,5 @@
-"""Calibrations of a camera from its own stored frames: made as jobs, kept as versions, compared, used, sent to the sensor."""
+"""Calibrations of a camera from its own stored frames: computed as jobs, stored as versions, compared, used, sent to the
+sensor."""
 
 from __future__ import annotations
 
@@ -40,13 +41,13 @@ from gss.store.models import Calibration, DeviceTable, Job
 
 STEPS = 1000
 FOREIGN = "foreign"
-"""The camera's name where no profile is known: it can be calibrated and used, but not sent to a sensor."""
+"""Camera name of calibrations without a profile: these can be used, but not sent to a sensor."""
 __all__ = ["BenchCalibration", "CalibrationService", "DetectorCalibration", "StarCalibration", "camera_of"]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two versions side by side: how far apart their geometries are over the detector, after the best common rotation."""
+    """Two calibrations compared: the difference of their geometries over the detector, after the best common rotation."""
 
     older: Calibration
     newer: Calibration
@@ -55,7 +56,7 @@ class Comparison:
 
 
 class CalibrationService:
-    """Makes, keeps and hands out calibrations."""
+    """Computes, stores and provides calibrations."""
 
     def __init__(
         self,
@@ -73,10 +74,10 @@ class CalibrationService:
         self.book, self._tables, self._bus, self._now, self._darks = book, tables, bus, now, darks
         jobs.resumable("calibration", self._again)
 
-    # --- making -------------------------------------------------------------------------------------------------
+    # --- computation --------------------------------------------------------------------------------------------
 
     def start(self, wanted: Wanted, name: str, note: str, *, user: str) -> Job:
-        """Queue a calibration; its result names the row. BadInput before anything is queued."""
+        """Queue a calibration; its result contains the id of the stored row. Raises BadInput before anything is queued."""
         title, work = self._work(wanted, name, note, user)
         asked = {"type": type(wanted).__name__, "wanted": as_plain(wanted), "name": name, "note": note, "user": user}
         return self._jobs.begin("calibration", title, asked, work)
@@ -87,11 +88,12 @@ class CalibrationService:
         return work(run)
 
     def _work(self, wanted: Wanted, name: str, note: str, user: str) -> tuple[str, Resumable]:
-        """Title and work of a calibration, everything looked up that it needs."""
+        """Return the title and work function of a calibration, after looking up its inputs."""
         known = self._camera(wanted)
         of = known.name if known else FOREIGN
         shots = self._shots.of(frames_of(wanted))
-        if isinstance(wanted, BenchCalibration):  # a run through the focus has its order from its settings
+        # Restores the order of frame_ids, which matches the settings of a focus run.
+        if isinstance(wanted, BenchCalibration):
             place = {frame_id: k for k, frame_id in enumerate(wanted.frame_ids)}
             shots.sort(key=lambda shot: place[shot.frame_id or 0])
         pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
@@ -99,7 +101,7 @@ class CalibrationService:
         request = as_plain(wanted)
 
         def work(run: Run) -> dict[str, Any]:
-            if run.checkpoint:  # the row was stored before the server died
+            if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 
             def tell(share: float, text: str) -> None:
@@ -129,7 +131,7 @@ class CalibrationService:
         return f"calibrate {of} from {what}", work
 
     def _camera(self, wanted: Wanted) -> CameraProfile | None:
-        """The documented camera; with the detector's calibration where that is in use: a camera is one thing at a time."""
+        """Return the documented camera; for a calibration from stars, with the detector calibration if one is in use."""
         if not wanted.profile:
             if isinstance(wanted, BenchCalibration) and wanted.kind not in ("bench-checkerboard", "bench-centre"):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
@@ -177,24 +179,24 @@ class CalibrationService:
         dark = known.sources.get(DARK, "") if known else ""
         return replace(found, result=found.result | {"dark_frame": dark}) if dark else found
 
-    # --- reading ------------------------------------------------------------------------------------------------
+    # --- queries ------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, profile_name: str = "") -> list[Calibration]:
-        """Newest first."""
+        """Return the newest calibrations first."""
         with self._database.unit_of_work() as session:
             return store.calibrations(session, limit, profile_name)
 
     def get(self, calibration_id: int) -> Calibration:
-        """The calibration of that id."""
+        """Return the calibration with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.calibration(session, calibration_id)
 
     def camera(self, calibration_id: int) -> Camera:
-        """The geometry that a version stands for."""
+        """Return the camera geometry of a calibration."""
         return camera_of(self.get(calibration_id))
 
     def compare(self, older_id: int, newer_id: int) -> Comparison:
-        """What changed from one version to another of the same camera."""
+        """Return the differences between two calibrations of the same camera. Raises BadInput for different cameras."""
         older, newer = self.get(older_id), self.get(newer_id)
         if older.profile != newer.profile:
             raise BadInput("these calibrations are of different cameras", expected=older.profile, got=newer.profile)
@@ -203,10 +205,10 @@ class CalibrationService:
         changed = {n: pair for n, pair in pairs.items() if pair[0] != pair[1]}
         return Comparison(older, newer, camera_difference(camera_of(older), camera_of(newer)), changed)
 
-    # --- using --------------------------------------------------------------------------------------------------
+    # --- use ----------------------------------------------------------------------------------------------------
 
     def use(self, calibration_id: int, *, user: str) -> Calibration:
-        """Rerun frames with this camera from now on."""
+        """Use this calibration for reruns from now on. Raises BadInput if it does not define a profile's camera."""
         row = self.get(calibration_id)
         if not row.values:
             raise _no_values(row)
@@ -215,12 +217,13 @@ class CalibrationService:
         return row
 
     def use_documented(self, profile_name: str, *, user: str) -> None:
-        """Rerun frames with the documented camera again."""
+        """Use the documented camera for reruns again."""
         self.book.use_documented(profile_name)
         self._bus.record("calibration", "ok", f"{profile_name}: the documented camera is used for reruns, by {user}")
 
     def table(self, calibration_id: int, *, user: str) -> DeviceTable:
-        """The calibration as a table for the sensor, made once; from there it is sent, verified and activated."""
+        """Return the calibration as a table for the sensor, created on first use; it can then be uploaded, verified and
+        activated."""
         row = self.get(calibration_id)
         if row.table_id is not None:
             return self._tables.get(row.table_id)
@@ -233,7 +236,7 @@ class CalibrationService:
 
 
 def _no_values(row: Calibration) -> BadInput:
-    """Why a calibration changes no camera's parameters."""
+    """Return the error for a calibration that does not define a profile's camera."""
     if row.kind in bench.KINDS and row.profile != FOREIGN:
         prior = row.kind in bench.PRIOR_KINDS
         return BadInput(
@@ -253,7 +256,7 @@ def _no_values(row: Calibration) -> BadInput:
 
 
 def camera_of(row: Calibration) -> Camera:
-    """The geometry that a version stands for."""
+    """Return the camera geometry of a calibration. Raises BadInput if it has none."""
     if row.values:
         return with_values(row.profile, row.values, row.id).camera
     record = row.result.get("geometry", row.result).get("camera")

@@ -1,4 +1,4 @@
-"""Which camera the ground takes a profile for: the documented one, or a calibration that somebody chose for its reruns."""
+"""The cameras that the ground uses for each profile: the documented one, or a calibration chosen for reruns."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from gss.store.models import Calibration
 
 PREFIX = "camera."
 SOURCE = "calibration"
-"""Name of the source that a profile carries when it is a calibrated one."""
+"""Key in a profile's ``sources`` that names the calibration it comes from."""
 
 
 class CameraBook:
-    """The cameras in use. Changes take effect with the next frame; what was solved before keeps its own camera."""
+    """The cameras in use. Changes take effect with the next frame; stored solutions keep their camera."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -33,27 +33,27 @@ class CameraBook:
                 self._used[name] = calibration_id, _camera_of(row)
 
     def profile(self, name: str) -> CameraProfile:
-        """The camera of that name as it is now known to be; NotFound for an unknown name."""
+        """Return the camera in use for a profile. Raises NotFound for an unknown name."""
         with self._lock:
             used = self._used.get(name)
         return profile(name) if used is None else used[1]
 
     def profiles(self) -> dict[str, CameraProfile]:
-        """Every camera, for workers in other processes."""
+        """Return every camera, for workers in other processes."""
         return {name: self.profile(name) for name in PROFILES}
 
     def in_use(self, name: str) -> int | None:
-        """Id of the calibration in use, None for the documented camera."""
+        """Return the id of the calibration in use; None for the documented camera."""
         with self._lock:
             used = self._used.get(name)
         return None if used is None else used[0]
 
     def dark_of(self, name: str) -> str:
-        """Key of the dark frame that goes with the camera in use; "" where there is none."""
+        """Return the key of the dark frame in use with the camera; "" if there is none."""
         return self.profile(name).sources.get(DARK, "")
 
     def use(self, calibration_id: int, *, user: str) -> None:
-        """Take this calibration for its camera from now on."""
+        """Use this calibration for its camera from now on."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
             camera = _camera_of(row)
@@ -62,7 +62,7 @@ class CameraBook:
             self._used[row.profile] = calibration_id, camera
 
     def use_documented(self, name: str) -> None:
-        """Go back to the documented camera; NotFound where it is in use already."""
+        """Use the documented camera again. Raises NotFound if no calibration is in use."""
         profile(name)
         with self._database.unit_of_work() as session:
             if not choices.forget(session, PREFIX + name):
@@ -72,13 +72,13 @@ class CameraBook:
 
 
 def with_values(name: str, values: dict[str, float | str], calibration_id: int) -> CameraProfile:
-    """The documented camera with the values of a calibration in their place, and a word of where they are from."""
+    """Return the documented camera with the values of a calibration, naming the calibration in ``sources``."""
     camera = calibrated(profile(name), values)
     return replace(camera, sources={**camera.sources, SOURCE: f"calibration {calibration_id}"})
 
 
 def _camera_of(row: Calibration) -> CameraProfile:
-    """The camera of a version, and the dark frame it was made with or is."""
+    """Return the camera of a calibration, with the dark frame that it used or contains."""
     camera = with_values(row.profile, row.values, row.id)
     dark = row.result.get("dark_frame")
     key = dark.get("key", "") if isinstance(dark, dict) else str(dark or "")

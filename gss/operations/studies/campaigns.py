@@ -1,4 +1,4 @@
-"""Long studies as jobs: the documents' experiments, and what chains made of the stored frames, side by side."""
+"""Long studies as jobs: the documents' experiments, and a comparison of the chains' results on stored frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_AT_ONCE = 40
 
 @dataclass(frozen=True)
 class ChainRecord:
-    """All ground results of one chain and version. Medians are over the solved ones; None where nothing was judged."""
+    """All ground results of one chain and version. Medians are over the solved ones; None without data."""
 
     chain: str
     version: str
@@ -33,7 +33,7 @@ class ChainRecord:
 
 
 class CampaignService:
-    """Starts experiments and answers comparisons."""
+    """Starts experiments and compares chains."""
 
     def __init__(self, database: Database, jobs: JobService, executor: Executor | None = None) -> None:
         self._database, self._jobs = database, jobs
@@ -41,7 +41,8 @@ class CampaignService:
         jobs.resumable("experiments", lambda run: _experiments(run, where))
 
     def run_experiments(self, names: Sequence[str], trials: int | None, seed: int) -> Job:
-        """Queue experiments; the job's result holds a record of each. NotFound and BadInput before anything is queued."""
+        """Queue experiments; the job's result contains a record of each. Raises NotFound or BadInput before anything is
+        queued."""
         if not 1 <= len(names) <= MOST_AT_ONCE:
             raise BadInput("number of experiments is out of range", expected=f"1 – {MOST_AT_ONCE}", got=str(len(names)))
         for name in names:
@@ -51,7 +52,7 @@ class CampaignService:
         return self._jobs.begin("experiments", title, request)
 
     def compare(self) -> list[ChainRecord]:
-        """Every chain and version that ran on stored frames: the newest result per frame counts."""
+        """Return every chain and version that ran on stored frames; only the newest result per frame counts."""
         with self._database.unit_of_work() as session:
             rows = store.newest_by_chain(session)
         groups: dict[tuple[str, str], list[store.Outcome]] = {}
@@ -61,7 +62,7 @@ class CampaignService:
 
 
 def _experiments(run: Run, executor: Executor) -> dict[str, Any]:
-    """All of them; each that is done is kept, and a crash costs those that ran."""
+    """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
     names = run.request["names"]
     done = list((run.checkpoint or {}).get("experiments", ()))
     rest = [(name, run.request["trials"], run.request["seed"]) for name in names[len(done) :]]

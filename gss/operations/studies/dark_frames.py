@@ -1,4 +1,4 @@
-"""Dark frames of detector calibrations: kept beside the versions, read where frames are worked on, shown as pictures."""
+"""Dark frames of detector calibrations: stored as blobs, loaded when frames are processed, shown as pictures."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.fixed_pattern import FixedPattern
 
 DARK = "dark frame"
-"""Name of the source that a profile carries when a dark frame is in use: the key of its bytes, and of which calibration."""
+"""Key in a profile's ``sources`` that holds the blob key of the dark frame in use."""
 KEPT_IN_MEMORY = 4
 MOST_BYTES = 256 << 20
-"""Of an unpacked dark frame: a map of the largest detector in half precision, twice."""
+"""Maximum size of an unpacked dark frame: twice a map of the largest detector in half precision."""
 GREYS = 16
-"""Of the picture: noise does not compress, and nobody tells more apart."""
+"""Number of grey levels in the picture: noise does not compress, and more levels cannot be distinguished."""
 
 
 class Bytes(Protocol):
-    """Where bytes are kept under the hash of their content."""
+    """A store of bytes under the hash of their content."""
 
     def put(self, data: bytes) -> str: ...
 
@@ -35,7 +35,7 @@ class Bytes(Protocol):
 
 
 class DarkFrames:
-    """Keeps and reads them; the last few stay in memory."""
+    """Stores and loads dark frames, caching the last few in memory."""
 
     def __init__(self, blobs: Bytes) -> None:
         self._blobs = blobs
@@ -43,7 +43,7 @@ class DarkFrames:
         self._read: dict[str, FixedPattern] = {}
 
     def keep(self, found: DarkCalibration, even: Response | None) -> dict[str, Any]:
-        """Store the map and its bad pixels; what the calibration's result says of it: key, counts, picture."""
+        """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
         pattern = pattern_of(found, even)
         return {
             "key": self._blobs.put(as_bytes(pattern)),
@@ -53,7 +53,7 @@ class DarkFrames:
         }
 
     def pattern(self, key: str) -> FixedPattern:
-        """The map of that key; CorruptData or NotFound where it is not whole."""
+        """Return the map with that key. Raises CorruptData or NotFound."""
         with self._lock:
             if key not in self._read:
                 while len(self._read) >= KEPT_IN_MEMORY:
@@ -66,7 +66,7 @@ Pattern = Callable[[str], FixedPattern]
 
 
 def pattern_of(found: DarkCalibration, even: Response | None = None) -> FixedPattern:
-    """The map of a dark calibration; dead pixels are told by flat fields only."""
+    """Return the map of a dark calibration; dead pixels are known only from flat fields."""
     dead = np.zeros((0, 2), np.intp) if even is None else even.dead
     bad = np.unique(np.concatenate([found.hot, found.noisy, dead]).reshape(-1, 2), axis=0)
     level = np.float32(np.median(found.median_dn))
@@ -74,7 +74,7 @@ def pattern_of(found: DarkCalibration, even: Response | None = None) -> FixedPat
 
 
 def as_bytes(pattern: FixedPattern) -> bytes:
-    """Compressed; half precision carries a level of 2048 DN to one DN, and the pattern of ordinary pixels far better."""
+    """Return compressed bytes; half precision resolves 1 DN at a level of 2048 DN, and far better for ordinary pixels."""
     buffer = io.BytesIO()
     small = np.clip(pattern.pattern_dn, -60000, 60000).astype(np.float16)
     np.savez_compressed(
@@ -84,7 +84,7 @@ def as_bytes(pattern: FixedPattern) -> bytes:
 
 
 def from_bytes(data: bytes) -> FixedPattern:
-    """The inverse; CorruptData where it is not one."""
+    """Restore a map from :func:`as_bytes`. Raises CorruptData if that fails."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(member.file_size for member in archive.infolist())
@@ -94,12 +94,12 @@ def from_bytes(data: bytes) -> FixedPattern:
             return FixedPattern(
                 held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])
             )
-    except Exception as error:  # whatever zipfile, zlib and numpy stumble over
+    except Exception as error:  # zipfile, zlib and numpy raise many kinds of errors on damaged data
         raise CorruptData("this is not a dark frame", got=f"{type(error).__name__}: {error}") from None
 
 
 def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:
-    """{"png": base64, "low_dn", "high_dn"}: black at the lowest thousandth, white at the highest, hot pixels white."""
+    """Return {"png": base64, "low_dn", "high_dn"}: black at the 0.1 % percentile, white at 99.9 %; hot pixels are white."""
     low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
     high = max(high, low + 1.0)
     grey = apply(pattern_dn, Stretch(low, high, asinh=False))

@@ -1,4 +1,5 @@
-"""Long work on a Dask cluster by URL. Its scheduler does the work of a worker that died again elsewhere; results are taken once."""
+"""Runs long work on a Dask cluster. If a worker dies, its scheduler reruns the work on another one; each result is used
+once."""
 
 from __future__ import annotations
 
@@ -16,15 +17,15 @@ from gss.operations.studies.executor import AHEAD, LOOK_S, Executor, Item, Local
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0
-"""A cluster without any worker for so long fails the run."""
+"""A run fails after this time without any worker in the cluster."""
 TELL_S = 0.1
 
 
 class DaskExecutor:
-    """A cluster that somebody else runs: ``tcp://host:port`` of its scheduler, or ``tls://`` with Dask's own TLS settings.
+    """Client of an external cluster: ``tcp://host:port`` of its scheduler, or ``tls://`` with Dask's own TLS settings.
 
-    Scheduler and workers unpickle what they are sent: they belong on a network of their own. The workers must have this very
-    version of the program, and must reach the blobs by the same URL.
+    Scheduler and workers unpickle what they receive, so they belong on an isolated network. The workers must run the same
+    version of the program and reach the blobs by the same URL.
     """
 
     def __init__(self, url: str, no_worker_s: float = NO_WORKER_S, connect_s: float = CONNECT_S) -> None:
@@ -34,15 +35,15 @@ class DaskExecutor:
 
     @property
     def workers(self) -> int:
-        """Threads of all workers now; 0 while there is none, or no scheduler yet."""
+        """Number of threads of all workers now; 0 without workers or scheduler."""
         client = self._client
         try:
             return sum(client.nthreads().values()) if client is not None else 0
-        except OSError:  # the scheduler is gone; what waits for results says so
+        except OSError:  # the scheduler is gone; the code that waits for results reports it
             return 0
 
     def stop(self) -> None:
-        """Leave the cluster; its workers go on."""
+        """Disconnect from the cluster; its workers continue to run."""
         with self._lock:
             client, self._client = self._client, None
         if client is not None:
@@ -51,7 +52,7 @@ class DaskExecutor:
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """As :class:`Executor` says."""
+        """See :class:`Executor`."""
         client, rest, run = self._connected(), iter(items), f"gss-{uuid.uuid4().hex[:12]}"
         running: deque[Any] = deque()
         shares: dict[int, float] = defaultdict(float)
@@ -61,7 +62,7 @@ class DaskExecutor:
             while True:
                 ahead = AHEAD * max(1, self.workers)
                 while len(running) < ahead and (more := next(rest, _END)) is not _END:
-                    # A key of its own: equal items are not one, and nothing of another run is taken for ours.
+                    # A unique key per item, so that equal items are separate and results of another run are never used.
                     key = f"{run}-{given}"
                     running.append(
                         client.submit(_on_worker, gss.__version__, work, more, run, given, key=key, pure=False)
@@ -100,7 +101,7 @@ class DaskExecutor:
             return self._client
 
     def _result(self, future: Any, share: Callable[[], float], waiting: Waiting | None) -> Any:
-        """What a future gives; looks at the cluster meanwhile."""
+        """Wait for a future's result, checking the cluster meanwhile."""
         from distributed import KilledWorker
         from distributed import TimeoutError as Late
         from distributed.client import FutureCancelledError
@@ -141,7 +142,7 @@ _END = object()
 
 
 def _on_worker(version: str, work: Work[Any, Any], item: Any, run: str, number: int) -> Any:
-    """What a worker does with one item."""
+    """Run one item on a worker. Raises Conflict if its version differs."""
     if gss.__version__ != version:
         raise Conflict(
             "a worker of the cluster has another version",
@@ -168,5 +169,5 @@ def _told(run: str, number: int) -> Told:
 
 
 def make_executor(cluster_url: str, workers: int) -> Executor:
-    """The cluster where a URL is given, else processes here."""
+    """Return an executor for the cluster if a URL is given, otherwise for local processes."""
     return DaskExecutor(cluster_url) if cluster_url else LocalExecutor(workers)

@@ -1,5 +1,5 @@
-"""Where long work runs: in this thread, on worker processes of this machine, or on a Dask cluster by URL. The same work on the
-same items gives the same results in the same order on any of them."""
+"""Executors for long work: in the calling thread, on worker processes of this host, or on a Dask cluster. The same work on
+the same items gives the same results in the same order on each of them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gss.operations.studies.warm_pool import IDLE_S, WarmPool
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Told = Callable[[float], None]
-"""Tells the share of an item that is done, 0 … 1."""
+"""Reports the completed share of an item, 0 … 1."""
 Work = Callable[[Item, Told], Result]
-"""A function of a module (never a closure), for it is named to other processes."""
+"""A module-level function (not a closure), because other processes import it by name."""
 Waiting = Callable[[float], None]
-"""Called with the share of the oldest open item that is done, a few times a second; what it raises ends the run."""
+"""Called a few times a second with the completed share of the oldest open item; an exception from it ends the run."""
 
 AHEAD = 3
-"""Items per worker that wait in line: workers are never idle, and a cancelled run ends at once."""
+"""Queued items per worker: enough to keep workers busy, few enough that a cancelled run ends at once."""
 LOOK_S = 0.25
 MOST_DEATHS = 3
 
@@ -33,53 +33,54 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int:
-        """How many items are worked on at once."""
+        """Number of items processed concurrently."""
 
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """The result of each item, once, in the order of the items, whichever worker dies meanwhile. What the work raises is
-        raised here. Closing the iterator ends what is under way. GssError where workers die again and again."""
+        """Yield the result of each item, once, in the order of the items, even if workers die. Exceptions from the work are
+        raised here. Closing the iterator stops work in progress. Raises GssError if workers die repeatedly."""
 
     def stop(self) -> None:
-        """End the workers that are ours."""
+        """Stop the workers started by this executor."""
 
 
 class HereExecutor:
-    """One item after the other in the thread that asks: the finest progress, and cancelled in the middle of an item."""
+    """Runs one item after the other in the calling thread, with the finest progress; can be cancelled within an item."""
 
     workers = 1
 
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """As :class:`Executor` says."""
+        """See :class:`Executor`."""
         for item in items:
             yield work(item, waiting or _silent)
 
     def stop(self) -> None:
-        """Nothing is ours."""
+        """Nothing to stop."""
 
 
 class LocalExecutor:
-    """Worker processes of this machine, kept warm between runs. A run survives the death of workers."""
+    """Worker processes of this host, kept warm between runs. A run survives the death of workers."""
 
     def __init__(self, workers: int, idle_s: float = IDLE_S) -> None:
         self._pool = WarmPool(workers, idle_s)
 
     @property
     def workers(self) -> int:
-        """As :class:`Executor` says."""
+        """See :class:`Executor`."""
         return self._pool.workers
 
     def stop(self) -> None:
-        """End the processes; a later run starts new ones."""
+        """Stop the processes; a later run starts new ones."""
         self._pool.stop()
 
     def in_order(
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
-        """As :class:`Executor` says. A death costs the work on the items under way, not their results: they are done again."""
+        """See :class:`Executor`. If a worker dies, only its in-progress and queued items are rerun; results already returned
+        are kept."""
         rest, open_items, deaths = iter(items), deque[Item](), 0
         while True:
             try:
@@ -120,4 +121,4 @@ def _result(future: Future[Result], waiting: Waiting | None) -> Result:
 
 
 def _silent(_share: float) -> None:
-    """For work whose progress within an item nobody follows."""
+    """Ignore the progress within an item."""

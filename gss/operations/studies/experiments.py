@@ -1,4 +1,4 @@
-"""The documents' experiments by name: run one, as a record, a table of text, or a page."""
+"""The documents' experiments by name: run, recorded, and formatted as text or as a page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DEFAULT_SEED = 1
 
 @dataclass(frozen=True)
 class Entry:
-    """One experiment that can be run. ``trials``: by default; ``paper_trials``: what the document used, where it says so."""
+    """One experiment. ``trials``: default number; ``paper_trials``: number used in the document, if stated."""
 
     name: str
     title: str
@@ -88,7 +88,7 @@ ENTRIES: dict[str, Entry] = {
 
 
 def entry(name: str) -> Entry:
-    """The experiment of that name."""
+    """Return the experiment with that name. Raises NotFound."""
     try:
         return ENTRIES[name]
     except KeyError:
@@ -96,7 +96,7 @@ def entry(name: str) -> Entry:
 
 
 def check(name: str, trials: int | None, seed: int) -> int:
-    """The number of trials that a run would take; NotFound or BadInput where it could not run."""
+    """Return the number of trials that a run would take. Raises NotFound or BadInput if it cannot run."""
     count = entry(name).trials if trials is None else trials
     if not 1 <= count <= MOST_TRIALS:
         raise BadInput("number of trials is out of range", expected=f"1 – {MOST_TRIALS}", got=str(count))
@@ -108,25 +108,25 @@ def check(name: str, trials: int | None, seed: int) -> int:
 def run_experiment(
     name: str, *, trials: int | None = None, seed: int = DEFAULT_SEED, progress: Progress = lambda _: None
 ) -> Experiment:
-    """Run one. ``trials`` None: its own number. The same seed and trials give the same figures."""
+    """Run an experiment. ``trials`` None: its default number. The same seed and trials give the same results."""
     found, count = entry(name), check(name, trials, seed)
     stars = propagate(load_stars(FAINTEST_MAG), found.epoch_jyear)
     return found.rerun(stars, count, seed, progress)
 
 
 def run_item(asked: tuple[str, int | None, int], told: Progress) -> dict[str, Any]:
-    """(name, trials, seed) as executors call it: the record of the run."""
+    """Run (name, trials, seed) for an executor and return the record of the run."""
     name, trials, seed = asked
     return as_record(run_experiment(name, trials=trials, seed=seed, progress=told))
 
 
 def as_record(experiment: Experiment) -> dict[str, Any]:
-    """Plain values, as JSON has them."""
+    """Return plain values for JSON."""
     return asdict(experiment)
 
 
 def from_record(record: Mapping[str, Any]) -> Experiment:
-    """The experiment of plain values."""
+    """Restore an experiment from plain values."""
     values = dict(record)
     curves: list[dict[str, Any]] = [
         {k: tuple(v) if isinstance(v, list) else v for k, v in curve.items()} for curve in values["series"]
@@ -138,7 +138,8 @@ def from_record(record: Mapping[str, Any]) -> Experiment:
 
 @dataclass(frozen=True)
 class Done:
-    """A run that is kept: ``trials`` asked for, ``processor_s`` it took, ``code``: sources that decide the figures."""
+    """A stored run: ``trials`` requested, ``processor_s`` used, ``code``: fingerprint of the sources that determine the
+    results."""
 
     experiment: Experiment
     trials: int
@@ -147,7 +148,7 @@ class Done:
 
 
 class Shelf:
-    """Runs kept as lines of a file, so that a long page goes on where it ended. A line cut off by a crash is not done."""
+    """Stores runs as lines of a file, so that an interrupted page can be resumed. A line cut off by a crash is ignored."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -161,11 +162,11 @@ class Shelf:
             self._held[done.experiment.name, done.trials, done.experiment.seed] = done
 
     def get(self, name: str, trials: int, seed: int) -> Done | None:
-        """A kept run, None where there is none."""
+        """Return a stored run; None if there is none."""
         return self._held.get((name, trials, seed))
 
     def keep(self, done: Done) -> None:
-        """Keep a run."""
+        """Store a run."""
         self._held[done.experiment.name, done.trials, done.experiment.seed] = done
         record = {"trials": done.trials, "processor_s": done.processor_s, "code": done.code}
         with self._file.open("a", encoding="utf-8") as out:
@@ -173,7 +174,7 @@ class Shelf:
 
 
 def as_text(experiment: Experiment) -> str:
-    """A table for the terminal."""
+    """Return a text table for the terminal."""
     cells = [list(experiment.columns), *([show(c) for c in row] for row in experiment.rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(experiment.columns))]
     lines = [f"{experiment.title} ({experiment.source}), seed {experiment.seed}", *experiment.conditions, ""]
@@ -187,8 +188,8 @@ def as_page(
     share: float = 1.0,
     processor_s: Mapping[str, float] | None = None,
 ) -> str:
-    """``docs/experiments.md``: every table of a run, of which each took that ``share`` of its own number of trials.
-    ``processor_s``: how long each took."""
+    """Return ``docs/experiments.md``: every table of a run, each with that ``share`` of its default number of trials.
+    ``processor_s``: time used by each."""
     took = processor_s or {}
     asked = "" if share == 1.0 else f" --share {share:g}"
     parts = [
@@ -208,7 +209,7 @@ def as_page(
 
 
 def show(cell: Cell) -> str:
-    """A cell as a reader wants it."""
+    """Format a cell for display."""
     if cell is None:
         return "–"
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

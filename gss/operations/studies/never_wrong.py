@@ -1,5 +1,5 @@
-"""The long campaign of never-wrong: shards on worker processes or a cluster, each kept as a line of a file, so that a run goes on
-where it ended and what a change touched can be done again."""
+"""The long never-wrong campaign: shards on worker processes or a cluster, each stored as a line of a file, so that a run can
+be resumed and shards affected by a change can be rerun."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Told = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Hunt:
-    """What to run: ``attitudes`` per camera and chain as lists, ``frames`` per camera and chain from pixels."""
+    """What to run: ``attitudes`` per camera and chain as centroid lists, ``frames`` per camera and chain from pixels."""
 
     attitudes: int = 10_000
     frames: int = 130
@@ -46,7 +46,7 @@ class Hunt:
 
 
 def keys(hunt: Hunt) -> list[Shard | FrameShard]:
-    """Every shard of a hunt; frames first, they are few."""
+    """Return every shard of a hunt; frames first, because they are few."""
     return [
         *frame_shards(hunt.frames, hunt.seed, hunt.cameras, hunt.chains),
         *shards(hunt.attitudes, hunt.seed, hunt.cameras, hunt.chains),
@@ -54,7 +54,7 @@ def keys(hunt: Hunt) -> list[Shard | FrameShard]:
 
 
 def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
-    """What is done; of a shard done twice the newer. A line cut off by a crash is not done."""
+    """Return the completed shards; the newer record if there are two. A line cut off by a crash is ignored."""
     done: dict[Shard | FrameShard, dict[str, Any]] = {}
     if not file.is_file():
         return done
@@ -69,7 +69,7 @@ def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
 
 
 def hunt(wanted: Hunt, file: Path, *, executor: Executor, again: bool = False, told: Told = lambda _, __: None) -> int:
-    """Do what ``file`` does not hold yet, or everything ``again``; the number of shards done now."""
+    """Run the shards that ``file`` does not contain, or with ``again`` all. Return the number of shards run."""
     held = {} if again else read(file)
     wanting = [key for key in keys(wanted) if key not in held]
     if not wanting:
@@ -87,7 +87,8 @@ def hunt(wanted: Hunt, file: Path, *, executor: Executor, again: bool = False, t
 
 
 def fingerprint() -> str:
-    """Twelve hexadecimal digits of the sources that decide the answers: domain, pipeline, catalogue tools."""
+    """Return twelve hexadecimal digits that identify the sources which determine the results: domain, pipeline, catalogue
+    tools."""
     root = Path(gss.__file__).parent
     digest = hashlib.sha256()
     for folder in ("domain", "pipeline", "catalogue_tools"):
@@ -97,13 +98,13 @@ def fingerprint() -> str:
 
 
 def selected(done: Iterable[Any], wanted: Hunt) -> set[Any]:
-    """Which of the done shards belong to a hunt."""
+    """Return the completed shards that belong to a hunt."""
     return set(keys(wanted)) & set(done)
 
 
 @lru_cache(maxsize=1)
 def _campaigns() -> tuple[Campaign, FrameCampaign]:
-    """What a process keeps from shard to shard."""
+    """Build the state that a process keeps between shards."""
     stars = propagate(load_stars(FAINTEST_MAG), EPOCH_JYEAR)
     return Campaign(stars), FrameCampaign(stars)
 

@@ -1,4 +1,5 @@
-"""``docs/never-wrong.md`` from what a campaign found: correct, imprecise, wrong and none by camera, chain, fault and mode."""
+"""Writes ``docs/never-wrong.md`` from a campaign's results: correct, imprecise, wrong and none by camera, chain, fault and
+mode."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ Cells = dict[tuple[str, str, str], dict[tuple[int, int], Counter[str]]]
 
 
 def page(wanted: Hunt, done: dict[Any, dict[str, Any]]) -> str:
-    """Markdown. Only shards of this hunt count; what is missing is said."""
+    """Return the page as Markdown. Only shards of this hunt count; missing shards are reported."""
     used = selected(done, wanted)
     cells: Cells = defaultdict(lambda: defaultdict(Counter))
     for key in used:
@@ -53,7 +54,7 @@ _MODES_SAID = (
 
 
 def _made_by(used: set[Any], done: dict[Any, dict[str, Any]]) -> str:
-    """Which sources made how many shards."""
+    """List the source fingerprints and the number of shards of each."""
     codes = Counter(done[key]["code"] for key in used)
     return ", ".join(f"{code} ({number} shards)" for code, number in sorted(codes.items())) or "none"
 

@@ -1,4 +1,4 @@
-"""Frames as studies need them, from the store or from files: solved with their stars, or stacked."""
+"""Frames for studies, from the store or from files: solved with their stars, or stacked."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from gss.store import frames as store
 from gss.store.engine import Database
 
 Tell = Callable[[float, str], None]
-"""Gets the share done and words; may raise to cancel."""
+"""Called with the completed share and a text; may raise to cancel."""
 EPOCH_STEP_YR = 0.25
-"""Star tables are made per epoch; a quarter of a year moves the fastest star by 2.6″."""
+"""Star tables are built per epoch; in a quarter of a year the fastest star moves by 2.6″."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One frame of a night. ``pixels`` reads it when it is wanted; ``frame_id``: its number in the store, if it is there.
-    ``observer``: how fast who took it moved; None: not known, and aberration stays in the stars' places."""
+    """One frame of a night. ``pixels`` reads it on demand; ``frame_id``: its id in the store, if it is there. ``observer``:
+    the observer's velocity; None: unknown, and aberration is not corrected."""
 
     name: str
     taken: datetime
@@ -51,7 +51,7 @@ class Shot:
 class Solved:
     """The shots that were solved, with their results and stars, and an account of all of them.
 
-    ``start``: the camera that the solutions are in terms of: the known one, or that of the first blind solution.
+    ``start``: the camera used for the solutions: the known one, or that of the first blind solution.
     """
 
     shots: list[Shot]
@@ -62,14 +62,14 @@ class Solved:
 
 
 class StoredShots:
-    """Shots from the store."""
+    """Loads shots from the store."""
 
     def __init__(self, database: Database, frames: FrameService) -> None:
         self._database, self._frames = database, frames
 
     def of(self, ids: Sequence[int], aberration: bool | None = None) -> list[Shot]:
-        """The frames of those ids, oldest first; BadInput where one has missing rows. ``aberration``: taken out or not; None:
-        where the time is that of the sky, and not for the simulator's frames, which come without it."""
+        """Return the frames with those ids, oldest first. Raises BadInput if one has missing rows. ``aberration``: whether
+        to correct it; None: if the time of observation is known, but not for the simulator's frames, which contain none."""
         with self._database.unit_of_work() as session:
             rows = [store.get(session, i) for i in ids]
         holed = [row.id for row in rows if not row.complete]
@@ -102,8 +102,8 @@ def solve_shots(
     chain: str = "reference",
     camera: Camera | None = None,
 ) -> Solved:
-    """Solve shots of a known camera, of one whose field's width is known, or blind. ``camera``: its geometry where that is
-    better known than the profile's. BadInput where none is solved."""
+    """Solve shots of a known camera, of one with a known width of field, or blind. ``camera``: its geometry, if better known
+    than the profile's. Raises BadInput if none is solved."""
     taken: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[dict[str, Any]] = []
     for k, shot in enumerate(shots):
@@ -128,7 +128,7 @@ def solve_shots(
 
 
 def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
-    """(m, rows, columns) pixels; BadInput where one is of another size."""
+    """Return (m, rows, columns) pixels. Raises BadInput if a frame has another size."""
     images = []
     for shot in shots:
         image = shot.pixels()
@@ -145,8 +145,8 @@ def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
 def request_of(
     shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
 ) -> SolveRequest:
-    """What to ask of the solver: a known camera, with another geometry where one is given, one whose field's width is known,
-    or blind."""
+    """Return the request for the solver: for a known camera, with another geometry if one is given; for a known width of
+    field; or blind."""
     request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s)
     if known is not None:
         return replace(request, known=known if camera is None else replace(known, camera=camera))
@@ -172,8 +172,8 @@ def _stars(
 
 
 def seen_stars(solver: Solver, shot: Shot) -> StarTable:
-    """The stars of a shot's date where its observer sees them. Aberration stretches the sky ahead and shrinks it behind by up to
-    a ten-thousandth: a camera that is fitted to places without it gets that much of another focal length."""
+    """Return the stars at a shot's date, displaced by aberration. It stretches or shrinks the image scale by up to a
+    ten-thousandth, which would otherwise appear as an error of the fitted focal length."""
     stars = solver.cache.stars(epoch_of(shot))
     if shot.observer is None:
         return stars
@@ -181,5 +181,5 @@ def seen_stars(solver: Solver, shot: Shot) -> StarTable:
 
 
 def epoch_of(shot: Shot) -> float:
-    """Julian year of the stars that a shot is solved with."""
+    """Return the Julian year of the star positions used for a shot."""
     return round(jyear_of(shot.taken) / EPOCH_STEP_YR) * EPOCH_STEP_YR

@@ -1,9 +1,9 @@
-"""Run a chain over many stored frames: a job on worker processes or a cluster, with progress and cancel, that survives a crash.
+"""Runs a chain over many stored frames as a resumable job on worker processes or a cluster, with progress and cancelling.
 
-Workers get the names of pixels and give back plain values; the database is written here only: each batch's results and the job's
-checkpoint in one transaction, in the order of the frames. A job that ends anywhere leaves whole solutions and nothing else, and
-the next server goes on behind them. The same frames, chain and version give the same values on any number of workers. What the
-overlays draw beside stars and regions follows from attitude and camera, and is made when asked for.
+Workers receive blob keys and return plain values; only this process writes the database: each batch's results and the job's
+checkpoint in one transaction, in the order of the frames. An interrupted job therefore leaves only complete solutions, and the
+next server continues after them. The same frames, chain and version give the same values on any number of workers. Overlays
+other than stars and regions follow from attitude and camera, and are computed on request.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ KIND = "reprocess"
 BATCH = 8
 WORKERS = 2
 TELL_S = 0.25
-"""Between two reports of progress."""
+"""Interval between progress reports."""
 MOST_FRAMES = 100_000
 
 
 @dataclass(frozen=True)
 class Reprocessing:
-    """Which frames and how. ``frame_ids`` empty: every complete frame that fits ``filters`` (as the frame list takes them).
-    ``profile``: camera of frames that have none; without it those are solved blind (reference chain only).
-    ``again``: also frames that this chain and version have solved."""
+    """Which frames to run and how. ``frame_ids`` empty: every complete frame that matches ``filters`` (as in the frame
+    list). ``profile``: camera of frames that have none; without it those are solved blind (reference chain only). ``again``:
+    include frames that this chain and version have solved."""
 
     chain: str
     frame_ids: tuple[int, ...] = ()
@@ -51,7 +51,7 @@ class Reprocessing:
 
 @dataclass
 class Done:
-    """How far a job is: frames with a result, their outcomes and verdicts by number, the last frame. Its plain values are the
+    """Progress of a job: frames with a result, numbers of outcomes and verdicts, the last frame. Its plain values are the
     job's checkpoint."""
 
     frames: int = 0
@@ -63,7 +63,7 @@ class Done:
         """Add a batch."""
         self.counts = self.counts or {}
         for row in rows:
-            # The verdict "none" says no more than the outcome "none".
+            # A set, so that the verdict "none" and the outcome "none" count once.
             for key in {row["outcome"], row.get("verdict")}:
                 if key:
                     self.counts[key] = self.counts.get(key, 0) + 1
@@ -71,8 +71,8 @@ class Done:
 
 
 class ReprocessService:
-    """Starts reprocessing jobs. Their results are stored beside the operational ground result of each frame; they become it only
-    for frames that have none, with ``operational_chain`` and the frame's camera."""
+    """Starts reprocessing jobs. Results are stored in addition to each frame's operational ground result; they become
+    operational only for frames that have none, with ``operational_chain`` and the frame's camera."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class ReprocessService:
         jobs.resumable(KIND, self._resume)
 
     def start(self, wanted: Reprocessing, *, user: str, **filters: Any) -> Job:
-        """Queue the job. BadInput where there is nothing to do or the chain is unknown."""
+        """Queue the job. Raises BadInput if there is no frame to run or the chain is unknown."""
         if wanted.chain not in CHAINS:
             raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=wanted.chain)
         tasks = self.tasks(wanted, **filters)
@@ -116,7 +116,7 @@ class ReprocessService:
         return self._jobs.begin(KIND, f"{wanted.chain} on {counted(len(tasks), 'frame')}", request)
 
     def tasks(self, wanted: Reprocessing, **filters: Any) -> list[Task]:
-        """What is to be done, oldest frame first."""
+        """Return the tasks, oldest frame first."""
         with self._database.unit_of_work() as session:
             if wanted.frame_ids:
                 frames = [store.get(session, i) for i in wanted.frame_ids]
@@ -129,7 +129,8 @@ class ReprocessService:
         return [_task(f, wanted) for f in rows]
 
     def _resume(self, run: Run) -> dict[str, Any]:
-        """The job from its stored request, behind its checkpoint."""
+        """Continue a job from its stored request, after its checkpoint. Raises Conflict if the program's version has
+        changed."""
         request = run.request
         if request["version"] != __version__:
             raise Conflict(
@@ -156,7 +157,7 @@ class ReprocessService:
         keep: Keep | None = None,
         epoch_jyear: float | None = None,
     ) -> dict[str, Any]:
-        """Do it; the job's result is a count of outcomes and verdicts. ``done``: what was before a crash."""
+        """Run the tasks. Return the job's result: counts of outcomes and verdicts. ``done``: progress before a restart."""
         done = done or Done()
         total, before_s, started_s, told_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
         at_first = done.frames
@@ -187,7 +188,7 @@ class ReprocessService:
 
 
 def _task(frame: Frame, wanted: Reprocessing) -> Task:
-    """What the page's own run of that chain would be given."""
+    """Return a task with the same inputs as a single run of that chain from the page."""
     observer = observer_of_frame(frame) if wanted.chain == reference.NAME else None
     named = frame.profile or wanted.profile
     return Task(

@@ -1,4 +1,5 @@
-"""What a worker process of reprocessing does: pixels in, a solution's columns out. It knows no database, so it starts quickly."""
+"""Worker side of reprocessing: takes pixels and returns a solution's columns. It does not use the database, so it starts
+quickly."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from gss.store.blobs import BlobStore
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker needs of one frame."""
+    """Data that a worker needs about one frame."""
 
     frame_id: int
     sha256: str
@@ -39,7 +40,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Order:
-    """What a batch is run with. ``profiles``: cameras with a calibration in use, by name; the others are the documented ones."""
+    """Settings of a batch. ``profiles``: cameras with a calibration in use, by name; all others are the documented ones."""
 
     blobs_url: str
     epoch_jyear: float
@@ -49,7 +50,7 @@ class Order:
 
 @dataclass
 class _Kept:
-    """What a process keeps from batch to batch and from job to job."""
+    """State that a process keeps between batches and jobs."""
 
     blobs: BlobStore
     solver: Solver
@@ -57,7 +58,7 @@ class _Kept:
     profiles: dict[str, CameraProfile]
 
     def profile(self, name: str) -> CameraProfile:
-        """The camera of that name as the order has it."""
+        """Return the camera of that name, as given by the order."""
         return self.profiles.get(name) or profile(name)
 
 
@@ -65,12 +66,12 @@ _kept: dict[tuple[str, float], _Kept] = {}
 
 
 def run_item(item: tuple[Order, Sequence[Task]], _told: Callable[[float], None]) -> list[dict[str, Any]]:
-    """A batch as executors call it."""
+    """Run a batch for an executor."""
     return run_batch(*item)
 
 
 def run_batch(order: Order, tasks: Sequence[Task]) -> list[dict[str, Any]]:
-    """One row of values per task; a frame that cannot be run gives "none" with the reason."""
+    """Return one row of values per task; a frame that cannot be run has outcome "none" with the reason."""
     kept = _ready(order)
     return [_run(kept, order, task) for task in tasks]
 

@@ -1,4 +1,4 @@
-"""Pieces that the sheets of analyses share: tables of axes, plots over time, histograms."""
+"""Common parts of analysis reports: tables of axes, plots over time, histograms."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.histogram import histogram
 
 PHASES = 10
-"""Bins within a pixel."""
+"""Number of bins within a pixel."""
 FEWEST_IN_BIN = 5
 
 
 def notes(warnings: Iterable[Advice]) -> list[Note]:
-    """What the reader should know."""
+    """Convert warnings to notes of the report."""
     return [Note(w.text, w.hint, w.severe, w.code) for w in warnings]
 
 
 def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]] | None = None) -> Table:
-    """Figures per axis in arcseconds; beside those of a paper where there are any (1σ and 3σ, degrees)."""
+    """Return a table of values per axis in arcseconds, with those of a paper if given (1σ and 3σ, degrees)."""
     head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "its own σ ″", "drift ″/s"]
     rows = []
     for a in axes:
@@ -50,14 +50,14 @@ def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]
 
 
 def over_time(title: str, times_s: Array, values: Array, labels: Sequence[str], unit: str) -> Plot:
-    """(n, k) values against Unix seconds."""
+    """Plot (n, k) values against Unix seconds."""
     at = numbers(times_s)
     series = [Series(label, at, maybe(values[:, k]), "dots") for k, label in enumerate(labels)]
     return Plot(title, "UTC", unit, series, time=True)
 
 
 def bars(name: str, values: Array) -> Plot:
-    """A histogram with the normal curve of its own mean and width."""
+    """Return a histogram with the normal curve of the same mean and width."""
     h = histogram(values, name)
     normal = maybe(h.normal)
     middles = numbers((h.edges[1:] + h.edges[:-1]) / 2)
@@ -70,7 +70,7 @@ def bars(name: str, values: Array) -> Plot:
 
 
 def phase_means(place: Array, off: Array) -> list[float | None]:
-    """Mean error by place within a pixel; None where fewer than five stars say so."""
+    """Return the mean error by position within a pixel; None for a bin with fewer than five stars."""
     within = place - off
     bin_of = np.clip(((within - np.round(within) + 0.5) * PHASES).astype(int), 0, PHASES - 1)
     return [
@@ -80,21 +80,21 @@ def phase_means(place: Array, off: Array) -> list[float | None]:
 
 
 def rms(values: Sequence[float | None]) -> float | None:
-    """Of the known values, None without any."""
+    """Root mean square of the known values; None without any."""
     known = [v for v in values if v is not None]
     return float(np.sqrt(np.mean(np.square(known)))) if known else None
 
 
 def numbers(values: Array) -> list[float]:
-    """Plain floats."""
+    """Return plain floats."""
     return [float(v) for v in values]
 
 
 def maybe(values: Array) -> list[float | None]:
-    """Plain floats, None for what is no number."""
+    """Return plain floats, None for NaN and infinities."""
     return [float(v) if np.isfinite(v) else None for v in values]
 
 
 def finite(value: float) -> float | None:
-    """The number, None where it is none."""
+    """Return the number, or None for NaN and infinities."""
     return value if np.isfinite(value) else None

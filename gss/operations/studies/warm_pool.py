@@ -1,4 +1,4 @@
-"""Worker processes that wait for the next job for a while instead of being started anew for each."""
+"""A pool of worker processes that stay alive for a while after a job, so that the next one need not start new ones."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ class WarmPool:
 
     @property
     def workers(self) -> int:
-        """How many processes there may be."""
+        """Maximum number of processes."""
         return self._workers
 
     @property
     def is_warm(self) -> bool:
-        """Whether processes wait."""
+        """True if the processes are running."""
         return self._pool is not None
 
     @contextmanager
     def borrowed(self) -> Iterator[ProcessPoolExecutor]:
-        """The processes for one job. Where it raises they are ended: one may have died, or be busy with what nobody wants."""
+        """Provide the processes for one job. If it raises, they are ended, because one may have died or still run abandoned
+        work."""
         with self._lock:
             self._quiet()
             if self._pool is None:
@@ -41,7 +42,7 @@ class WarmPool:
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
-        except BaseException:  # also when the generator above is closed or the job cancelled
+        except BaseException:  # also when the generator above is closed or the job is cancelled
             self._drop(pool)
             raise
         finally:
