@@ -1,1 +1,1 @@
-"""The catalogue manager's work: preview, build, keep, report, design."""
+"""Catalogue management: preview, build, storage, reports, camera design."""

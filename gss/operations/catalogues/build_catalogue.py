@@ -1,4 +1,4 @@
-"""The catalogue manager's work: preview, build as a job, keep, compare, export, upload to a bank."""
+"""Catalogue management: preview, build as a job, store, compare, export, upload to a bank."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ STEPS = 100
 
 BankSource = Literal["asked", "sensor", "usual"]
 Words = Callable[[Mapping[str, Any], str, datetime], BuildRequest]
-"""(request as the page gave it, user, when it was asked) to the request."""
+"""Converts (request as sent by the page, user, time of the request) to a build request."""
 
 
 @dataclass(frozen=True)
 class TimedPreview:
-    """A preview's report and how long it took. ``bank_source``: whose bank it is: asked, sensor or usual."""
+    """A preview's report and how long it took. ``bank_source``: where the bank size comes from: asked, sensor or usual."""
 
     stars: int
     pairs: int
@@ -62,7 +62,7 @@ class TimedPreview:
 
 @dataclass(frozen=True)
 class StoredDiff:
-    """What changes from one stored catalogue to another. ``same_camera`` False: they are not for the same instrument."""
+    """Differences between two stored catalogues. ``same_camera``: False if they are for different instruments."""
 
     old: Catalogue
     new: Catalogue
@@ -74,7 +74,7 @@ class StoredDiff:
 
 
 class CatalogueService:
-    """Builds sub-catalogues and gives them to the device."""
+    """Builds catalogues and uploads them to the device."""
 
     def __init__(
         self,
@@ -92,11 +92,11 @@ class CatalogueService:
         self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
         self._stars, self._now = stars, now
         self.words: Words | None = None
-        """Reads a request as the builder's page gave it; set by whoever knows those words."""
+        """Parses a request as sent by the builder's page; set by the web layer."""
         jobs.resumable("catalogue", self._again)
 
     def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
-        """The quick look while parameters change."""
+        """Return a quick preview for interactive changes of parameters."""
         start_s = time.perf_counter()
         request, source = self._with_bank(request)
         quick = preview(request, self._source(request), mistakes=mistakes)
@@ -107,8 +107,8 @@ class CatalogueService:
         )
 
     def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
-        """Build as a job; ``asked`` is the request as the builder's page gave it, kept to be opened again. What cannot be built
-        is refused at once."""
+        """Build a catalogue as a job; ``asked`` is the request as sent by the builder's page, stored so that it can be
+        reopened. An impossible request is rejected at once."""
         request, _ = self._with_bank(request)
         work = self._work(request, asked, user)
         kept = {"asked": dict(asked), "user": user, "at": self._now().isoformat(), "bank_bytes": request.bank_bytes}
@@ -124,11 +124,11 @@ class CatalogueService:
 
     def _work(self, request: BuildRequest, asked: Mapping[str, Any], user: str) -> Resumable:
         source = self._source(request)
-        # What takes long is worked out in the job, where it tells how far it is and can be cancelled.
+        # Long preparations run inside the job, where they report progress and can be cancelled.
         ready = None if too_heavy(plan(request), source) else prepare(request, source)
 
         def work(run: Run) -> dict[str, Any]:
-            if run.checkpoint:  # the row was stored before the server died
+            if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 
             def tell(stage: str, share: float) -> None:
@@ -141,7 +141,8 @@ class CatalogueService:
         return work
 
     def _with_bank(self, request: BuildRequest) -> tuple[BuildRequest, BankSource]:
-        """The request with the bank of the sensor that answers, where it is of that camera; and whose bank counts."""
+        """Return the request with the bank size of the connected sensor if it has that camera, and the source of the bank
+        size."""
         hello = self._link.hello
         if request.bank_bytes is not None:
             return request, "asked"
@@ -179,21 +180,22 @@ class CatalogueService:
         return row
 
     def newest(self, limit: int) -> list[Catalogue]:
-        """Newest first."""
+        """Return the newest catalogues first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
     def get(self, catalogue_id: int) -> Catalogue:
-        """The catalogue of that id."""
+        """Return the catalogue with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, catalogue_id)
 
     def image(self, catalogue_id: int) -> bytes:
-        """The bytes for the bank."""
+        """Return the bank image."""
         return self._blobs.get(self.get(catalogue_id).sha256)
 
     def diff(self, old_id: int, new_id: int) -> StoredDiff:
-        """What would change on board; circles of coverage are as large as the new catalogue's field."""
+        """Return the differences between two catalogues; coverage is computed for circles as large as the new catalogue's
+        field of view."""
         old, new = self.get(old_id), self.get(new_id)
         before, after = self._decoded(old), self._decoded(new)
         radius_rad = FieldShape(profile(new.profile).camera).equal_circle_rad
@@ -201,7 +203,7 @@ class CatalogueService:
         return StoredDiff(old, new, before, after, compare(before, after), coverage, old.profile == new.profile)
 
     def export(self, catalogue_id: int, kind: str) -> ExportFile:
-        """A stored catalogue as a file of another kind."""
+        """Return a stored catalogue in another file format."""
         row = self.get(catalogue_id)
         return export_file(self._blobs.get(row.sha256), row.manifest, kind, row.name)
 
@@ -209,7 +211,8 @@ class CatalogueService:
         return decode(self._blobs.get(row.sha256), np.array(row.manifest["hip"], np.int32))
 
     def upload(self, catalogue_id: int, bank: str) -> TransferView:
-        """Send a catalogue to an inactive bank; read-back verify and commit follow by themselves."""
+        """Upload a catalogue to an inactive bank; read-back verification and commit follow automatically. Raises Conflict or
+        BadInput."""
         row, hello = self.get(catalogue_id), self._link.hello
         if hello is None:
             raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
@@ -233,7 +236,8 @@ class CatalogueService:
 
 
 def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
-    """What the device checks before it takes a bank image; BadInput when it is for another camera or does not fit."""
+    """Return what the device checks before it accepts a bank image. Raises BadInput if the image is for another camera or
+    too large."""
     header = read_header(image)
     if header.profile_name != hello.profile:
         raise BadInput("this catalogue is for another camera", expected=hello.profile, got=header.profile_name)
@@ -255,7 +259,7 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
 
 
 def check_matching(format_name: str, profile_name: str) -> None:
-    """Conflict for a bank that the unit would take and then refuse to match from."""
+    """Raise Conflict for a catalogue that the unit would accept but could not match from."""
     matched = matching_formats(profile_name)
     if base_format(format_name) not in matched:
         raise Conflict(
@@ -267,5 +271,5 @@ def check_matching(format_name: str, profile_name: str) -> None:
 
 
 def bank_number(dictionary: Dictionary, bank: str) -> int:
-    """The number of a bank on the wire; BadInput lists the banks."""
+    """Return the number of a bank in the protocol. Raises BadInput with the list of banks."""
     return dictionary.command("VERIFY_BANK").argument("bank").choice(bank).value

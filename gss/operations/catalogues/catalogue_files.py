@@ -1,4 +1,5 @@
-"""A catalogue as files: the bank image, its manifest, C source, tables for people and tables that give the image back."""
+"""A catalogue as files: bank image, manifest, C source, readable tables, and exact tables from which the image can be
+restored."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ KINDS = tuple(TYPES)
 
 @dataclass(frozen=True)
 class ExportFile:
-    """A file to write or to send."""
+    """A file to write or send."""
 
     name: str
     media_type: str
@@ -40,8 +41,8 @@ class ExportFile:
 
 
 def export_file(image: bytes, manifest: Mapping[str, Any], kind: str, name: str) -> ExportFile:
-    """The file of one kind: image, manifest, c (arrays to paste into firmware), csv | ecsv | fits | parquet (the star list
-    for people), tables-* (every table, exact: ``import_file`` gives the image back)."""
+    """Return a file of one kind: image, manifest, c (arrays to paste into firmware), csv | ecsv | fits | parquet (readable
+    star list), tables-* (every table, exact: ``import_file`` restores the image). Raises BadInput for an unknown kind."""
     if kind not in TYPES:
         raise BadInput("unknown kind of export", expected=" | ".join(TYPES), got=kind)
     suffix, media_type = TYPES[kind]
@@ -63,7 +64,7 @@ def _content(image: bytes, manifest: Mapping[str, Any], kind: str) -> bytes:
 
 
 def import_file(data: bytes, filename: str) -> bytes:
-    """The bank image of a file that ``tables-*`` wrote; checksums are verified."""
+    """Return the bank image from a file written by ``tables-*``; checksums are verified. Raises BadInput."""
     lower = filename.lower()
     kind = next(
         (k.removeprefix("tables-") for k in TYPES if k.startswith("tables-") and lower.endswith(TYPES[k][0])), ""

@@ -1,4 +1,5 @@
-"""What is known of a built catalogue, as plain values for pages and papers; angles in degrees, for they only travel."""
+"""The report of a built catalogue as plain values for pages and papers; angles in degrees, because the values are only
+displayed."""
 
 from __future__ import annotations
 
@@ -28,14 +29,14 @@ CURVE_POINTS = 60
 
 
 def preview_report(quick: Preview) -> dict[str, Any]:
-    """Funnel and maps of a preview."""
+    """Return funnel and maps of a preview."""
     return _choice(quick.selection, quick.map, quick.plan) | {
         "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
     }
 
 
 def report_of(built: BuiltCatalogue) -> dict[str, Any]:
-    """Everything of a built catalogue."""
+    """Return the complete report of a built catalogue."""
     a: Assessment = built.assessment
     return _choice(built.selection, built.map, built.plan) | {
         "quality": _quality(a.quality) | {"worst_outline": _worst(built.plan, a.quality)},
@@ -52,7 +53,7 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
 
 
 def report_again(manifest: Manifest, source: Source | StarTable) -> dict[str, Any]:
-    """The report of a catalogue from its manifest: the build is repeated, and must give the same bytes."""
+    """Return the report of a catalogue from its manifest, by repeating the build. Raises CorruptData if the image differs."""
     built = build(request_from(manifest.parameters), source)
     if built.sha256 != manifest.image_sha256:
         raise CorruptData(
@@ -102,7 +103,8 @@ def _quality(q: Quality) -> dict[str, Any]:
 
 
 def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
-    """``value``: other triangles per triangle; a pixel without one is None, one without three stars the largest figure."""
+    """``value``: wrong triangles per triangle; None for a pixel without one, the largest value for a pixel without three
+    stars."""
     ra_rad, dec_rad, figure = a.worst
     return {
         "nside": a.nside,
@@ -142,7 +144,7 @@ def _sky(selection: Selection) -> list[dict[str, Any]]:
 
 
 def _worst(plan: Plan, q: Quality) -> list[tuple[float, float]]:
-    """The field with the fewest stars, as it lies on the sky."""
+    """Return the outline on the sky of the field with the fewest stars."""
     attitude = cam_from_icrs(q.worst_ra_rad, q.worst_dec_rad, q.worst_roll_rad)
     return _line(outlines(plan.shape, attitude[None])[0], 2)
 
@@ -160,5 +162,5 @@ def _finite(value: float) -> float | None:
 
 
 def _rounded(value: float) -> float | None:
-    """Three digits are enough for a map; infinity is the largest figure."""
+    """Round to three digits, enough for a map; infinity becomes the largest value."""
     return None if np.isnan(value) else float(f"{min(float(value), LARGEST_FIGURE):.3g}")

@@ -1,4 +1,4 @@
-"""The design desk: a camera edited on the page or the terminal, looked at quickly, then counted in full as a job."""
+"""Camera design: a camera edited on the page or in the terminal, evaluated quickly, then in full as a job."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CAMERA_LOOKS, CAMERA_PAIRS = 1500, 3e4
 
 @dataclass(frozen=True)
 class Along:
-    """An orbit and a law of pointing with its limits, in place of the whole sky."""
+    """An orbit and a pointing law with its limits, instead of the whole sky."""
 
     inclination_rad: Range
     raan_rad: Range
@@ -43,8 +43,8 @@ class Along:
 
 @dataclass(frozen=True)
 class Question:
-    """``profile``: the camera to start from; ``changes``: fields of :class:`DesignCamera` with other values. ``exclusion_rad``
-    None: 40°. ``along`` None: the whole sky. ``pointings``: of the full count."""
+    """A design request. ``profile``: the initial camera; ``changes``: changed fields of :class:`DesignCamera`.
+    ``exclusion_rad`` None: 40°. ``along`` None: the whole sky. ``pointings``: of the full evaluation."""
 
     profile: str
     changes: Mapping[str, float]
@@ -56,7 +56,7 @@ class Question:
 
 
 def request_of(question: Question) -> DesignRequest:
-    """The edited camera and where it looks; BadInput where that cannot be."""
+    """Return the edited camera and its pointing envelope. Raises BadInput if they are impossible."""
     camera = design_camera(question.profile).edited(**question.changes)
     exclusion = EXCLUSION_RAD if question.exclusion_rad is None else question.exclusion_rad
     if not FEWEST <= question.pointings <= MOST:
@@ -89,8 +89,8 @@ def answer(
     documents: tuple[TradeRow, ...] | None = None,
     progress: Progress = lambda *_: None,
 ) -> dict[str, Any]:
-    """The record of one question: the quick look, or a million pointings and the lens trade. ``documents``: the documents'
-    cameras' lines where they are known already."""
+    """Return the record of one design: quick, or with full pointings and the lens trade. ``documents``: rows of the
+    documents' cameras, if already computed."""
     start_s = time.perf_counter()
     request = request_of(question)
     if quick:
@@ -101,7 +101,7 @@ def answer(
         try:
             report = design(request, stars, effort, each=pool.map, progress=_by_percent(progress))
         finally:
-            # After a cancel what is queued must not be worked off first.
+            # After a cancel, queued work must not be run first.
             pool.shutdown(wait=True, cancel_futures=True)
     fixed = document_rows(stars) if documents is None else documents
     mine = () if request.camera in [r.camera for r in fixed] else (_row(request.camera, stars),)
@@ -110,7 +110,7 @@ def answer(
 
 
 def document_rows(stars: StarTable) -> tuple[TradeRow, ...]:
-    """The documents' cameras, each as its profile has it."""
+    """Return the rows of the documents' cameras, as in their profiles."""
     return tuple(_row(c, stars) for c in document_cameras())
 
 
@@ -119,26 +119,26 @@ def _row(camera: DesignCamera, stars: StarTable) -> TradeRow:
 
 
 class DesignService:
-    """Answers questions about cameras; the documents' own lines are reckoned once."""
+    """Evaluates designs; the rows of the documents' cameras are computed once."""
 
     def __init__(self, jobs: JobService, stars: StarTable) -> None:
         self._jobs, self._stars = jobs, stars
         self._rows: tuple[TradeRow, ...] = ()
         self.words: Callable[[Mapping[str, Any]], Question] | None = None
-        """Reads a question as the page gave it; set by whoever knows those words."""
+        """Parses a request as sent by the page; set by the web layer."""
         jobs.resumable("design", self._again)
 
     def document_rows(self) -> tuple[TradeRow, ...]:
-        """The documents' cameras, each as its profile has it."""
+        """Return the rows of the documents' cameras, as in their profiles."""
         self._rows = self._rows or document_rows(self._stars)
         return self._rows
 
     def quick(self, question: Question) -> dict[str, Any]:
-        """The quick look: fewer pointings and no lens trade."""
+        """Return the quick evaluation: fewer pointings and no lens trade."""
         return answer(question, self._stars, quick=True, documents=self.document_rows())
 
     def start(self, question: Question, asked: Mapping[str, Any]) -> Job:
-        """The full count as a job; its result is the record. An impossible camera is told at once."""
+        """Start the full evaluation as a job; its result is the record. An impossible camera is rejected at once."""
         request_of(question)
 
         return self._jobs.begin("design", f"design {question.profile}", dict(asked), self._work(question))
@@ -156,7 +156,7 @@ class DesignService:
 
 
 def _by_percent(progress: Progress) -> Callable[[float], None]:
-    """Tells a share only when another percent is done: every word is a row in the store."""
+    """Report progress only when another percent is complete, because each report is a row in the store."""
     told = -1
 
     def tell(share: float) -> None:
@@ -170,5 +170,5 @@ def _by_percent(progress: Progress) -> Callable[[float], None]:
 
 
 def radians(limits: tuple[float, float] | list[float]) -> Range:
-    """Two degrees as the record has them."""
+    """Convert two values in degrees to radians."""
     return float(np.radians(limits[0])), float(np.radians(limits[1]))

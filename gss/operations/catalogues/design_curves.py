@@ -16,7 +16,7 @@ SHARE = "share of fields, %"
 
 
 def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
-    """All of them, in the order of a page."""
+    """Return all curves, in the order of the page."""
     c, k = r.request.camera, r.curves
     limit = _upright("limit", r.limits.in_force_mag)
     by_limit = [_line(f"fewer than {n}", k.limit_mag, 100 * p) for n, p in zip(NEED, k.p_fewer_by_limit, strict=True)]
@@ -143,7 +143,7 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
 
 
 def _points(papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
-    """The documents' shares by limit."""
+    """Return the documents' values by magnitude limit."""
     wanted = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
     return [
         {"x": p.x, "y": 100 * p.value, "label": wanted[p.figure], "source": p.source}
@@ -177,7 +177,7 @@ def _curve(
 
 
 def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) -> dict[str, Any]:
-    """Points of a line; those that are no number are left as gaps."""
+    """Return the points of a line; NaN and infinities are gaps."""
     return {
         "label": label,
         "x": [short(v) for v in x],
@@ -190,5 +190,5 @@ def _upright(label: str, x: float) -> dict[str, Any] | None:
 
 
 def short(value: float) -> float:
-    """Six digits are more than any of this is known to."""
+    """Round to six digits, more than any of these values is accurate to."""
     return float(f"{float(value):.6g}")

@@ -1,5 +1,5 @@
-"""A design report as plain values, every number with its unit and where it comes from. Degrees and arcseconds: it only travels
-to the page and the terminal."""
+"""A design report as plain values, every number with its unit and source. Degrees and arcseconds, because the values are
+only displayed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OURS = "our radiometry"
 
 
 def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...]) -> dict[str, Any]:
-    """Everything a page of figures needs."""
+    """Return all values of a design page."""
     c, seen = report.request.camera, report.in_view
     papers = values_for(profile)
     base = design_camera(profile)
@@ -46,7 +46,7 @@ def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...])
             "worst_ra_deg": math.degrees(seen.worst_ra_rad),
             "worst_dec_deg": math.degrees(seen.worst_dec_rad),
         },
-        # The documents' counts are those of their own fields.
+        # The documents' values are valid only for their own fields of view.
         "curves": curves_of(report, papers if c.fov_rad == base.fov_rad else ()),
         "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
         "baffle_problem": report.baffle_problem,
@@ -59,12 +59,12 @@ def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...])
 
 
 def camera_of(c: DesignCamera) -> dict[str, Any]:
-    """The fields of a camera; the units are in their names."""
+    """Return the fields of a camera; their names contain the units."""
     return {f.name: getattr(c, f.name) for f in fields(c)}
 
 
 def field_limits() -> dict[str, dict[str, Any]]:
-    """Smallest, largest and unit of each field that can be edited."""
+    """Return minimum, maximum and unit of each editable field."""
     return {name: {"min": low, "max": high, "unit": unit} for name, (low, high, unit) in LIMITS.items()}
 
 
@@ -212,7 +212,7 @@ def _shade(r: DesignReport) -> list[dict[str, Any]]:
         ]
     for body in (SUN, EARTH, MOON):
         key = f"{body.name.lower()}_e_s"
-        # The table's light falls into the lens without loss, as the document has it.
+        # As in the document, the table's light enters the lens without loss.
         result.append(
             _figure(g, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
         )
@@ -233,7 +233,7 @@ def _baffle(b: Baffle) -> dict[str, Any]:
 
 
 def row_of(r: TradeRow) -> dict[str, Any]:
-    """A line of a table of cameras."""
+    """Return a row of a table of cameras."""
     c = r.camera
     across, down = c.fov_rad
     return {
@@ -255,5 +255,5 @@ def row_of(r: TradeRow) -> dict[str, Any]:
 
 
 def number(value: float) -> float | None:
-    """A finite number or nothing: JSON has no NaN."""
+    """Return a finite number or None, because JSON has no NaN."""
     return short(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""A design record as a sheet to keep or send: figures, curves, baffle, tables."""
+"""A design record as a report to store or send: values, curves, baffle, tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TRADE = ("camera", "f, mm", "f/", "field, °", "pixel, ″", "limit V", "stars",
 
 
 def design_sheet(record: dict[str, Any]) -> Report:
-    """The whole sheet."""
+    """Return the complete report."""
     changed = ", ".join(f"{k} {record['camera'][k]:g} (was {_plain(record['base'][k])})" for k in record["changed"])
     looks = f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
     sections = [
@@ -72,7 +72,7 @@ def _trade(cameras: list[dict[str, Any]]) -> Table:
 
 
 def _curve(c: dict[str, Any]) -> Plot:
-    """With the documents' points among the lines."""
+    """Return the plot of a curve, including the documents' points."""
     lines = [Series(line["label"], line["x"], line["y"]) for line in c["lines"]]
     if c["marks"]:
         label, xs, ys = c["marks"][0]["source"], [m["x"] for m in c["marks"]], [m["y"] for m in c["marks"]]

@@ -1,4 +1,4 @@
-"""Star lists that people bring: read, checked, kept as they came, and given back as a source of stars."""
+"""Star lists uploaded by users: parsed, validated, stored unchanged, and used as a source of stars."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHOWN_ROWS = 20
 
 
 class StarListService:
-    """Keeps lists, and knows every source by name."""
+    """Stores star lists, and returns every source by name."""
 
     def __init__(self, database: Database, blobs: BlobStore, now: Now, parsing: ParseProcesses) -> None:
         self._database, self._blobs, self._now, self._parsing = database, blobs, now, parsing
@@ -45,8 +45,8 @@ class StarListService:
     def add(
         self, data: bytes, filename: str, mapping: ListMapping, *, user: str, profile: str = "", name: str = ""
     ) -> StarList:
-        """Read a file, keep it, and say what was read and what was dropped. ``profile``: the camera it is meant for,
-        where the file does not say it; BadInput where it says another."""
+        """Parse and store a file; the row reports what was read and dropped. ``profile``: the camera it is intended for, if
+        the file does not state it. Raises BadInput if the file names another camera."""
         if len(data) > LARGEST_BYTES:
             raise BadInput(
                 "the star list is too large", expected=f"at most {LARGEST_BYTES} bytes", got=f"{len(data)} bytes"
@@ -81,17 +81,17 @@ class StarListService:
         return row
 
     def newest(self, limit: int) -> list[StarList]:
-        """Newest first."""
+        """Return the newest lists first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
     def get(self, list_id: int) -> StarList:
-        """The list of that id."""
+        """Return the list with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, list_id)
 
     def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> Source:
-        """A source by name; a list by its id. BadInput when the list is meant for another camera."""
+        """Return a source by name; a list by its id. Raises BadInput if the list is intended for another camera."""
         if name != "list":
             return load_source(name, v_max)
         if list_id is None:
@@ -115,18 +115,18 @@ class StarListService:
 
 
 def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: ListMapping) -> ImportedList:
-    """:func:`read_star_list` in a child process; also TooCostly and Busy."""
+    """Run :func:`read_star_list` in a child process; also raises TooCostly and Busy."""
     classes = (ImportedList, StarTable, DroppedRow)
     return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, what="the star list")
 
 
 def read_with_mapping(data: bytes, kind: str, mapping: dict[str, Any]) -> ImportedList:
-    """:func:`read_star_list` with a mapping in plain values."""
+    """Run :func:`read_star_list` with a mapping in plain values."""
     return read_star_list(data, kind, ListMapping(**mapping))
 
 
 def kind_of(filename: str) -> str:
-    """The kind of a file by its name."""
+    """Return the kind of a file from its name. Raises BadInput if it is unknown."""
     suffix = filename.rpartition(".")[2].lower()
     if suffix not in SUFFIXES:
         raise BadInput(
@@ -139,7 +139,7 @@ def kind_of(filename: str) -> str:
 
 
 def report_of(read: ImportedList) -> dict[str, Any]:
-    """What was read and what was dropped, as plain values."""
+    """Return what was read and dropped, as plain values."""
     return {
         "columns": dict(read.columns),
         "units": dict(read.units),
