@@ -1,1 +1,1 @@
-"""``gss check device``: the interface document, clause by clause."""
+"""Implementation of ``gss check device``: conformance to the interface document, clause by clause."""

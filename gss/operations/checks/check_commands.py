@@ -1,4 +1,4 @@
-"""Conformance of commands: refusals, repeated ids, ends of ranges, conditions. Commands with a hazard are never carried out."""
+"""Conformance of commands: rejections, repeated ids, range limits, preconditions. Hazardous commands are never executed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gss.operations.checks.probe import FINAL, Answer, Probe
 
 ORDER = {"accepted": 0, "started": 1, "progress": 2, "completed": 3, "failed": 3}
 APART = ("HELLO", "ABORT")
-"""Commands that have clauses of their own."""
+"""Commands covered by separate clauses."""
 NO_HAZARD_ONLY = "has a hazard: not carried out"
 Orders = tuple[tuple[str, dict[str, Value]], ...]
 BREAK: dict[tuple[str, str], Orders] = {
     ("mode", "ne"): (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "standby"})),
     ("cycle_running", "eq"): (("SET_MODE", {"mode": "lost_in_space"}), ("START_CYCLE", {})),
 }
-"""What makes a condition on a field of housekeeping fail."""
+"""Commands that make a precondition on a housekeeping field fail."""
 RESTORE: Orders = (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "lost_in_space"}))
 HARD = (Hazard.WARNING, Hazard.CRITICAL)
 NOT_CARRIED_OUT: dict[str, str] = {
@@ -27,13 +27,13 @@ NOT_CARRIED_OUT: dict[str, str] = {
     "CANCEL": "would take back what somebody has scheduled",
     "SCHEDULE": "would stay in the schedule",
 }
-"""Commands whose ends of ranges are not tried; they have clauses of their own, or lose what the ground cannot restore."""
+"""Commands whose range limits are not tried, because separate clauses cover them or the ground could not restore the state."""
 AFTERWARDS: dict[str, Orders] = {"SET_APRIORI": (("SET_APRIORI", {"uncertainty_deg": 180.0}),)}
-"""What takes back what the ends of a command's ranges have set."""
+"""Commands that undo what trying a command's range limits has set."""
 
 
 def check_refusals(probe: Probe, findings: Findings) -> None:
-    """Clauses 4.5, 4.6 and 4.7."""
+    """Check clauses 4.5, 4.6 and 4.7."""
     d = probe.dictionary
     used = {c.code for c in d.commands}
     for code in (next(c for c in range(255, 0, -1) if c not in used), 0):
@@ -54,7 +54,7 @@ def check_refusals(probe: Probe, findings: Findings) -> None:
 
 
 def check_repeats(probe: Probe, findings: Findings) -> None:
-    """Clauses 4.9 and 4.10, with a command that must not be carried out twice."""
+    """Check clauses 4.9 and 4.10, with a command that must not be executed twice."""
     first = probe.order("TAKE_IMAGE", {"slot": 0})
     if not findings.check("4.9", "TAKE_IMAGE, first", first.is_("completed"), first.text):
         return
@@ -79,8 +79,8 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
 
 
 def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
-    """Clauses 4.3 and 4.4, and with every answer 4.1, 4.2 and 2.4. ``write``: hazards may be tried outside their ranges,
-    where a device that keeps the document does nothing."""
+    """Check clauses 4.3 and 4.4, and with every answer 4.1, 4.2 and 2.4. ``write``: also try hazardous commands outside
+    their ranges, where a conforming device does nothing."""
     for command in probe.dictionary.commands:
         if command.name in APART or (command.simulator_only and not probe.device.hello.simulated):
             continue
@@ -112,7 +112,7 @@ def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
 
 
 def _ends(command: Command) -> Iterator[tuple[str, dict[str, Value]]]:
-    """Each argument at either end, the others at their defaults."""
+    """Yield arguments with each one at its minimum and maximum, the others at their defaults."""
     if not command.arguments:
         yield command.name, {}
     for a in command.arguments:
@@ -126,7 +126,7 @@ def _ends(command: Command) -> Iterator[tuple[str, dict[str, Value]]]:
 
 
 def _outside(probe: Probe, command: Command) -> Iterator[tuple[Argument, Value, bytes]]:
-    """Each argument beyond either end, as far as its bytes can say so."""
+    """Yield each argument with values beyond its limits, as far as its type can represent them."""
     for a in command.arguments:
         for value in _beyond(a):
             parts = [_raw(other, value if other is a else None, probe, command) for other in command.arguments]
@@ -146,7 +146,7 @@ def _beyond(a: Argument) -> list[float]:
 
 
 def _raw(a: Argument, value: float | None, probe: Probe, command: Command) -> bytes:
-    """Bytes of a value without any check of its range; the default for None."""
+    """Encode a value without a range check; None encodes the default."""
     if value is None:
         default = a.default if a.default is not None else a.minimum
         return encode_item(a, default if default is not None else 0)
@@ -154,7 +154,7 @@ def _raw(a: Argument, value: float | None, probe: Probe, command: Command) -> by
 
 
 def _check_life(findings: Findings, subject: str, command: Command, answer: Answer) -> None:
-    """Stages in order, codes and ids of the command, a final report in time."""
+    """Check the order of stages, the codes and ids of reports, and that a final report arrives in time."""
     stages = [r.stage for r in answer.reports]
     ranks = [ORDER.get(s, -1) for s in stages]
     in_order = bool(stages) and stages[0] == "accepted" and ranks == sorted(ranks) and stages.count("accepted") == 1
@@ -166,14 +166,14 @@ def _check_life(findings: Findings, subject: str, command: Command, answer: Answ
 
 
 def _make_ready(probe: Probe, command: Command) -> None:
-    """The conditions hold and no cycle disturbs the clocks."""
+    """Restore the preconditions and stop the cycle, so that it does not disturb timing."""
     if command.preconditions or command.name in ("SET_MODE", "START_CYCLE"):
         for name, arguments in RESTORE:
             probe.order(name, arguments)
 
 
 def check_conditions(probe: Probe, findings: Findings) -> None:
-    """Clause 4.8: each condition of each command is broken once."""
+    """Check clause 4.8 by making each precondition of each command fail once."""
     for command in probe.dictionary.commands:
         for condition in command.preconditions:
             subject = f"{command.name}: not “{condition.text}”"

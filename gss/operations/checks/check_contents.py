@@ -1,4 +1,4 @@
-"""Conformance of what can be read: images in part, sections of a bank, tables, memories, and results asked for again."""
+"""Conformance of downloads and queries: parts of images, sections of a bank, tables, memories, and repeated results."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ RESULTS = (("GET_CENTROIDS", "FIND_CENTROIDS", "centroids"), ("GET_MATCHES", "MA
 
 
 def _silent(_: TransferUpdate) -> None:
-    """Nobody watches."""
+    """Ignore progress."""
 
 
 def check_parts(probe: Probe, findings: Findings) -> None:
-    """Clauses 6.10, 6.11, 6.16 and 7.1, 7.2: a region and star windows against the thumbnail's frame."""
+    """Check clauses 6.10, 6.11, 6.16, 7.1 and 7.2: a region and star windows against the thumbnail's frame."""
     probe.order("TAKE_IMAGE", {"slot": 0})
     hello = probe.device.hello
     columns, rows = min(40, hello.columns), min(20, hello.rows)
@@ -76,7 +76,8 @@ def _check_refused(probe: Probe, findings: Findings, subject: str, values: Mappi
 
 
 def check_sections(probe: Probe, findings: Findings) -> None:
-    """Clauses 6.12, 7.4: header, star list and distance table of the active bank begin its image; sections of its format follow."""
+    """Check clauses 6.12 and 7.4: the active bank's image begins with header, star list and distance table; sections of its
+    format may follow."""
     active = next(b for b in probe.banks() if b["active"])
     number = bank_number(probe.dictionary, str(active["bank"]))
     with findings.trying("6.12", "sections"):
@@ -93,18 +94,18 @@ def check_sections(probe: Probe, findings: Findings) -> None:
 
 
 def tables(probe: Probe) -> list[Mapping[str, Value]]:
-    """What LIST_TABLES tells."""
+    """Return the rows reported by LIST_TABLES."""
     answer = probe.order("LIST_TABLES")
     return [t.values for t in probe.telemetry(answer.packets, "table_info")]
 
 
 def table_number(probe: Probe, bank: str) -> int:
-    """Number of a table's bank on the wire."""
+    """Return the number of a table's bank in the protocol."""
     return probe.dictionary.command("VERIFY_TABLE").argument("bank").choice(bank).value
 
 
 def check_tables(probe: Probe, findings: Findings) -> None:
-    """Clauses 5.8, 6.13 and 7.3: the list, what is active as bytes, and what may not be written."""
+    """Check clauses 5.8, 6.13 and 7.3: the table list, the active content as bytes, and write protection."""
     told = tables(probe)
     names = {(str(t["table"]), str(t["bank"])) for t in told}
     argument = probe.dictionary.command("VERIFY_TABLE").argument
@@ -123,7 +124,7 @@ def check_tables(probe: Probe, findings: Findings) -> None:
 
 
 def _check_protected(probe: Probe, findings: Findings, info: Mapping[str, Value]) -> None:
-    """What is offered is what the bank holds, so that a device that takes it loses nothing."""
+    """Offer the bank's own content, so that a device which wrongly accepts it loses nothing."""
     hello, table, bank = probe.device.hello, str(info["table"]), str(info["bank"])
     if not info["size_bytes"]:
         return
@@ -141,7 +142,7 @@ def _check_protected(probe: Probe, findings: Findings, info: Mapping[str, Value]
 
 
 def check_results(probe: Probe, findings: Findings) -> None:
-    """Clauses 5.5, 5.7 and 7.5: packets sent again, and the registers, which are a housekeeping packet."""
+    """Check clauses 5.5, 5.7 and 7.5: repeated results, and the registers, which contain a housekeeping packet."""
     probe.order("TAKE_IMAGE", {"slot": 0})
     for ask, make, packet in RESULTS:
         made, again = (_last(probe, probe.order(name).packets, packet) for name in (make, ask))

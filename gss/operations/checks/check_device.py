@@ -1,8 +1,8 @@
-"""Does a device keep the interface document? Each clause that can be tried from the ground is tried.
+"""Checks whether a device conforms to the interface document. Each clause that can be tested from the ground is tested.
 
-The device must be idle and without a bank on trial. Commands with a hazard are not carried out; image memories at the ends
-of the range are overwritten; settings, mode and cycle are given back as they were (attitude hint and orbit cannot be read
-back, the a-priori attitude is taken away).
+The device must be idle and without a bank on trial. Hazardous commands are not executed. Image memories at the limits of the
+range are overwritten; settings, mode and cycle are restored (attitude hint and orbit cannot be read back, the a-priori attitude
+is withdrawn).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Told = Callable[[str], None]
 
 
 def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> Findings:
-    """Try every clause. ``write``: upload into an inactive bank too. ``told``: called with the name of each part."""
+    """Test every clause. ``write``: also upload into an inactive bank. ``told``: called with the name of each part."""
     findings = Findings()
     told("identity")
     check_identity(probe, findings)
@@ -80,7 +80,7 @@ def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> F
 
 
 def _ready(probe: Probe) -> Mapping[str, Value]:
-    """Housekeeping of a device that may be tried; Conflict where that would change what it is used for."""
+    """Stop the cycle and return the housekeeping before it. Raises Conflict if a bank is on trial."""
     status = probe.status()
     if int(status["confirm_left_s"]):
         raise Conflict(
@@ -94,7 +94,7 @@ def _ready(probe: Probe) -> Mapping[str, Value]:
 
 
 def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
-    """Settings, mode and cycle as they were."""
+    """Restore settings, mode and cycle; what could not be restored is noted in ``findings.left``."""
     try:
         probe.order("ABORT")
         probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
@@ -114,7 +114,7 @@ def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) ->
 
 
 def check_identity(probe: Probe, findings: Findings) -> None:
-    """Clauses 3.1 to 3.3."""
+    """Check clauses 3.1 to 3.3."""
     d, hello = probe.dictionary, probe.device.hello
     used = probe.order("GET_STATUS").request_id
     with findings.trying("3.1", "HELLO"):
@@ -137,7 +137,7 @@ def check_identity(probe: Probe, findings: Findings) -> None:
 
 
 def check_housekeeping(probe: Probe, findings: Findings) -> None:
-    """Clauses 5.1, 5.2 and 5.4."""
+    """Check clauses 5.1, 5.2 and 5.4."""
     code = probe.dictionary.packet("housekeeping").code
 
     def unasked(p: Packet) -> bool:
@@ -166,13 +166,13 @@ def _unused_code(probe: Probe) -> int:
 
 
 def _frame(probe: Probe, payload: bytes, request_id: int) -> bytes:
-    """A packet of GET_STATUS with any payload, not framed."""
+    """Return a packet of GET_STATUS with any payload, not framed."""
     code = probe.dictionary.command("GET_STATUS").code
     return encode_packet(Packet(PacketType.COMMAND, code, request_id, payload, probe.dictionary.prefix, True))
 
 
 def check_damage(probe: Probe, findings: Findings) -> None:
-    """Clauses 1.2, 1.3 and 1.5: bytes that are no packet are dropped and counted, and nothing around them suffers."""
+    """Check clauses 1.2, 1.3 and 1.5: invalid bytes are dropped and counted, without affecting packets around them."""
     request_id = probe.order("GET_STATUS").request_id
     good = _frame(probe, b"", request_id + 1000)
     spoiled = good[:-1] + bytes([good[-1] ^ 0x10])
@@ -195,7 +195,7 @@ def check_damage(probe: Probe, findings: Findings) -> None:
 
 
 def check_record(probe: Probe, findings: Findings) -> None:
-    """Clauses 2.1 to 2.4 and 5.3, over everything that came."""
+    """Check clauses 2.1 to 2.4 and 5.3 on all received packets."""
     receiver, packets, d = probe.tap.receiver, probe.tap.packets, probe.dictionary
     findings.damaged = receiver.bad_total
     findings.check("2.1", "packets read", bool(packets) and not receiver.unknown, f"{receiver.unknown} unreadable")

@@ -1,4 +1,4 @@
-"""What a conformance check found, clause by clause."""
+"""Results of a conformance check, by clause."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ PASS, FAIL, NOT_CHECKED = "pass", "fail", "not checked"
 
 
 def shown(value: Value) -> str:
-    """A value for a line of text."""
+    """Return a value as text for one line."""
     return value.hex() if isinstance(value, bytes) else str(value)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One trial of a clause. ``passed`` None: left out, ``detail`` says why."""
+    """One test of a clause. ``passed`` None: skipped, ``detail`` gives the reason."""
 
     subject: str
     passed: bool | None
@@ -31,32 +31,32 @@ class Case:
 
 @dataclass
 class Findings:
-    """Cases by clause. ``left``: what the device has not got back as it was. ``damaged``: packets that came damaged: the
-    check needs a clean line, for what is lost looks as if the device had not said it."""
+    """Cases by clause. ``left``: settings of the device that could not be restored. ``damaged``: packets received damaged:
+    the check needs a clean line, because a lost packet looks as if the device had not sent it."""
 
     cases: dict[str, list[Case]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
     damaged: int = 0
 
     def check(self, number: str, subject: str, passed: bool, detail: str = "") -> bool:
-        """Note a trial; the clause must exist."""
+        """Record a test; the clause must exist. Returns ``passed``."""
         self.cases.setdefault(clause(number).number, []).append(Case(subject, passed, detail))
         return passed
 
     def skip(self, number: str, subject: str, why: str) -> None:
-        """Note a trial that was left out."""
+        """Record a skipped test."""
         self.cases.setdefault(clause(number).number, []).append(Case(subject, None, why))
 
     @contextmanager
     def trying(self, number: str, subject: str) -> Iterator[None]:
-        """A device that answers with nonsense or not at all fails the clause; a line that is gone ends the check."""
+        """Record a failure if the device answers invalidly or not at all; a lost line ends the check."""
         try:
             yield
         except (Conflict, CorruptData, BadInput) as error:
             self.check(number, subject, False, str(error))
 
     def result(self, one: Clause) -> str:
-        """Pass, fail or not checked."""
+        """Return pass, fail or not checked."""
         tried = [c.passed for c in self.cases.get(one.number, []) if c.passed is not None]
         if not tried:
             return NOT_CHECKED
@@ -64,11 +64,11 @@ class Findings:
 
     @property
     def failed(self) -> list[Clause]:
-        """Clauses that do not hold."""
+        """Clauses that failed."""
         return [c for c in CLAUSES if self.result(c) == FAIL]
 
     def plain(self, hello: HelloReceived, dictionary_hash: str) -> dict[str, Any]:
-        """As plain values, for JSON."""
+        """Return plain values for JSON."""
         results = [self.result(c) for c in CLAUSES]
         names = ("device_model", "profile", "firmware", "serial", "simulated", "dictionary_hash")
         return {

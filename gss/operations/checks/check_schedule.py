@@ -1,4 +1,4 @@
-"""Conformance of the schedule, of power and of the instructor's commands. What is scheduled here is taken back."""
+"""Conformance of the schedule, of power switching and of training commands. Everything scheduled here is cancelled."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ IMAGE_COMMANDS = ("TAKE_IMAGE", "RUN_ITERATION")
 
 
 def device_time_s(probe: Probe) -> float:
-    """The device's clock, from its newest packet."""
+    """Return the device's clock from its newest packet."""
     answer = probe.order("GET_STATUS")
     return answer.packets[-1].time_s if answer.packets else 0.0
 
 
 def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> Answer:
-    """SCHEDULE of bytes as they are."""
+    """Send SCHEDULE with unchecked bytes."""
     values: dict[str, Value] = {"at_s": at_s, "command_code": code, "length": len(payload)}
     return probe.order("SCHEDULE", values | {"payload": payload.ljust(64, b"\0")})
 
 
 def check_schedule(probe: Probe, findings: Findings) -> None:
-    """Clauses 4.15, 4.16 and 4.19."""
+    """Check clauses 4.15, 4.16 and 4.19."""
     d = probe.dictionary
     status = d.command("GET_STATUS").code
     event = d.event_named("SCHEDULE_RUN").code
@@ -69,7 +69,7 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
 
 
 def check_training(probe: Probe, findings: Findings) -> None:
-    """Clause 4.20: a real unit has no instructor's commands."""
+    """Check clause 4.20: a real unit rejects training commands."""
     for command in probe.dictionary.commands:
         if not command.simulator_only:
             continue
@@ -81,7 +81,7 @@ def check_training(probe: Probe, findings: Findings) -> None:
 
 
 def check_power(probe: Probe, findings: Findings) -> None:
-    """Clause 4.14: the imager is switched off and on again."""
+    """Check clause 4.14 by switching the imager off and on again."""
     off = probe.order("POWER", {"rail": "imager", "state": "off"})
     try:
         findings.check("4.14", "POWER imager off", off.is_("completed"), off.text)

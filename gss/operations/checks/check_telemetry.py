@@ -1,4 +1,5 @@
-"""Is a telemetered value possible at all? By its kind, not by its limits: a warm sensor is no broken interface."""
+"""Checks whether telemetry values are physically possible: by their kind, not by their limits, because a warm sensor does
+not violate the interface."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ UNIT_NORM_WITHIN = 1e-4
 
 
 def possible_range(field: TelemetryField) -> tuple[float, float]:
-    """Lowest and highest value that a field of its name, unit or converter can have."""
+    """Return the lowest and highest value that a field can have, given its name, unit or converter."""
     for start, bounds in BY_NAME:
         if field.name.startswith(start):
             return bounds
@@ -30,7 +31,7 @@ def possible_range(field: TelemetryField) -> tuple[float, float]:
 
 
 def problems(row: Packet, message: Decoded) -> Iterator[str]:
-    """What cannot be in a packet. An unknown value may be not-a-number."""
+    """Yield the impossible values of a packet. NaN is accepted as unknown."""
     for field in row.values:
         value = message.values[field.name]
         if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):

@@ -1,4 +1,5 @@
-"""Conformance of transfers and of ABORT. Flash is written only by :func:`check_writing`, and left as it was found."""
+"""Conformance of transfers and of ABORT. Only :func:`check_writing` and :func:`check_table_writing` write flash, and restore
+it."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ NOWHERE = "no bank can be written: all are active, protected or unfinished"
 
 
 def _silent(_: TransferUpdate) -> None:
-    """Nobody watches."""
+    """Ignore progress."""
 
 
 def _said(name: str, reply: Mapping[str, Value]) -> str:
@@ -28,7 +29,8 @@ def _said(name: str, reply: Mapping[str, Value]) -> str:
 
 
 def check_downloads(probe: Probe, findings: Findings) -> None:
-    """Clauses 6.1 and 6.5: a thumbnail, the active catalogue against its own record, and what does not exist."""
+    """Check clauses 6.1 and 6.5: a thumbnail, the active catalogue against its bank_info, and requests for content that does
+    not exist."""
     taken = probe.order("TAKE_IMAGE", {"slot": 0})
     with findings.trying("6.5", "thumbnail"):
         done = probe.device.download("thumbnail", 0, _silent)
@@ -64,7 +66,7 @@ def _give_up(reply: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def check_upload_refusals(probe: Probe, findings: Findings) -> None:
-    """Clause 6.6. What is offered is what the bank holds, so that a device that takes it loses nothing."""
+    """Check clause 6.6. The bank's own content is offered, so that a device which wrongly accepts it loses nothing."""
     for bank in probe.banks():
         if not (bank["active"] or bank["write_protected"]) or not bank["size_bytes"]:
             continue
@@ -78,7 +80,7 @@ def check_upload_refusals(probe: Probe, findings: Findings) -> None:
 
 
 def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
-    """OPEN_UPLOAD of what a bank holds, into that bank."""
+    """Return OPEN_UPLOAD values for a bank's own content into that bank."""
     hello, d = probe.device.hello, probe.dictionary
     same = ("size_bytes", "sha256", "profile", "format_version", "epoch_jyear", "stars", "pairs")
     return {name: bank[name] for name in same} | {
@@ -91,7 +93,7 @@ def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def check_aborts(probe: Probe, findings: Findings) -> None:
-    """Clause 4.13: the cycle, a running command, an open transfer."""
+    """Check clause 4.13: the cycle, a running command, an open transfer."""
     probe.order("SET_MODE", {"mode": "lost_in_space"})
     probe.order("START_CYCLE")
     running = probe.status()["cycle_running"]
@@ -109,7 +111,7 @@ def check_aborts(probe: Probe, findings: Findings) -> None:
 
 
 def _check_running_command(probe: Probe, findings: Findings) -> None:
-    """A long exposure, stopped."""
+    """Stop a long exposure."""
     command = probe.dictionary.command("TAKE_IMAGE")
     payload = probe.payload(command, {"slot": 0, "exposure_ms": LONG_EXPOSURE_MS})
     start = len(probe.tap.packets)
@@ -121,7 +123,7 @@ def _check_running_command(probe: Probe, findings: Findings) -> None:
 
 
 def check_writing(probe: Probe, findings: Findings) -> None:
-    """Clause 6.7, in a bank that is not used; afterwards the bank holds what it held."""
+    """Check clause 6.7 with an unused bank, and restore the bank's content."""
     banks = probe.banks()
     active = next(b for b in banks if b["active"])
     free = [b for b in banks if not b["active"] and not b["write_protected"] and b["state"] in ("empty", "committed")]
@@ -135,7 +137,7 @@ def check_writing(probe: Probe, findings: Findings) -> None:
         image = probe.device.download("catalogue", bank_number(probe.dictionary, str(active["bank"])), _silent).data
         kept = probe.device.download("catalogue", number, _silent).data if bank["state"] == "committed" else b""
         if bank["sha256"] == active["sha256"]:
-            # The device would find everything there already: nothing would be written.
+            # The device would already have this content and write nothing.
             probe.order("ERASE_BANK", {"bank": name})
         try:
             _check_upload(probe, findings, name, image)
@@ -161,7 +163,7 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
 
 
 def _put_back(probe: Probe, findings: Findings, name: str, kept: bytes) -> None:
-    """The bank's content of before, or nothing where it was empty."""
+    """Restore the bank's previous content, or erase it if it was empty."""
     try:
         if kept:
             probe.device.upload(kept, name, _silent)
@@ -172,7 +174,7 @@ def _put_back(probe: Probe, findings: Findings, name: str, kept: bytes) -> None:
 
 
 def check_table_writing(probe: Probe, findings: Findings) -> None:
-    """Clause 6.17: the active calibration into an empty bank, and back; then the bank is empty again."""
+    """Check clause 6.17: upload the active calibration into an empty bank, read it back, and erase the bank."""
     answer = probe.order("LIST_TABLES")
     told = [t.values for t in probe.telemetry(answer.packets, "table_info") if t.values["table"] == "calibration"]
     active = next((t for t in told if t["active"] and t["state"] == "committed"), None)

@@ -1,4 +1,4 @@
-"""Commands and messages past the host's own checks, and everything that comes back: the hands of ``gss check device``."""
+"""Sends commands and messages without the host's checks and collects all responses, for ``gss check device``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gss.operations.line.direct import DirectDevice
 
 FINAL = ("rejected", "completed", "failed")
 UNREADABLE = "unreadable"
-"""Stands for the stage of a report that does not fit its layout."""
+"""Stage of a report that does not fit its layout."""
 QUIET_S = 0.7
-"""A device that has not answered after this time on an idle line does not answer."""
+"""A device that does not answer within this time on an idle line is taken as not answering."""
 
 
 class Tap:
-    """A line that keeps a copy of the packets that come over it; chunks are left out, they are many."""
+    """A line that keeps a copy of the received packets, except chunks, which are too many."""
 
     def __init__(self, stream: ByteStream, chunk_code: int) -> None:
         self._stream, self._chunk_code, self.url = stream, chunk_code, stream.url
@@ -31,24 +31,24 @@ class Tap:
         self.packets: list[Packet] = []
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """As the line below."""
+        """See :class:`ByteStream`; also records the received packets."""
         data = self._stream.read(max_bytes, timeout_s)
         came = self.receiver.feed(data)
         self.packets += [p for p in came if p.type is not PacketType.TRANSFER or p.code != self._chunk_code]
         return data
 
     def write(self, data: bytes) -> None:
-        """As the line below."""
+        """See :class:`ByteStream`."""
         self._stream.write(data)
 
     def close(self) -> None:
-        """As the line below."""
+        """See :class:`ByteStream`."""
         self._stream.close()
 
 
 @dataclass(frozen=True)
 class Report:
-    """A report as it came. ``after_s``: since the report before it, or since the sending."""
+    """A received report. ``after_s``: seconds since the previous report, or since the command was sent."""
 
     stage: str
     reason: str
@@ -61,7 +61,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Answer:
-    """All that a command brought until its last report, or until its time was over."""
+    """Everything received for a command until its final report or timeout."""
 
     request_id: int
     reports: tuple[Report, ...] = ()
@@ -69,27 +69,27 @@ class Answer:
 
     @property
     def accepted(self) -> bool:
-        """Was there an acceptance?"""
+        """True if the command was accepted."""
         return any(r.stage == "accepted" for r in self.reports)
 
     @property
     def last(self) -> Report | None:
-        """The report that came last."""
+        """The last report received; None without one."""
         return self.reports[-1] if self.reports else None
 
     @property
     def text(self) -> str:
-        """The stages in one line."""
+        """The stages as one line of text."""
         parts = [f"{r.stage} ({r.reason})" if r.reason != "none" else r.stage for r in self.reports]
         return ", ".join(parts) or "no report"
 
     def is_(self, stage: str, reason: str = "none") -> bool:
-        """Did it end so?"""
+        """True if the last report has this stage and reason."""
         return self.last is not None and (self.last.stage, self.last.reason) == (stage, reason)
 
 
 class Probe:
-    """A device with a tap on its line. ``monotonic_s``: the clock of the ground."""
+    """A device with a tap on its line. ``monotonic_s``: the ground's monotonic clock."""
 
     def __init__(self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic) -> None:
         self.dictionary, self._now_s = dictionary, monotonic_s
@@ -99,11 +99,11 @@ class Probe:
     # --- bytes and packets --------------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:
-        """Bytes as they are."""
+        """Write bytes unchanged."""
         self.tap.write(data)
 
     def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
-        """What comes until a packet is the one, or the time is over; that packet is then the last."""
+        """Return the packets received until ``done`` is True for one, which is then the last, or until the time is over."""
         return self._collect(len(self.tap.packets), done, within_s)
 
     def _collect(self, start: int, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
@@ -122,12 +122,12 @@ class Probe:
     def order(
         self, name: str, arguments: Mapping[str, Value] | None = None, *, request_id: int | None = None
     ) -> Answer:
-        """A command by name, arguments as given and defaults for the rest, unchecked by the host's ranges."""
+        """Send a command by name, with defaults for missing arguments, without the host's range checks."""
         command = self.dictionary.command(name)
         return self.raw(command.code, self.payload(command, arguments or {}), command=command, request_id=request_id)
 
     def payload(self, command: Command, arguments: Mapping[str, Value]) -> bytes:
-        """Bytes of a command's arguments."""
+        """Encode a command's arguments."""
         defaults = {a.name: a.default for a in command.arguments if a.default is not None}
         return encode(command.arguments, defaults | dict(arguments))
 
@@ -140,7 +140,7 @@ class Probe:
         request_id: int | None = None,
         prefix: int | None = None,
     ) -> Answer:
-        """A command packet and what it brings. ``command`` gives the times to wait."""
+        """Send a command packet and collect its answer. ``command`` gives the timeouts."""
         accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
         start, before_s = len(self.tap.packets), self._now_s()
         used = self.device.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
@@ -151,7 +151,7 @@ class Probe:
             came = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
             if not came or not self._reports_on(came[-1], used):
                 break
-            # Several reports may have come in one turn: take them all, in order.
+            # Several reports may have arrived in one turn, so take all new ones in order.
             new = [p for p in self.tap.packets[start:] if self._reports_on(p, used)][len(reports) :]
             now_s = self._now_s()
             for packet in new:
@@ -177,20 +177,20 @@ class Probe:
         return Report(stage, reason, detail, bool(v["replayed"]), packet.code, values, after_s)
 
     def reports(self, request_id: int, start: int) -> list[Report]:
-        """Reports on a request among the packets from ``start`` on; their times are not known."""
+        """Return the reports on a request among the packets from ``start`` on; their times are unknown."""
         mine = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
         return [self._report(p, 0.0) for p in mine]
 
-    # --- what the device tells ----------------------------------------------------------------------------------
+    # --- reports from the device --------------------------------------------------------------------------------
 
     def telemetry(self, packets: tuple[Packet, ...] | list[Packet], name: str) -> list[Decoded]:
-        """Telemetry of one name among packets; CorruptData where it does not fit its layout."""
+        """Return the telemetry of one name among packets. Raises CorruptData if it does not fit its layout."""
         row = self.dictionary.packet(name)
         mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
         return [decode(row.fields, p.payload) for p in mine]
 
     def status(self) -> Mapping[str, Value]:
-        """Housekeeping now, in engineering units; Conflict when none comes."""
+        """Return current housekeeping in engineering units. Raises Conflict if none arrives."""
         answer = self.order("GET_STATUS")
         came = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
         if not came:
@@ -198,17 +198,17 @@ class Probe:
         return came[-1].values
 
     def banks(self) -> list[Mapping[str, Value]]:
-        """What LIST_BANKS tells."""
+        """Return the rows reported by LIST_BANKS."""
         answer = self.order("LIST_BANKS")
         return [b.values for b in self.telemetry(answer.packets, "bank_info")]
 
     def transfer(self, service: str, values: Mapping[str, Value], request_id: int | None = None) -> int:
-        """Send a transfer message; its request id."""
+        """Send a transfer message and return its request id."""
         row = self.dictionary.service(service)
         return self.device.send(PacketType.TRANSFER, row.code, encode(row.fields, values), request_id=request_id)
 
     def transfer_reply(self, request_id: int, within_s: float = 3.0) -> tuple[str, Mapping[str, Value]]:
-        """Name and values of the next OPENED or ABORT_TRANSFER for a request; "" when none comes."""
+        """Return name and values of the next OPENED or ABORT_TRANSFER for a request; "" if none arrives."""
         codes = {self.dictionary.service(name).code: name for name in ("OPENED", "ABORT_TRANSFER")}
 
         def fits(p: Packet) -> bool:
@@ -223,7 +223,7 @@ class Probe:
 
 @contextmanager
 def probing(url: str, dictionary: Dictionary, monotonic_s: Monotonic) -> Iterator[Probe]:
-    """A probe on a port, after the device has answered."""
+    """Open a probe on a port and wait until the device has answered."""
     stream = open_stream(url)
     try:
         yield Probe(stream, dictionary, monotonic_s)
