@@ -1,1 +1,1 @@
-"""A report: what was measured, as figures, tables and plots that a page, a sheet of HTML and a PDF show alike."""
+"""Reports: figures, tables and plots that are rendered alike by a page, as HTML and as PDF."""

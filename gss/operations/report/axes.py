@@ -1,4 +1,4 @@
-"""Where round numbers fall on an axis, and how they are written."""
+"""Tick positions on an axis and their labels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
-    """Round values from low to high, some ``about`` of them."""
+    """Return round values from low to high, about ``about`` of them."""
     if not (math.isfinite(low) and math.isfinite(high)) or high <= low:
         return []
     raw = (high - low) / max(1, about)
@@ -20,19 +20,19 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
 
 
 def decades(low: float, high: float) -> list[float]:
-    """Powers of ten from low to high, both above zero."""
+    """Return the powers of ten from low to high, both above zero."""
     return [10.0**k for k in range(math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9) + 1)]
 
 
 def time_ticks(low: float, high: float) -> list[float]:
-    """Whole seconds, minutes or hours from low to high, Unix seconds."""
+    """Return whole seconds, minutes or hours from low to high, Unix seconds."""
     steps = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400)
     step = next((s for s in steps if (high - low) / s <= 6), 7 * 86400)
     return [float(k * step) for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def written(value: float, step: float) -> str:
-    """The number with the decimals its axis needs, and a true minus."""
+    """Format a number with the decimals that its axis needs, and a true minus."""
     if value == 0:
         return "0"
     if not 1e-4 <= abs(value) < 1e6:
@@ -44,6 +44,6 @@ def written(value: float, step: float) -> str:
 
 
 def clock(unix_s: float, span_s: float) -> str:
-    """Time of day, UTC; with the date where the axis is longer than a day."""
+    """Format the time of day, UTC; with the date if the axis is longer than a day."""
     form = "%H:%M:%S" if span_s < 3600 else "%H:%M" if span_s < 86400 else "%m-%d %H:%M"
     return datetime.fromtimestamp(unix_s, UTC).strftime(form)

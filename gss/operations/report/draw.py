@@ -1,4 +1,4 @@
-"""Drawings of a report with any pen: plots, arrows over the detector, maps."""
+"""Renders the drawings of a report with any pen: plots, arrows over the detector, maps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARES_HEIGHT, OUTLINE_HEIGHT = 54.0, 180.0
 
 
 def height_of(drawing: Drawn) -> float:
-    """Height of a drawing of the full width."""
+    """Return the height of a drawing of the full width."""
     if isinstance(drawing, Plot):
         return PLOT_HEIGHT
     if isinstance(drawing, SkyMap):
@@ -51,7 +51,7 @@ def draw(pen: Pen, drawing: Drawn) -> None:
 
 @dataclass(frozen=True)
 class _Frame:
-    """From values to places."""
+    """Maps values to coordinates."""
 
     x0: float
     x1: float
@@ -68,7 +68,7 @@ class _Frame:
 
 
 def _share(value: float, low: float, high: float, log: bool) -> float:
-    """How far from low to high."""
+    """Return the position of a value between low and high, 0 … 1."""
     return math.log(max(value, low) / low) / math.log(high / low) if log else (value - low) / (high - low)
 
 
@@ -165,7 +165,7 @@ def _series(pen: Pen, f: _Frame, series: Series, colour: str) -> None:
 
 
 def _runs(series: Series, log_y: bool = False) -> list[list[Point]]:
-    """The points between gaps."""
+    """Split the points at gaps."""
     runs: list[list[Point]] = [[]]
     for x, y in zip(series.x, series.y, strict=True):
         if y is None or not math.isfinite(y) or (log_y and y <= 0):
@@ -215,7 +215,7 @@ def _outline(pen: Pen, outline: Outline) -> None:
 
 
 def _detector(pen: Pen, title: str, columns: int, rows: int) -> Callable[[float, float], Point]:
-    """Title and border; from (col, row) to places."""
+    """Draw title and border. Return a function from (col, row) to coordinates."""
     scale = DETECTOR_WIDTH / columns
     pen.text(LEFT, 11, title, size=8.5)
     pen.box(LEFT, TOP, DETECTOR_WIDTH, rows * scale, stroke=SOFT)
@@ -235,7 +235,7 @@ def _arrows(pen: Pen, a: Arrows) -> None:
 
 
 def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
-    """A bar of known length."""
+    """Draw a bar of known length."""
     length = next(v for v in (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0) if v * one_px <= 120)
     if length:
         pen.line([(LEFT, y), (LEFT + length * one_px, y)], COLOURS[0], 1.2)

@@ -1,4 +1,4 @@
-"""The whole sky on paper: a map by Mollweide with shades, stars and lines."""
+"""Draws the whole sky as a Mollweide map with shades, stars and lines."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
 
 
 def place(ra_deg: float, dec_deg: float) -> Point:
-    """Where a direction is drawn; 180° is in the middle."""
+    """Return the coordinates of a direction; 180° is in the middle."""
     lat, theta = math.radians(dec_deg), math.radians(dec_deg)
     for _ in range(12):
         slope = 2 + 2 * math.cos(2 * theta)
@@ -57,7 +57,7 @@ def place(ra_deg: float, dec_deg: float) -> Point:
 
 
 def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
-    """Runs of equal tone along rows of the map."""
+    """Draw runs of equal tone along the rows of the map."""
     known = np.array([math.nan if v is None else v for v in values], float)
     peak = float(np.nanmax(known, initial=0.0))
     if peak <= 0:
@@ -95,7 +95,7 @@ def _graticule(pen: Pen) -> None:
 
 
 def _path(pen: Pen, points: Sequence[Place], ink: str, width: float, dash: float = 0.0) -> None:
-    """A line of the sky, cut where it leaves one side of the map for the other."""
+    """Draw a line on the sky, split where it crosses the edge of the map."""
     runs: list[list[Point]] = [[]]
     for point in points:
         at = place(*point)

@@ -1,4 +1,4 @@
-"""Figures as a reader of a report expects them."""
+"""Formatting of numbers in reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """A figure with so many significant digits and a true minus; a dash where there is none."""
+    """Format a number with ``digits`` significant digits and a true minus; a dash for None."""
     if value is None:
         return "–"
     if isinstance(value, int):

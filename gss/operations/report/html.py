@@ -1,4 +1,4 @@
-"""A report as one sheet of HTML: no scripts, nothing from elsewhere, drawings inside."""
+"""A report as a single HTML file: no scripts, no external resources, drawings inline."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ figure { margin: 3mm 0; break-inside: avoid } tr { break-inside: avoid } svg, im
 
 
 def as_html(report: Report) -> str:
-    """The sheet."""
+    """Return the HTML file."""
     body = "".join(
         [
             f"<h1>{escape(report.title)}</h1><p class='soft'>{escape(report.subtitle)}</p>",
@@ -69,7 +69,7 @@ def _drawn(drawing: Drawing) -> str:
 
 
 def as_svg(drawing: Drawn) -> str:
-    """One drawing."""
+    """Return one drawing as SVG."""
     pen = SvgPen(WIDTH, height_of(drawing), drawing.title)
     draw(pen, drawing)
     return pen.svg()

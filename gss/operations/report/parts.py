@@ -1,6 +1,6 @@
-"""The parts of a report. Plain values only: a report is stored as JSON and drawn later by whoever shows it.
+"""The parts of a report. Plain values only: a report is stored as JSON and rendered later.
 
-Angles, times and the like are already in the unit that is written beside them.
+Values are already in the unit that is given with them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Number = float | None
 
 @dataclass(frozen=True)
 class Fact:
-    """One figure in words: label, value as text, unit, and what to know about it."""
+    """One value as text: label, value, unit, and a note."""
 
     label: str
     value: str
@@ -24,7 +24,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Series:
-    """Numbers of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
+    """Data of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
 
     label: str
     x: list[float]
@@ -34,7 +34,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Level:
-    """A horizontal line with its word; ``vertical``: an upright one."""
+    """A labelled horizontal line; ``vertical``: a vertical one."""
 
     value: float
     label: str
@@ -43,7 +43,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Plot:
-    """Axes with series. ``log_x``, ``log_y``: decades. ``time``: x are Unix seconds."""
+    """Axes with series. ``log_x``, ``log_y``: logarithmic axes. ``time``: x are Unix seconds."""
 
     title: str
     x_label: str
@@ -58,7 +58,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Arrows:
-    """Little vectors over the detector: (col, row) and (d col, d row) in pixels, drawn ``scale`` times too long."""
+    """Vectors over the detector: (col, row) and (d col, d row) in pixels, drawn ``scale`` times too long."""
 
     title: str
     columns: int
@@ -74,7 +74,7 @@ class Arrows:
 
 @dataclass(frozen=True)
 class Cells:
-    """A map over the detector: rows of values, None where nothing was seen; ``unit`` of the values."""
+    """A map over the detector: rows of values, None where there are no data; ``unit`` of the values."""
 
     title: str
     columns: int
@@ -86,7 +86,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Picture:
-    """A grey picture of the detector: a PNG file in base64. ``note``: what black and white stand for."""
+    """A grey picture of the detector: a PNG file in base64. ``note``: meaning of black and white."""
 
     title: str
     png: str
@@ -95,13 +95,14 @@ class Picture:
 
 
 Place = tuple[float, float]
-"""On the sky: right ascension and declination in degrees. On a drawing to scale: millimetres across and up."""
+"""On the sky: right ascension and declination in degrees. On a scale drawing: millimetres across and up."""
 
 
 @dataclass(frozen=True)
 class SkyMap:
-    """The whole sky by Mollweide, ICRS, right ascension to the left. ``values``: HEALPix ring pixels of ``nside``, white where None
-    or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``: lines. ``mark``: a place and words."""
+    """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring pixels
+    of ``nside``, white where None or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``:
+    lines. ``mark``: a position and its label."""
 
     title: str
     nside: int
@@ -116,7 +117,7 @@ class SkyMap:
 
 @dataclass(frozen=True)
 class Shares:
-    """Parts beside each other in a whole, in ``unit``."""
+    """Parts of a whole side by side, in ``unit``."""
 
     title: str
     parts: list[tuple[str, float]]
@@ -127,7 +128,7 @@ class Shares:
 
 @dataclass(frozen=True)
 class Outline:
-    """Lines to scale in millimetres, y upwards: a section through a thing. ``bold``: what light goes through."""
+    """A scale drawing in millimetres, y upwards: the cross-section of an object. ``bold``: the aperture."""
 
     title: str
     lines: list[list[Place]]
@@ -136,7 +137,7 @@ class Outline:
 
 
 Drawn = Plot | Arrows | Cells | SkyMap | Shares | Outline
-"""What a pen draws."""
+"""Drawings that a pen renders."""
 Drawing = Drawn | Picture
 
 
@@ -151,7 +152,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Note:
-    """What the reader should know and do. ``severe``: do not use the figures before."""
+    """A warning and a hint. ``severe``: do not use the values until it is resolved."""
 
     text: str
     hint: str = ""
@@ -161,7 +162,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what belongs to it."""
+    """A heading with its content."""
 
     title: str
     text: str = ""
@@ -172,7 +173,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """The whole. ``subtitle``: of what, when."""
+    """The complete report. ``subtitle``: subject and time."""
 
     title: str
     subtitle: str
@@ -180,12 +181,12 @@ class Report:
     notes: list[Note] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return plain values."""
         return asdict(self)
 
 
 def report_from(content: dict[str, Any]) -> Report:
-    """The report of its plain values."""
+    """Restore a report from its plain values."""
     return Report(
         content["title"],
         content["subtitle"],

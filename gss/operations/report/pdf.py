@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
 FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
-"""The console's own face, built into its pages; its letters come in two files."""
+"""The console's font, included in its pages; its letters are in two files."""
 PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
-"""For a checkout whose pages were not built: the plain letters that every PDF reader has."""
+"""Replacements for an installation without built pages, limited to letters that every PDF reader has."""
 MARGIN, LINE = 42.0, 12.0
 MOST_ROWS = 400
-"""Longer tables belong in the CSV; the sheet says how much it left out."""
+"""Longer tables belong in the CSV; the report states how many rows were omitted."""
 
 
 def as_pdf(report: Report, made: datetime) -> bytes:
-    """The bytes of the file. ``made`` stands in its properties, so that the same report gives the same bytes."""
+    """Return the PDF file. ``made`` is its creation date, so that the same report gives the same bytes."""
     sheet = _Sheet(report.title)
     sheet.pdf.set_creation_date(made)
     sheet.words(report.title, size=15, bold=True, gap=3)
@@ -43,7 +43,7 @@ def as_pdf(report: Report, made: datetime) -> bytes:
 
 
 class _Sheet:
-    """Where the next part goes."""
+    """The PDF under construction and the position of the next part."""
 
     def __init__(self, title: str) -> None:
         from fpdf import FPDF  # half a second of import, paid only by who prints
@@ -61,12 +61,12 @@ class _Sheet:
         self.y = MARGIN
 
     def room(self, height: float) -> None:
-        """Turn the page where the rest is too short."""
+        """Start a new page if the remaining height is too small."""
         if self.y + height > self.pdf.h - MARGIN:
             self._page()
 
     def words(self, text: str, *, size: float = 9, bold: bool = False, colour: str = INK, gap: float = 2) -> None:
-        """A paragraph, broken at words."""
+        """Add a paragraph, wrapped at words."""
         for line in _lines(text, size, self.pdf.w - 2 * MARGIN):
             self.room(size * 1.35)
             self.y += size * 1.25
@@ -74,12 +74,12 @@ class _Sheet:
         self.y += gap
 
     def note(self, note: Note) -> None:
-        """A warning with what to do."""
+        """Add a warning with its hint."""
         word = "Do not rely on this: " if note.severe else "Note: "
         self.words(f"{word}{note.text} {note.hint}", colour="#a04600", gap=4)
 
     def section(self, section: Section) -> None:
-        """A heading with what belongs to it; it is never the last line of a page."""
+        """Add a heading with its content; the heading is never the last line of a page."""
         self.room(60)
         self.y += 8
         self.words(section.title, size=11, bold=True, gap=1)
@@ -101,7 +101,7 @@ class _Sheet:
             self.table(table)
 
     def drawing(self, drawing: Drawing) -> None:
-        """One drawing across the page."""
+        """Add a drawing across the page."""
         if isinstance(drawing, Picture):
             self.picture(drawing)
             return
@@ -111,7 +111,7 @@ class _Sheet:
         self.y += height + 4
 
     def picture(self, picture: Picture) -> None:
-        """A picture across the page, its words above it."""
+        """Add a picture across the page, its caption above it."""
         image = Image.open(io.BytesIO(base64.b64decode(picture.png)))
         across = self.pdf.w - 2 * MARGIN
         height = across * image.height / image.width
@@ -121,7 +121,7 @@ class _Sheet:
         self.y += height + 4
 
     def table(self, table: Table) -> None:
-        """Columns as wide as their longest word, squeezed alike where they do not fit."""
+        """Add a table. Columns are as wide as their longest word, reduced proportionally if they do not fit."""
         if table.title:
             self.words(table.title, bold=True, gap=0)
         if not table.rows:
@@ -154,7 +154,7 @@ class _Sheet:
         anchor: str = "start",
         bold: bool = False,
     ) -> None:
-        """Words on their base line, each run of letters in the face that has them."""
+        """Draw text on its baseline, each run of letters in the font that contains them."""
         runs = list(_runs(words, self._faces))
         widths = []
         for face, run in runs:
@@ -172,7 +172,7 @@ class _Sheet:
 
 
 def _faces(pdf: FPDF) -> bool:
-    """Load the console's faces; False where the pages were not built."""
+    """Load the console's fonts. Return False if the pages were not built."""
     files = {name: FONTS / f"{stem}-400-normal.woff" for name, stem in FACES.items()}
     bold = FONTS / f"{FACES['latin']}-600-normal.woff"
     if not all(path.is_file() for path in (*files.values(), bold)):
@@ -184,7 +184,7 @@ def _faces(pdf: FPDF) -> bool:
 
 
 def _runs(words: str, faces: bool) -> Iterator[tuple[str, str]]:
-    """(face, letters) in order."""
+    """Yield (font, letters) in order."""
     words = words.translate(PLAIN)
     if not faces:
         yield "helvetica", words.translate(BARE).encode("latin-1", "replace").decode("latin-1")
@@ -201,7 +201,7 @@ def _runs(words: str, faces: bool) -> Iterator[tuple[str, str]]:
 
 
 def _lines(text: str, size: float, across: float) -> list[str]:
-    """Broken at words; a letter is taken for half as wide as high."""
+    """Wrap at words; a letter is assumed to be half as wide as high."""
     most = int(across / (size * 0.5))
     lines, line = [], ""
     for word in text.split():
@@ -214,7 +214,7 @@ def _lines(text: str, size: float, across: float) -> list[str]:
 
 
 class _PdfPen:
-    """Draws into the sheet from a corner on."""
+    """Draws into the PDF with an offset."""
 
     def __init__(self, sheet: _Sheet, x: float, y: float) -> None:
         self._sheet, self._pdf = sheet, sheet.pdf

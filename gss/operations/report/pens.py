@@ -1,4 +1,4 @@
-"""What a drawing needs of paper: lines, boxes, dots and words; and the pen that writes SVG."""
+"""The drawing interface (lines, boxes, dots and text) and its SVG implementation."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Protocol
 Point = tuple[float, float]
 INK, SOFT, HAIR = "#1b222a", "#5a6672", "#c9d0d8"
 COLOURS = ("#0a66ad", "#b04f00", "#11704a", "#6a43bf", "#8a6d00")
-"""First series first; told apart by their words as well."""
+"""Colours of series in order; labels distinguish them as well."""
 
 
 class Pen(Protocol):
-    """Coordinates are points of 1/72 inch, y downwards."""
+    """Drawing interface. Coordinates are points of 1/72 inch, y downwards."""
 
     def line(self, points: Sequence[Point], colour: str, width: float = 1.0, dash: float = 0.0) -> None:
-        """A line through points."""
+        """Draw a line through points."""
         ...
 
     def box(self, x: float, y: float, width: float, height: float, stroke: str = "", fill: str = "") -> None:
-        """A rectangle; "" leaves out its border or its ground."""
+        """Draw a rectangle; "" omits its border or fill."""
         ...
 
     def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
-        """Small discs."""
+        """Draw small discs."""
         ...
 
     def text(
@@ -38,7 +38,7 @@ class Pen(Protocol):
         anchor: str = "start",
         up: bool = False,
     ) -> None:
-        """Words on their base line; ``anchor``: start, middle or end; ``up``: read from below."""
+        """Draw text on its baseline; ``anchor``: start, middle or end; ``up``: rotated to read upwards."""
         ...
 
 
@@ -63,7 +63,7 @@ class SvgPen:
         )
 
     def dots(self, points: Sequence[Point], colour: str, radius: float) -> None:
-        # One path of zero-length strokes with round caps: thousands of dots stay one element.
+        # One path of zero-length strokes with round caps, so that thousands of dots are one element.
         path = " ".join(f"M{x:.1f},{y:.1f}h0" for x, y in points)
         self._parts.append(f"<path d='{path}' stroke='{colour}' stroke-width='{2 * radius:g}' stroke-linecap='round'/>")
 
@@ -85,7 +85,7 @@ class SvgPen:
         )
 
     def svg(self) -> str:
-        """The drawing."""
+        """Return the SVG document."""
         width, height = self._size
         return (
             f"<svg viewBox='0 0 {width:g} {height:g}' role='img' xmlns='http://www.w3.org/2000/svg'>"
