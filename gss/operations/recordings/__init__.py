@@ -1,1 +1,1 @@
-"""Rerun recordings: of stored frames, contacts and studies, and live. The only door to rerun."""
+"""Rerun recordings of stored frames, contacts and studies, and live. Only this package imports rerun."""

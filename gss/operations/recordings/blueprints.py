@@ -1,4 +1,4 @@
-"""What a Rerun viewer shows of a recording: one layout per use."""
+"""Layouts of the Rerun viewer, one per use."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Use(StrEnum):
-    """What a recording is looked at for."""
+    """Purpose of a recording."""
 
     FRAME = "frame"
     SEQUENCE = "sequence"
@@ -17,12 +17,13 @@ class Use(StrEnum):
 
 
 def blueprint(use: Use) -> Any:
-    """Sky, picture, plots and log, arranged for the use. Sequences run by frame, contacts by UTC; live ones follow."""
+    """Return the layout of sky, picture, plots and log for a use. Sequences are ordered by frame, contacts by UTC; live ones
+    follow."""
     import rerun.blueprint as rrb  # half a second and 100 MB that only this door pays
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
     picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])
-    # Beside a page's own panels a legend would cover the lines; a name stands at each line under the cursor.
+    # Next to a page's own panels a legend would cover the lines; names are shown under the cursor instead.
     legend = rrb.PlotLegend(visible=use is not Use.FRAME)
     attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds", plot_legend=legend)
     stars = rrb.TimeSeriesView(origin="/stars", name="Stars")

@@ -1,4 +1,4 @@
-"""A recording that goes on: each new frame, attitude, command, event and packet becomes a piece as it comes."""
+"""A live recording: each new frame, attitude, command, event and packet becomes a piece when it arrives."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from gss.store import frames
 from gss.store.engine import Database
 
 AT_ONCE = 4
-"""Live recordings at one time: each paints its pictures itself."""
+"""Maximum number of concurrent live recordings, because each renders its pictures separately."""
 BEGIN_WITH = 10
-"""Frames from before, so that there is something to see at once."""
+"""Number of earlier frames in the first piece, so that something is visible at once."""
 TOPICS = ("frame", "solution", "telemetry", "command", "event")
 
 
 class LiveRecording:
-    """One listener's recording. ``piece`` blocks for as long as drawing takes, never for news: call it in a thread after a wake."""
+    """The recording of one listener. ``piece`` blocks while drawing, never while waiting for data; call it in a thread after
+    a wake."""
 
     def __init__(
         self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None]
@@ -33,16 +34,16 @@ class LiveRecording:
         self._mailbox: Subscription = bus.subscribe(wake)
 
     def close(self) -> None:
-        """Listen no longer."""
+        """Stop listening."""
         self._bus.unsubscribe(self._mailbox)
 
     def piece(self) -> bytes:
-        """Everything that came since the last piece, as a whole .rrd; empty where nothing of it is shown."""
+        """Return everything since the last piece as a complete .rrd; empty if nothing of it is shown."""
         messages, dropped = self._mailbox.take()
         wanted = [m for m in messages if m.topic in TOPICS]
         if not wanted and not dropped:
             return b""
-        # A frame and its solutions come as several messages: it is drawn once, as it stands now.
+        # A frame and its solutions arrive as several messages, so it is drawn once, in its current state.
         seen = {m.payload.id if m.topic == "frame" else m.payload.frame_id for m in wanted if m.topic in TOPICS[:2]}
         pictures = {m.payload.id for m in wanted if m.topic == "frame"}
         for message in wanted:
@@ -52,7 +53,7 @@ class LiveRecording:
         return self._recorder.take()
 
     def begin(self, frame_ids: Iterable[int]) -> bytes:
-        """The first piece: layout, sky, and these frames."""
+        """Return the first piece: layout, sky, and these frames."""
         for frame_id in frame_ids:
             self._frame(frame_id, picture=True)
         return self._recorder.take()
@@ -74,14 +75,14 @@ class LiveRecording:
 
 
 class LiveRecordings:
-    """Opens live recordings, a few at a time."""
+    """Opens live recordings, up to ``AT_ONCE`` at a time."""
 
     def __init__(self, recordings: Recordings, database: Database, bus: EventBus, now: Now) -> None:
         self._recordings, self._database, self._bus, self._now = recordings, database, bus, now
         self._room = threading.BoundedSemaphore(AT_ONCE)
 
     def open(self, wake: Callable[[], None]) -> tuple[bytes, LiveRecording]:
-        """The first piece with the frames before, and what follows it. Conflict when too many are open."""
+        """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many are open."""
         if not self._room.acquire(blocking=False):
             raise Conflict("too many live recordings are open", expected=f"at most {AT_ONCE}", hint="close another one")
         with contextlib.ExitStack() as unless_it_opens:
@@ -96,6 +97,6 @@ class LiveRecordings:
         return first, live
 
     def close(self, live: LiveRecording) -> None:
-        """Make room."""
+        """Close a live recording and free its place."""
         live.close()
         self._room.release()

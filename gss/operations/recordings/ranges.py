@@ -1,4 +1,4 @@
-"""Numbers as people write them: ``3,5-9``."""
+"""Parses lists and ranges of numbers: ``3,5-9``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ MOST_IN_A_RANGE = 10_000
 
 
 def ids_of(text: str) -> list[int]:
-    """The numbers in the order written. BadInput for anything else."""
+    """Return the numbers in the order written. Raises BadInput for anything else."""
     ids: list[int] = []
     for part in text.split(","):
         first, _, last = part.partition("-")

@@ -1,4 +1,4 @@
-"""Writes frames, attitudes, telemetry, commands and events into one Rerun recording; what was written is taken piece by piece."""
+"""Writes frames, attitudes, telemetry, commands and events into one Rerun recording, which is read piece by piece."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ PlaceAt = Callable[[datetime], Place | None]
 
 
 class Recorder:
-    """One recording on the timelines ``frame`` (the frame's number in the store) and ``utc``. Not for several threads."""
+    """One recording on the timelines ``frame`` (the frame's id in the store) and ``utc``. Not thread-safe."""
 
     def __init__(self, recording_id: str, use: Use, stars: StarTable, place_at: PlaceAt) -> None:
         import rerun as rr  # half a second and 100 MB that only this door pays
 
         self._rr, self._place_at = rr, place_at
         self._stream = rr.RecordingStream("gss", recording_id=recording_id[:120], send_properties=True)
-        self._stream.set_log_time_enabled(False)  # when it was written says nothing
+        self._stream.set_log_time_enabled(False)  # the time of writing is meaningless
         self._memory = self._stream.binary_stream()
         self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
         self._path: list[Array] = []
@@ -51,13 +51,13 @@ class Recorder:
         self._sky(stars)
 
     def take(self) -> bytes:
-        """What was written since the last time, as a whole .rrd; the first piece carries layout and sky."""
+        """Return what was written since the last call, as a complete .rrd; the first piece contains layout and sky."""
         return bytes(self._memory.read(flush=True) or b"")
 
-    # --- what happens ---------------------------------------------------------------------------------------------
+    # --- content --------------------------------------------------------------------------------------------------
 
     def frame(self, detail: FrameDetail, pixels: Pixels | None) -> None:
-        """A frame with what was made of it; ``pixels`` None leaves the picture out."""
+        """Add a frame with its solutions; ``pixels`` None omits the picture."""
         self._at(detail.frame.taken, detail.frame.id)
         if pixels is not None:
             self._picture(pixels)
@@ -71,14 +71,14 @@ class Recorder:
         self._figures(detail)
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
-        """Numbers of one packet."""
+        """Add the numbers of one packet."""
         self._at(received)
         for name, value in values.items():
             if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
                 self._stream.log(f"telemetry/{name}", self._rr.Scalars(float(value)))
 
     def command(self, row: Command) -> None:
-        """A command and where it stands."""
+        """Add a command with its current result."""
         self._at(row.finished or row.created)
         arguments = ", ".join(f"{k} {v}" for k, v in row.arguments.items())
         level = "ERROR" if row.result in ("rejected", "failed", "unknown") else "INFO"
@@ -86,14 +86,15 @@ class Recorder:
         self._stream.log("log/commands", self._rr.TextLog(words, level=level))
 
     def event(self, row: Event) -> None:
-        """A line of the record."""
+        """Add a recorded event."""
         self._at(row.at)
         self._stream.log("log/events", self._rr.TextLog(row.text, level=LEVELS.get(row.severity, "INFO")))
 
-    # --- how it is drawn ------------------------------------------------------------------------------------------
+    # --- drawing --------------------------------------------------------------------------------------------------
 
     def _at(self, moment: datetime, frame_id: int | None = None) -> None:
-        """Time of what follows. What belongs to no frame stands with the frame before it, so that it shows on both timelines."""
+        """Set the time of the following entries. Entries without a frame are assigned to the previous one, so that they
+        appear on both timelines."""
         self._frame_id = frame_id if frame_id is not None else self._frame_id
         self._stream.reset_time()
         if self._frame_id is not None:
@@ -129,7 +130,8 @@ class Recorder:
         self._points("camera/image/predicted", detail["predicted"], BLUE, 3.0)
 
     def _points(self, path: str, rows: list[dict[str, Any]], colour: tuple[int, int, int], radius: float) -> None:
-        # Rerun's picture corner is the corner of a pixel, ours its centre. An empty list takes back the marks of the frame before.
+        # Rerun's origin is the corner of a pixel, ours its centre. An empty list removes the marks of the previous
+        # frame.
         at = np.array([[row["col_px"] + 0.5, row["row_px"] + 0.5] for row in rows], float).reshape(-1, 2)
         named = [f"{r['name']} {r['v_mag']:.2f}" if r.get("name") and r.get("v_mag") is not None else "" for r in rows]
         self._stream.log(path, self._rr.Points2D(at, colors=colour, radii=radius, labels=named, show_labels=False))
@@ -166,7 +168,7 @@ class Recorder:
         self._stream.log("log/solutions", self._rr.TextLog(words, level="INFO" if solved else "WARN"))
 
     def _figures(self, detail: FrameDetail) -> None:
-        """Lines of the plots: residual and error per chain, on board against ground, stars."""
+        """Plot residual and error per chain, on board against ground, and stars."""
         scalars = self._rr.Scalars
         for solution in reversed(detail.solutions):
             name = "on_board" if solution.origin == "on board" else solution.chain
@@ -185,7 +187,7 @@ class Recorder:
 
 
 def residual_rms_arcsec(solution: Solution) -> float | None:
-    """Root mean square over the stars that have a residual."""
+    """Return the root mean square of the stars' residuals; None without residuals."""
     known = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
     return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(known).T))))) if known else None
 
@@ -198,5 +200,5 @@ def _parallel(dec_deg: float) -> Array:
 
 
 def pixels_of(frame: Frame, read: Callable[[Frame], Pixels]) -> Pixels | None:
-    """The picture, unless retention took it."""
+    """Return the pixels of a frame; None if retention removed them."""
     return None if frame.pixels_removed is not None else read(frame)

@@ -1,4 +1,4 @@
-"""What a recording holds: which frames, which span of telemetry and log, and for which use."""
+"""The content of a recording: frames, time span of telemetry and log, and use."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gss.store.models import Analysis, Calibration
 
 MOST_FRAMES = 2000
 MARGIN_S = 30.0
-"""Telemetry and log this long before and after the frames are kept with them."""
+"""Telemetry and log are included for this time before and after the frames."""
 
 
 @dataclass(frozen=True)
 class Scope:
-    """``name`` becomes the recording's and the file's; frames oldest first; the span of telemetry, commands and events."""
+    """``name``: of the recording and its file; frames oldest first; time span of telemetry, commands and events."""
 
     name: str
     use: Use
@@ -29,27 +29,27 @@ class Scope:
 
 
 class Scopes:
-    """Finds what belongs to a frame, a selection, a contact, a calibration, an analysis or a campaign."""
+    """Determines the content for a frame, a selection, a contact, a calibration, an analysis or a campaign."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
 
     def of_frames(self, ids: list[int]) -> Scope:
-        """These frames. NotFound for one that is not there."""
+        """Return the scope of these frames. Raises NotFound if one does not exist."""
         if not ids:
             raise BadInput("no frames were given", expected="numbers and ranges such as 3,5-9")
         name = f"gss-frame-{ids[0]}" if len(ids) == 1 else f"gss-frames-{min(ids)}-{max(ids)}"
         return self._around(name, Use.FRAME if len(ids) == 1 else Use.SEQUENCE, ids)
 
     def around(self, frame_id: int, each_side: int) -> Scope:
-        """A frame with those before and after it."""
+        """Return the scope of a frame with its neighbours."""
         with self._database.unit_of_work() as session:
             frames.get(session, frame_id)
             ids = frames.ids_around(session, frame_id, each_side)
         return self._around(f"gss-frame-{frame_id}", Use.FRAME, ids)
 
     def of_contact(self, contact_id: int) -> Scope:
-        """Everything between opening the line and closing it."""
+        """Return the scope of a contact, from opening to closing the line."""
         with self._database.unit_of_work() as session:
             contact, _ = devices.get_contact(session, contact_id)
             ids = frames.ids_of_contact(session, contact_id, MOST_FRAMES)
@@ -57,19 +57,19 @@ class Scopes:
         return Scope(f"gss-contact-{contact_id}", Use.CONTACT, tuple(ids), contact.started, end)
 
     def of_calibration(self, calibration_id: int) -> Scope:
-        """The frames that a camera was calibrated from."""
+        """Return the scope of the frames that a camera was calibrated from."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
         return self._study(row, "calibration")
 
     def of_analysis(self, analysis_id: int) -> Scope:
-        """The frames of an analysis."""
+        """Return the scope of the frames of an analysis."""
         with self._database.unit_of_work() as session:
             row = studies.analysis(session, analysis_id)
         return self._study(row, "analysis")
 
     def of_campaign(self, job_id: int) -> Scope:
-        """The stored frames that a campaign ran a chain on."""
+        """Return the scope of the stored frames that a campaign ran a chain on."""
         with self._database.unit_of_work() as session:
             job = jobs.get(session, job_id)
             chain, end = job.request.get("chain"), job.finished or self._now()

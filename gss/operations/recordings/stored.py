@@ -1,4 +1,4 @@
-"""A recording out of the store: frames, telemetry, commands and events of a scope in the order in which they happened."""
+"""Creates a recording from the store: frames, telemetry, commands and events of a scope in order of time."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
 MOST_PICTURES = 60
-"""Of more frames than that, every n-th carries its picture: a recording is loaded whole."""
+"""With more frames, only every n-th has its picture, because a recording is loaded as a whole."""
 MOST_LINES = 5000
 MOST_PACKETS = 3600
 LONGEST_SPAN = timedelta(days=2)
-"""Frames from further apart than this come without the telemetry and log between them."""
+"""For frames further apart, telemetry and log between them are omitted."""
 PLOTTED = (
     "sensor_temperature_c",
     "processor_temperature_c",
@@ -38,17 +38,17 @@ Step = tuple[datetime, int, Callable[[], None]]
 
 
 class Recordings:
-    """Makes recordings of what is stored."""
+    """Creates recordings of stored data."""
 
     def __init__(self, database: Database, frame_service: FrameService, stars: StarTable, place_at: PlaceAt) -> None:
         self._database, self._frames, self._stars, self._place_at = database, frame_service, stars, place_at
 
     def recorder(self, name: str, use: Use) -> Recorder:
-        """An empty one with layout and sky."""
+        """Return an empty recorder with layout and sky."""
         return Recorder(name, use, self._stars, self._place_at)
 
     def write(self, scope: Scope) -> bytes:
-        """The .rrd file of a scope."""
+        """Return the .rrd file of a scope."""
         recorder = self.recorder(scope.name, scope.use)
         for _, _, step in merge(self._pictures(recorder, scope), self._around(recorder, scope), key=lambda s: s[:2]):
             step()
@@ -62,7 +62,7 @@ class Recordings:
             yield moment, 0, partial(self.frame, recorder, frame_id, k % every == 0)
 
     def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:
-        """One stored frame with its solutions."""
+        """Add one stored frame with its solutions."""
         detail = self._frames.detail(frame_id)
         recorder.frame(detail, pixels_of(detail.frame, self._frames.pixels) if picture else None)
 
