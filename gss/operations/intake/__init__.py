@@ -1,1 +1,1 @@
-"""What arrives from the device without being requested: frames, results, banks and tables find their place."""
+"""Processing of data that the device sends: frames, results, banks and tables."""

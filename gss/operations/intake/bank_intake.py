@@ -1,4 +1,4 @@
-"""Catalogue banks: their reports, the content that was read back, and the end of an upload."""
+"""Catalogue banks: their reports, content read back, and the end of an upload."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.operations.transfers.transfers import TransferService
 
 
 class BankIntake:
-    """Keeps the ground's view of the banks; an active bank that the ground does not know is read back."""
+    """Maintains the ground's view of the banks; an active bank whose content the ground lacks is read back."""
 
     def __init__(
         self, banks: BankService, transfers: TransferService, commands: CommandService, writer: Writer, bus: EventBus
@@ -27,7 +27,7 @@ class BankIntake:
         self._writer, self._bus = writer, bus
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow greetings, reports, completed commands and contents."""
+        """Process HELLO reports, bank reports, completed commands and arrived content."""
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._banks.forget()

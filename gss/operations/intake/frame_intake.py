@@ -1,4 +1,4 @@
-"""Frames of the device: downloaded when they are taken, stored with everything that is known of them."""
+"""Frames of the device: downloaded when they are taken, and stored with all available data about them."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ SHOWN_IN_PARTS = ("frame", "region")
 
 
 class FrameIntake:
-    """Downloads the newest frame that the device reports, one at a time, and stores what arrives.
+    """Downloads the newest frame that the device reports, one at a time, and stores received frames.
 
-    ``clock`` returns the correlation of the device's clock with the ground's, None before there is one.
+    ``clock`` returns the correlation of the device's clock with the ground's; None before there is one.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class FrameIntake:
         self._refused = ""
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow greetings, descriptions of frames, and contents."""
+        """Process HELLO reports, descriptions of frames, and arrived content."""
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._records.forget()
@@ -80,7 +80,8 @@ class FrameIntake:
             self._wanted = (number, int(info["slot"]))
 
     def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
-        """A frame that was sent up, with what the sensor works with: camera, exposure, settings. The stored row stays."""
+        """Return an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored row
+        is unchanged."""
         settings, hello = dict(self._records.memory.facts(number).settings), self._link.hello
         values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
         own = {
@@ -93,7 +94,7 @@ class FrameIntake:
         return Frame(**(values | own))
 
     def _fetch_wanted(self) -> None:
-        """Download the newest frame that was reported, one at a time; older ones that were overtaken stay on board."""
+        """Download the newest reported frame, one at a time; older frames that were overtaken are not downloaded."""
         if self._wanted is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
             return
         number, slot = self._wanted
@@ -103,7 +104,8 @@ class FrameIntake:
             self._transfers.download("frame", slot, f"frame {number}", facts=facts)
             self._refused = ""
         except GssError as error:
-            if error.message != self._refused:  # a full disk says the same of every frame: once is enough
+            # With a full disk the error is the same for every frame, so report it once.
+            if error.message != self._refused:
                 self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
             self._refused = error.message
 
@@ -115,7 +117,7 @@ class FrameIntake:
             event.answers.accept(lambda: self._store(transfer, done.data, done.frame_number, []))
 
     def _part_arrived(self, event: PartArrived) -> None:
-        """What a broken download brought is shown, once while it may continue and once when it has ended."""
+        """Store the received part of an interrupted download, once while it may continue and once when it has ended."""
         transfer, update = event.transfer, event.update
         if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
             return
@@ -123,7 +125,7 @@ class FrameIntake:
         event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
 
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
-        """Everything that is known now goes into the row; the pixels are stored by the writer."""
+        """Build the row from the data known now; the writer stores the pixels."""
         hello, kind, facts = self._link.hello, transfer.kind, self._records.memory.facts_for(transfer, number)
         info, settings = facts.info, dict(facts.settings)
         shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
@@ -150,21 +152,21 @@ class FrameIntake:
         return Later(job, lambda frame: self._stored(kind, number, frame, fresh=starts == self._records.device_starts))
 
     def _stored(self, kind: str, number: int, frame: Frame, *, fresh: bool) -> Links:
-        """``fresh``: the device has not restarted since the frame arrived, so that the number is still its own."""
+        """``fresh``: False if the device has restarted since the frame arrived, so that its number may be reused."""
         if kind == "frame" and frame.complete and fresh:
             self._records.stored(number, frame)
         return {"frame_id": frame.id}
 
     def _taken(self, info: Mapping[str, Any]) -> datetime:
-        """The device's mid-exposure time on the ground's clock, by the correlation of the clocks, or before there is one by the
-        difference to its newest housekeeping."""
+        """Return the device's mid-exposure time on the ground's clock, from the correlation of the clocks or, without one,
+        from the difference to its newest housekeeping."""
         now = self._now()
         newest = self._telemetry.latest_packet("housekeeping")
         if newest is None or "frame_time_s" not in info:
             return now
         correlation = self._clock()
         if correlation is not None:
-            # The same correlation for all frames of a contact: they keep the distances that the device's own clock gives them.
+            # The same correlation for all frames of a contact preserves their intervals on the device's clock.
             return min(now, datetime.fromtimestamp(correlation.utc_of(float(info["frame_time_s"])), UTC))
         return now - timedelta(seconds=max(0.0, newest.device_time_s - float(info["frame_time_s"])))
 
@@ -174,5 +176,5 @@ def _name(kind: str, number: int) -> str:
 
 
 def _part_of(kind: str, picture: Picture) -> dict[str, Any]:
-    """What kind of part of an image this is, and the rectangles that are real."""
+    """Return the kind of part of an image, and the received rectangles."""
     return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}

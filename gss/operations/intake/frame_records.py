@@ -1,4 +1,4 @@
-"""What is known of the device's newest frames, and the results that the device reported for them."""
+"""Data about the device's newest frames, and the results that the device reported for them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ SETTINGS = ("threshold_dn", "min_pixels", "max_pixels")
 
 
 class FrameRecords:
-    """Brings a stored frame and the device's own result together, whichever is known first.
+    """Joins a stored frame with the device's own result, whichever is available first.
 
-    Frame numbers are the device's; all is void when it restarts, because it may count from the beginning.
+    Frame numbers are the device's; everything is discarded when it restarts, because numbers may start again.
     """
 
     def __init__(
@@ -28,19 +28,19 @@ class FrameRecords:
         self._link, self._tables, self._frames, self._replay = link, tables, frames, replay
         self.memory = FrameMemory()
         self.device_starts = 0
-        """How often a device introduced itself since the server started."""
+        """Number of times that a device sent HELLO since the server started."""
         self._records: OrderedDict[int, OnboardRecord] = OrderedDict()
         self._stored: OrderedDict[int, Frame] = OrderedDict()
 
     def forget(self) -> None:
-        """The device restarted."""
+        """Discard everything, because the device restarted."""
         self.device_starts += 1
         self._records.clear()
         self._stored.clear()
         self.memory.forget()
 
     def settings(self) -> dict[str, Any]:
-        """The detection settings, bank and tables that the device works with now."""
+        """Return the detection settings, bank and tables that the device currently uses."""
         housekeeping = self._link.session.housekeeping or {}
         settings: dict[str, Any] = {name: housekeeping[name] for name in SETTINGS if name in housekeeping}
         sha256 = housekeeping.get("catalogue_sha256")
@@ -50,17 +50,17 @@ class FrameRecords:
         return settings | ({"tables": tables} if tables else {})
 
     def of(self, number: int) -> OnboardRecord:
-        """What the device reported for its frame so far."""
+        """Return what the device has reported for its frame so far."""
         return self._records.get(number) or OnboardRecord(number)
 
     def reported(self, number: int, record: OnboardRecord) -> None:
-        """The device reported more of a frame."""
+        """Store a further report of the device about a frame."""
         remember(self._records, number, record)
         if number in self._stored:
             self._join(self._stored[number], record)
 
     def stored(self, number: int, frame: Frame) -> None:
-        """A frame was stored."""
+        """Remember a stored frame, and join it with the device's report if there is one."""
         remember(self._stored, number, frame)
         if number in self._records:
             self._join(frame, self._records[number])

@@ -1,4 +1,4 @@
-"""Results of the device: centroids, matches and attitude of its frames, with what it knew when it computed them."""
+"""Results of the device: centroids, matches and attitude of its frames, with its prior knowledge when it computed them."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ RESULT_PACKETS = ("centroids", "matches", "attitude")
 
 
 class ResultIntake:
-    """Gathers the packets of one frame's result, and follows what the sensor knows before its next frame."""
+    """Collects the packets of one frame's result, and follows the sensor's prior knowledge for its next frame."""
 
     def __init__(self, records: FrameRecords, banks: BankService, knowledge: SensorKnowledge, stars: StarTable) -> None:
         self._records, self._banks, self._knowledge, self._stars = records, banks, knowledge, stars
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow result packets and completed commands."""
+        """Process completed commands and result packets."""
         for event in batch.events:
             if isinstance(event, CommandCompleted):
                 self._knowledge.completed(event.name, event.arguments)

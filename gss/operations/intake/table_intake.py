@@ -1,4 +1,4 @@
-"""Device tables: their reports, the content that was read back, and the end of an upload."""
+"""Device tables: their reports, content read back, and the end of an upload."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gss.operations.transfers.transfers import TransferService
 
 
 class TableIntake:
-    """Keeps the ground's view of the tables on board."""
+    """Maintains the ground's view of the tables on board."""
 
     def __init__(
         self, tables: DeviceTableService, transfers: TransferService, commands: CommandService, bus: EventBus
@@ -25,7 +25,7 @@ class TableIntake:
         self._tables, self._transfers, self._commands, self._bus = tables, transfers, commands, bus
 
     def handle(self, batch: LineBatch) -> None:
-        """Follow greetings, reports, completed commands and contents."""
+        """Process HELLO reports, table reports, completed commands and arrived content."""
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._tables.forget()
@@ -40,7 +40,7 @@ class TableIntake:
 
     def _reported(self, info: Mapping[str, Any]) -> None:
         if self._tables.told(info):
-            # The factory's table came with the unit: no upload brought it, even one with the same bytes.
+            # The factory table was not uploaded, even if an upload has the same bytes.
             sha256 = info["sha256"].hex() if isinstance(info["sha256"], bytes) else str(info["sha256"])
             self._transfers.in_use(str(info["table"]), "" if str(info["bank"]) == FACTORY else sha256)
 
