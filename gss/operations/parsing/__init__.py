@@ -1,5 +1,5 @@
-"""Untrusted files are parsed in child processes with limits of memory, processor time and wall time.
+"""Parses untrusted files in child processes with limits on memory, processor time and wall time.
 
-:mod:`parse_processes` is the parent's side, :mod:`parse_worker` the program of the child, and :mod:`plain_data` the format in
-which results return.
+:mod:`parse_processes` is the parent's side, :mod:`parse_worker` the child's program, and :mod:`plain_data` the format of
+returned results.
 """

@@ -1,11 +1,13 @@
-"""Parse untrusted files outside the server: a file that freezes a library, fills the memory or crashes it costs a child process.
+"""Parses untrusted files outside the server, so that a file that hangs a library, fills the memory or crashes it costs only a
+child process.
 
-Every upload and every file of the command line that a library decodes goes through here. Text that is short and read by linear code
-(a TLE, a manifest, rows of bench measurements) is limited in length where it is read and parsed in the server itself.
+Every upload and every command-line file that a library decodes is parsed here. Short text read by linear code (a TLE, a
+manifest, rows of bench measurements) is limited in length where it is read and parsed in the server itself.
 
-A child is started as a fresh program (``fork`` would copy locks that other threads hold), which takes 0.1 to 0.6 s, most of it the
-import of astropy. It inherits no files, sockets or settings, ends with the server, and is kept for the next file only if it read
-the last one. This protects the server from files that cost too much; it is not a sandbox against code in a library's defect.
+A child is started as a new program (``fork`` would copy locks that other threads hold), which takes 0.1 to 0.6 s, most of it
+the import of astropy. It inherits no files, sockets or settings, ends with the server, and is reused only if it could read its
+last file. This protects the server from files that cost too much; it is not a sandbox against code execution through a defect
+of a library.
 """
 
 from __future__ import annotations
@@ -29,10 +31,10 @@ from gss.operations.parsing.plain_data import decode
 WORKER = "gss.operations.parsing.parse_worker"
 SECRET_SETTINGS = ("GSS_", "AWS_", "PG")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
-"""Thread pools reserve address space, which is what the memory limit counts."""
+"""Thread pools reserve address space, which counts towards the memory limit."""
 LONGEST_REPLY_TEXT = 16 << 20
 EXIT_WITHIN_S = 5.0
-"""From the end of its output to the end of the process."""
+"""Time from the end of the child's output to the end of its process."""
 EXPECTED_ERRORS: dict[str, type[GssError]] = {"BadInput": BadInput, "CorruptData": CorruptData}
 Result = TypeVar("Result")
 log = logging.getLogger("gss.parsing")
@@ -40,10 +42,10 @@ log = logging.getLogger("gss.parsing")
 
 @dataclass(frozen=True)
 class ParseLimits:
-    """What one file may cost.
+    """Limits for one file.
 
-    ``memory_bytes``: address space of the child, libraries included. ``result_bytes``: content that it returns. ``idle_s``: how
-    long a child waits for its next file.
+    ``memory_bytes``: address space of the child, including libraries. ``result_bytes``: size of the returned content.
+    ``idle_s``: how long a child waits for its next file.
     """
 
     memory_bytes: int = 3 << 30
@@ -55,9 +57,9 @@ class ParseLimits:
 
 @dataclass(frozen=True)
 class Turns:
-    """How many files are parsed at once, how many more requests wait for their turn, and for how long.
+    """How many files are parsed concurrently, how many more requests may wait, and for how long.
 
-    A request that waits holds one of the server's 40 request threads; ABORT has its own.
+    A waiting request occupies one of the server's 40 request threads; ABORT has its own.
     """
 
     at_once: int = 2
@@ -66,7 +68,7 @@ class Turns:
 
 
 class ParseProcesses:
-    """Starts a child for a file, keeps one that is idle, and ends all of them in :meth:`stop`. Safe to use from any thread."""
+    """Starts a child per file, keeps an idle one for reuse, and ends all of them in :meth:`stop`. Thread-safe."""
 
     def __init__(self, limits: ParseLimits | None = None, turns: Turns | None = None) -> None:
         self._limits, self._turns = limits or ParseLimits(), turns or Turns()
@@ -91,10 +93,10 @@ class ParseProcesses:
         classes: tuple[type, ...] = (),
         what: str = "the file",
     ) -> Result:
-        """``function(data, *arguments)``, called in a child. ``function`` is at the top of a module, ``arguments`` are JSON values,
-        the result is plain data or one of the dataclasses ``classes``; ``what`` names the file in messages.
+        """Call ``function(data, *arguments)`` in a child. ``function`` is a module-level function, ``arguments`` are JSON
+        values, the result is plain data or one of the dataclasses ``classes``; ``what`` names the file in messages.
 
-        Raises the BadInput or CorruptData of the function, TooCostly where a limit was reached, and Busy.
+        Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy.
         """
         job = json.dumps(
             {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
@@ -107,7 +109,7 @@ class ParseProcesses:
         return result
 
     def stop(self) -> None:
-        """End all children; requests that wait for one get Busy."""
+        """End all children; waiting requests raise Busy."""
         with self._lock:
             self._stopped = True
             children, idle, self._idle = list(self._children), self._idle, None
@@ -164,7 +166,7 @@ class ParseProcesses:
         return child
 
     def _give_back(self, child: _Child, reply: bytes) -> None:
-        """Keep it if it read its file: one that refused a file may have grown."""
+        """Keep the child only if it read its file: one that rejected a file may have grown."""
         with self._lock:
             if self._idle is None and not self._stopped and not reply.startswith(REFUSED):
                 self._idle = child
@@ -217,7 +219,7 @@ class ParseProcesses:
 
 
 class _Child:
-    """One process and its two pipes."""
+    """One child process and its two pipes."""
 
     def __init__(self, limits: ParseLimits) -> None:
         self._limits = limits
@@ -238,18 +240,18 @@ class _Child:
 
     @property
     def ended_idle(self) -> bool:
-        """True if it ended for lack of jobs while the next one was on its way."""
+        """True if it ended because it was idle while the next job was being sent."""
         return self._files > 1 and self.code == 0
 
     def ask(self, job: bytes, data: bytes) -> tuple[bytes, bytearray] | None:
-        """Text and data of the answer; None where the process ended, which then is ended for certain."""
+        """Send a job and return text and data of the answer; None if the process ended, which is then certain."""
         self._files += 1
         timer = threading.Timer(self._limits.wall_s, self._time_out)
         timer.start()
         answer = None
         try:
             answer = self._talk(job, data)
-        except OSError:  # it closed its end
+        except OSError:  # the child closed its end
             pass
         finally:
             timer.cancel()
@@ -258,7 +260,7 @@ class _Child:
         return answer
 
     def _let_it_end(self) -> None:
-        """Its own exit code says why there is no answer."""
+        """Wait for the exit code, which tells why there is no answer."""
         if not self.reply_too_large:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=EXIT_WITHIN_S)
@@ -288,11 +290,11 @@ class _Child:
         self.kill()
 
     def kill(self) -> None:
-        """End it now; whoever waits for its answer gets none."""
+        """Kill the process; pending requests get no answer."""
         self._process.kill()
 
     def end(self) -> None:
-        """Kill it, wait for its end and close the pipes."""
+        """Kill the process, wait for its end and close the pipes."""
         self.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):

@@ -1,8 +1,8 @@
-"""The program of a child process that parses untrusted files: ``python -m gss.operations.parsing.parse_worker LIMITS``.
+"""Program of the child process that parses untrusted files: ``python -m gss.operations.parsing.parse_worker LIMITS``.
 
-It reads one job after the other from standard input and answers on standard output. It ends after a file that it could not read,
-after some time without a job, and when its parent ends. The kernel enforces the limits, so that they also hold inside a library
-that never returns to the interpreter.
+It reads jobs one at a time from standard input and answers on standard output. It ends after a file that it could not read,
+after an idle time, and when its parent ends. The kernel enforces the limits, so that they also apply inside a library that
+never returns to the interpreter.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from gss.domain.errors import BadInput, CorruptData
 from gss.operations.parsing.plain_data import encode, padding
 
 HEAD = struct.Struct("<QQ")
-"""Before each message: bytes of its JSON text, and of the data behind it."""
+"""Header of each message: sizes of its JSON text and of the data after it."""
 READ, REFUSED = b"+", b"-"
 """First byte of an answer: a result in plain data, or an error as JSON."""
 LONGEST_TEXT = 4000
 NICE = 10
-"""The line and ABORT get the processor first."""
+"""Lower priority, so that the line and ABORT get the processor first."""
 MOST_FILES = 64
 
 
 def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview]) -> None:
-    """One message; padding lies between the pieces of data, none behind the last."""
+    """Write one message; padding is inserted between the pieces of data, none after the last."""
     parts: list[bytes | memoryview] = []
     size = 0
     for part in data:
@@ -48,7 +48,7 @@ def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview])
 
 
 def read_into(source: BinaryIO, size: int) -> bytearray | None:
-    """Exactly that many bytes; None where the stream ends before."""
+    """Read exactly ``size`` bytes; None if the stream ends before."""
     data = bytearray(size)
     view = memoryview(data)
     done = 0
@@ -61,7 +61,7 @@ def read_into(source: BinaryIO, size: int) -> bytearray | None:
 
 
 def main() -> None:
-    """Answer jobs until there is none for a while."""
+    """Answer jobs until none arrives for ``idle_s``."""
     limits = json.loads(sys.argv[1])
     source, answers = _own_streams()
     _limit(limits)
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def _own_streams() -> tuple[BinaryIO, BinaryIO]:
-    """The two pipes; whatever a library prints must not get into the answers."""
+    """Return the two pipes; output printed by a library is discarded, so that it cannot corrupt the answers."""
     answers = os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
@@ -102,12 +102,12 @@ def _limit(limits: dict[str, Any]) -> None:
 
 
 def _begin(source: BinaryIO, limits: dict[str, Any]) -> None:
-    """From here the process is killed when it takes too long or when its parent ends."""
+    """Start the limits: from here the process is killed if it takes too long or its parent ends."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     soft = math.ceil(used.ru_utime + used.ru_stime + limits["cpu_s"])
     resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
     signal.setitimer(signal.ITIMER_REAL, limits["wall_s"])
-    # Nothing more is sent before the answer, so that SIGIO can only mean that the other end was closed.
+    # Nothing more is sent before the answer, so SIGIO can only mean that the other end was closed.
     _signal_on_close(source, True)
 
 
@@ -122,7 +122,8 @@ def _signal_on_close(source: BinaryIO, on: bool) -> None:
 
 
 def _answer(job: dict[str, Any], data: bytearray) -> tuple[bytes, list[memoryview]]:
-    """The result, or why there is none: an expected error, too little memory, or a defect with its traceback."""
+    """Return the result, or the reason why there is none: an expected error, too little memory, or a defect with its
+    traceback."""
     try:
         module, _, name = job["function"].partition(":")
         content = bytes(data)
@@ -134,7 +135,7 @@ def _answer(job: dict[str, Any], data: bytearray) -> tuple[bytes, list[memoryvie
         return _refusal(type(error).__name__, **texts), []
     except MemoryError:
         return _refusal("MemoryError"), []
-    except Exception as error:  # a defect of ours, or of a library, that a file brought to light
+    except Exception as error:  # a defect of ours, or of a library, triggered by a file
         return _refusal("defect", got=f"{type(error).__name__}: {error}", log=traceback.format_exc()), []
 
 

@@ -1,6 +1,6 @@
-"""Results of a child process as plain data: JSON with arrays beside it. Nothing in it can name code, unlike a pickle.
+"""Serialization of a child process's results: JSON with separate arrays. Unlike a pickle, it cannot name code.
 
-Supported: None, truth values, numbers, text, bytes, arrays of plain numbers, times, tuples, lists, dictionaries, and dataclasses
+Supported: None, booleans, numbers, text, bytes, arrays of plain numbers, times, tuples, lists, dictionaries, and dataclasses
 that the reader allows by name.
 """
 
@@ -24,13 +24,15 @@ DTYPES = {np.dtype(code).str for code in "?bBhHiIqQefd"}
 
 
 def encode(value: object) -> tuple[bytes, list[memoryview]]:
-    """JSON text and the buffers that belong behind it, each at a multiple of ``ALIGN_BYTES``. TypeError for other types."""
+    """Return JSON text and the buffers that follow it, each at a multiple of ``ALIGN_BYTES``. Raises TypeError for other
+    types."""
     buffers: list[memoryview] = []
     return json.dumps(_plain(value, buffers, [0])).encode(), buffers
 
 
 def decode(text: bytes, body: bytearray, classes: Mapping[str, type]) -> Any:
-    """The value of :func:`encode`. Arrays are views of ``body``. CorruptData where the text or a range is invalid."""
+    """Return the value encoded by :func:`encode`. Arrays are views of ``body``. Raises CorruptData if the text or a range is
+    invalid."""
     try:
         return _value(json.loads(text), memoryview(body), classes)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
@@ -42,7 +44,7 @@ def decode(text: bytes, body: bytearray, classes: Mapping[str, type]) -> Any:
 
 
 def padding(size: int) -> int:
-    """Bytes to add after ``size`` to reach the start of the next buffer."""
+    """Return the number of bytes to add after ``size`` to align the next buffer."""
     return -size % ALIGN_BYTES
 
 
@@ -81,7 +83,7 @@ def _plain(value: object, buffers: list[memoryview], end: list[int]) -> Any:
 
 
 def _texts(value: Mapping[int, str], inner: Any) -> list[Any]:
-    """Numbered names as three arrays: millions of them as JSON would hold the interpreter for seconds."""
+    """Encode numbered names as three arrays, because millions of them as JSON would block the interpreter for seconds."""
     parts = [text.encode("utf-8", "replace") for text in value.values()]
     lengths = np.array([len(part) for part in parts], np.int64)
     return [inner(np.array(list(value), np.int64)), inner(lengths), inner(b"".join(parts))]
