@@ -1,1 +1,1 @@
-"""Use cases: one file per thing a user does. The imperative shell round the pure rooms below."""
+"""Use cases, one file per user action: the imperative shell around the pure packages."""

@@ -1,4 +1,4 @@
-"""The two clocks. Everything that needs the time is given one of these, so that tests own it."""
+"""The server's two clocks. Code that needs the time receives one as an argument, so that tests control it."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ ONE_SECOND = timedelta(seconds=1)
 
 
 def utc_now() -> datetime:
-    """The moment, in UTC."""
+    """Return the current time in UTC."""
     return datetime.now(UTC)
 
 
 def iso_z(moment: datetime, timespec: str = "milliseconds") -> str:
-    """A moment as ISO 8601 with milliseconds, or as finely as said, and Z."""
+    """Format a time as ISO 8601 in UTC with Z, by default with milliseconds."""
     return moment.astimezone(UTC).isoformat(timespec=timespec).replace("+00:00", "Z")
 
 
 monotonic_s: Monotonic = time.monotonic
-"""Seconds that never jump."""
+"""Monotonic seconds, not affected by changes of the system clock."""
 
 stopwatch_s: Monotonic = time.perf_counter
-"""Seconds for timing a stage."""
+"""High-resolution seconds for timing a stage."""
 
 
 def after_jump(moment: datetime, now: datetime, jump_s: float) -> datetime:
-    """A moment that was read before the clock jumped, as the new clock would have told it; one that was read after it stays."""
+    """Correct a time that was read before the clock jumped to the new clock; a time read after the jump is unchanged."""
     shifted = moment + timedelta(seconds=jump_s)
     before = shifted <= now + ONE_SECOND if jump_s > 0 else moment > now + ONE_SECOND
     return shifted if before else moment

@@ -1,4 +1,4 @@
-"""The one stream: what happened is recorded and told to everybody who listens."""
+"""The event bus: events are recorded and published to all subscribers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAILBOX = 2000
 
 @dataclass(frozen=True)
 class Message:
-    """Something to tell: ``topic`` says what ``payload`` is. ``seq`` only for recorded events."""
+    """A published message: ``topic`` defines the type of ``payload``. ``seq`` only for recorded events."""
 
     topic: str
     payload: Any
@@ -28,7 +28,7 @@ class Message:
 
 @dataclass
 class StreamCounts:
-    """Event streams over HTTP: open now; refused, and messages dropped for slow clients, since the server started."""
+    """Event streams over HTTP: currently open; rejected, and messages dropped for slow clients, since the server started."""
 
     clients: int = 0
     refused: int = 0
@@ -36,7 +36,7 @@ class StreamCounts:
 
 
 class Subscription:
-    """One listener's mailbox. When it overflows the oldest messages are dropped, counted and announced."""
+    """The message queue of one listener. When it overflows, the oldest messages are dropped, counted and reported."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -53,11 +53,11 @@ class Subscription:
         self._wake()
 
     def wake(self) -> None:
-        """Make the listener look without a message."""
+        """Wake the listener without a message."""
         self._wake()
 
     def take(self) -> tuple[list[Message], int]:
-        """All waiting messages, and how many were lost before them."""
+        """Return all waiting messages, and the number dropped before them."""
         with self._lock:
             messages, dropped = list(self._messages), self._dropped
             self._messages.clear()
@@ -66,7 +66,7 @@ class Subscription:
 
 
 class EventBus:
-    """Records events and hands messages to subscriptions."""
+    """Records events and delivers messages to subscriptions."""
 
     def __init__(self, database: Database, now: Now) -> None:
         self._database, self._now = database, now
@@ -75,8 +75,8 @@ class EventBus:
         self._in_order = threading.Lock()
 
     def record(self, kind: str, severity: str, text: str, **data: Any) -> Event:
-        """Write an event to the record and tell everybody. Events are told in the order of their numbers: who comes back with the
-        newest number that he has seen must not miss a smaller one."""
+        """Record an event and publish it. Events are published in the order of their numbers, so that a client that
+        reconnects with the last number it has seen misses none."""
         with self._in_order:
             with self._database.unit_of_work() as session:
                 event = store.add(session, self._now(), kind, severity, text, data)
@@ -84,42 +84,42 @@ class EventBus:
         return event
 
     def publish(self, topic: str, payload: Any, seq: int | None = None) -> None:
-        """Tell everybody, without a record."""
+        """Publish a message without recording it."""
         with self._lock:
             subscriptions = list(self._subscriptions)
         for subscription in subscriptions:
             subscription.put(Message(topic, payload, seq))
 
     def wake_all(self) -> None:
-        """Let every listener look up, for example because the server stops."""
+        """Wake every listener, for example because the server is stopping."""
         with self._lock:
             subscriptions = list(self._subscriptions)
         for subscription in subscriptions:
             subscription.wake()
 
     def subscribe(self, wake: Callable[[], None]) -> Subscription:
-        """A new mailbox; ``wake`` is called after each message, from any thread."""
+        """Create a subscription; ``wake`` is called after each message, from any thread."""
         subscription = Subscription(wake)
         with self._lock:
             self._subscriptions.add(subscription)
         return subscription
 
     def unsubscribe(self, subscription: Subscription) -> None:
-        """Close a mailbox."""
+        """Remove a subscription."""
         with self._lock:
             self._subscriptions.discard(subscription)
 
     def after(self, seq: int, limit: int) -> list[Event]:
-        """Recorded events after ``seq``, oldest first."""
+        """Return recorded events after ``seq``, oldest first."""
         with self._database.unit_of_work() as session:
             return store.after(session, seq, limit)
 
     def between(self, start: datetime, end: datetime, limit: int) -> list[Event]:
-        """The newest recorded events of a span, oldest first."""
+        """Return the newest recorded events of a span, oldest first."""
         with self._database.unit_of_work() as session:
             return store.between(session, start, end, limit)
 
     def newest(self) -> int:
-        """Number of the newest recorded event; 0 before the first."""
+        """Return the number of the newest recorded event; 0 before the first."""
         with self._database.unit_of_work() as session:
             return store.last_seq(session)

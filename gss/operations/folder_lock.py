@@ -1,4 +1,4 @@
-"""One server per data folder: two would both believe that they own the record of the line."""
+"""File locks. Only one server may use a data folder, because two would both write the record of the line."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from gss.domain.errors import Conflict, StoreDown
 
 
 def own_folder(folder: Path) -> None:
-    """Make a data folder that only its owner can open; one that was there is closed to everybody outside its group."""
+    """Create a data folder that only its owner can access; remove the access of others to an existing one."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
     elif folder.stat().st_mode & 0o007:
-        with contextlib.suppress(PermissionError):  # somebody else's folder that we may write to
+        with contextlib.suppress(PermissionError):  # the folder belongs to another user
             folder.chmod(folder.stat().st_mode & 0o770)
 
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder; Conflict when another process holds it. The operating system lets go even after kill -9."""
+    """Lock the data folder. Raises Conflict if another process holds it, StoreDown if it is not writable. The operating
+    system releases the lock even after kill -9."""
     try:
         own_folder(folder)
         file = (folder / "server.lock").open("w")
@@ -45,7 +46,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def named_lock(path: Path, words: str, *, wait: bool = False) -> Iterator[None]:
-    """Hold a file; Conflict with these words when another thread or process holds it, or wait for it."""
+    """Lock a file. If another thread or process holds it, raise Conflict with this text, or wait for it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w") as file:
         try:

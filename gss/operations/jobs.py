@@ -1,8 +1,8 @@
-"""Long work: queued, running with progress, cancelled when asked, its result kept, and taken up again after a crash.
+"""Jobs: long work that is queued, reports progress, can be cancelled, stores its result, and resumes after a crash.
 
-Work that is *resumable* is made from its stored request alone, so that the next server can make it again. It keeps a checkpoint
-as it goes; after a crash it is called with the newest one and must end with the same result. Work without a checkpoint starts
-anew. A job over which the server died three times without getting further is not tried a fourth time.
+*Resumable* work is created from its stored request alone, so that the next server can create it again. It stores checkpoints;
+after a crash it is called with the newest one and must end with the same result. Work without a checkpoint starts from the
+beginning. A job during which the server died three times without progress is not tried again.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ ENDED = ("done", "failed", "cancelled")
 KINDS = ("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis")
 UPKEEP_KINDS = ("backup", "retention", "check-store")
 ALWAYS = ("retention", "check-store")
-"""What makes room or only looks is never refused for want of it."""
+"""Kinds that are accepted even if the disk is nearly full, because they free space or only read."""
 RESUMABLE_KINDS = KINDS + UPKEEP_KINDS
-"""What is made from its stored request alone; each is registered by the service that does it."""
+"""Kinds created from their stored request alone; each is registered by the service that runs it."""
 PERMISSIONS = {
     "experiments": "campaigns",
     "campaign": "campaigns",
@@ -43,13 +43,13 @@ PERMISSIONS = {
     "retention": "admin.retention",
     "check-store": "admin.health",
 }
-"""What one must be allowed to order work of a kind: the same as on the route that starts it first."""
+"""Permission needed to start a job of a kind, the same as on the route that first starts it."""
 UNKNOWN_KIND = "admin.users"
-"""Of a kind that is not known here: an admin's."""
+"""Permission for an unknown kind: an admin permission."""
 
 
 class Cancelled(Exception):
-    """Raised inside a job's work at the next report of progress after somebody cancelled it."""
+    """Raised inside a job's work at the next progress report after it was cancelled."""
 
 
 Progress = Callable[[int, int, str], None]
@@ -57,14 +57,14 @@ Work = Callable[[Progress], dict[str, Any]]
 
 
 class Keep(Protocol):
-    """Stores where to go on. With a ``session`` it is stored in that transaction, together with what it speaks of."""
+    """Stores a checkpoint; with a ``session``, in the same transaction as the data it refers to."""
 
     def __call__(self, checkpoint: dict[str, Any], session: Any = None) -> None: ...
 
 
 @dataclass(frozen=True)
 class Run:
-    """What resumable work is given. ``checkpoint``: what the last ``keep`` stored, None at the first time."""
+    """Context of resumable work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
 
     job_id: int
     request: dict[str, Any]
@@ -80,7 +80,7 @@ LEFT_TO_THE_NEXT = "the server stops; it continues with the next start"
 
 
 class JobService:
-    """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown where the disk has no room for a job's results."""
+    """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown if the disk has no room for a job's results."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now, check_room: Callable[[str], None]) -> None:
         self._database, self._bus, self._now, self._check_room = database, bus, now, check_room
@@ -89,15 +89,15 @@ class JobService:
         self._kinds: dict[str, Resumable] = {}
         self._stopping = False
         self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
-        """By kind: what of a stored request is asked anew when its job is started again, or goes on after a crash, because it may
-        be out of force."""
+        """By kind: returns the parts of a stored request that are refreshed when its job is restarted or resumed, because
+        the stored ones may be outdated."""
 
     def resumable(self, kind: str, work: Resumable) -> None:
-        """Work of this kind, one of :data:`RESUMABLE_KINDS`, survives a crash of the server."""
+        """Register the work of a kind, one of :data:`RESUMABLE_KINDS`, that survives a crash of the server."""
         self._kinds[kind] = work
 
     def start(self) -> None:
-        """Take up what the last server left open; what cannot be taken up is closed, and its request is kept."""
+        """Resume the jobs that the last server left open; jobs that cannot be resumed are closed, keeping their requests."""
         with self._database.unit_of_work() as session:
             left = store.unfinished(session)
         for job in left:
@@ -114,7 +114,7 @@ class JobService:
                 self._queue(job.id, self._kinds[job.kind])
 
     def interrupt(self) -> None:
-        """Ask every job to end. Resumable ones are marked at once, so that one that is cut off does not count as a crash."""
+        """Request every job to end. Resumable jobs are marked at once, so that an interrupted one does not count as a crash."""
         self._stopping = True
         for event in list(self._cancel.values()):
             event.set()
@@ -125,29 +125,30 @@ class JobService:
                     self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT)
 
     def stop(self) -> None:
-        """End everything and wait. Resumable work stays open for the next server; the rest is cancelled."""
+        """Stop all jobs and wait. Resumable jobs remain open for the next server; the others are cancelled."""
         self.interrupt()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def finish(self) -> None:
-        """Wait until everything that was queued has ended; nothing can be queued afterwards."""
+        """Wait until all queued jobs have ended; no more can be queued afterwards."""
         self._pool.shutdown(wait=True)
 
     def submit(self, kind: str, title: str, request: dict[str, Any], work: Work) -> Job:
-        """Queue work that dies with the server; its row comes back at once."""
+        """Queue work that is lost if the server stops; return its row at once."""
         job = self._add(kind, title, request)
         self._queue(job.id, lambda run: work(run.progress))
         return job
 
     def begin(self, kind: str, title: str, request: dict[str, Any], work: Resumable | None = None) -> Job:
-        """Queue work of a resumable kind; its row comes back at once. It is made from ``request`` alone; ``work``: the same work
-        where it has been made already, to check the request."""
+        """Queue work of a resumable kind and return its row at once. It is created from ``request`` alone; ``work``: the
+        same work if it was already created to validate the request."""
         job = self._add(kind, title, request)
         self._queue(job.id, work or self._kinds[kind])
         return job
 
     def again(self, job_id: int, *, user: str) -> Job:
-        """Start an ended job anew from its stored request, in the name of ``user``; Conflict where its kind cannot be."""
+        """Start an ended job again from its stored request, on behalf of ``user``. Raises Conflict if its kind does not
+        permit that."""
         old = self.get(job_id)
         if not can_start_again(old) or old.kind not in self._kinds:
             raise Conflict(
@@ -159,11 +160,11 @@ class JobService:
         return self.begin(old.kind, old.title, {**old.request, **self._fresh(old.kind), **asker})
 
     def _fresh(self, kind: str) -> dict[str, Any]:
-        """What of a stored request may be out of force, as it is now."""
+        """Return the current values of the parts of a request that may be outdated."""
         return self.renewals.get(kind, dict)()
 
     def cancel(self, job_id: int) -> Job:
-        """Ask a job to end; it does at its next report of progress."""
+        """Request a job to end, which it does at its next progress report. Raises Conflict if it has ended."""
         job = self.get(job_id)
         if job.state not in ("queued", "running"):
             raise Conflict("this job has ended", expected="a queued or running job", got=job.state)
@@ -172,17 +173,17 @@ class JobService:
         return job
 
     def get(self, job_id: int) -> Job:
-        """The job of that id."""
+        """Return the job with that id. Raises NotFound."""
         with self._database.unit_of_work() as session:
             return store.get(session, job_id)
 
     def newest(self, limit: int) -> list[Job]:
-        """Newest jobs first."""
+        """Return the newest jobs first."""
         with self._database.unit_of_work() as session:
             return store.newest(session, limit)
 
     def waiting(self) -> int:
-        """How many are queued or running."""
+        """Number of queued and running jobs."""
         return len(self._cancel)
 
     # --- running ------------------------------------------------------------------------------------------------
@@ -211,7 +212,7 @@ class JobService:
             nonlocal told_s, last
             if cancel.is_set():
                 raise Cancelled
-            # Work may report thousands of times; a row and a message for each would cost more than the work.
+            # Work may report progress thousands of times; a row and a message for each would cost more than the work.
             now_s, last = stopwatch_s(), {"done": done, "total": total}
             if now_s - told_s >= TELL_EVERY_S:
                 told_s = now_s
@@ -240,7 +241,7 @@ class JobService:
             self._cancel.pop(job_id, None)
 
     def _interrupted(self, job: Job, last: dict[str, int]) -> None:
-        """Cancelled by somebody, or by a server that stops and leaves resumable work to the next one."""
+        """Mark a job as cancelled, or as queued if the server is stopping and the next one can resume it."""
         if self._stopping and job.kind in self._kinds:
             self._update(job.id, state="queued", text=LEFT_TO_THE_NEXT, **last)
         else:
@@ -260,15 +261,15 @@ class JobService:
 
 
 def can_start_again(job: Job) -> bool:
-    """Has it ended, and is its kind made from the stored request alone?"""
+    """True if the job has ended and its kind is created from the stored request alone."""
     return job.state in ENDED and job.kind in RESUMABLE_KINDS
 
 
 def permission_of(job: Job) -> str:
-    """What one must be allowed to start or end this job; its starter may end it anyway."""
+    """Return the permission needed to start or end this job; the user who started it may always end it."""
     return PERMISSIONS.get(job.kind, UNKNOWN_KIND)
 
 
 def started_by(job: Job, user: str) -> bool:
-    """Did this user start it?"""
+    """True if this user started the job."""
     return job.request.get("user") == user
