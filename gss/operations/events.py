@@ -45,7 +45,7 @@ class Subscription:
         self._dropped = 0
 
     def put(self, message: Message) -> None:
-        """Called by the bus from any thread; never blocks."""
+        """Append a message; called by the bus from any thread, never blocks."""
         with self._lock:
             if len(self._messages) == MAILBOX:
                 self._dropped += 1

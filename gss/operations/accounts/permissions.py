@@ -18,7 +18,7 @@ STOP = "stop"
 EVERYBODY = (VIEW, METRICS, STOP)
 GROUPS = ("attitude", "catalogue", "imager", "link", "power", "processor", "training")
 COMMANDS = tuple(f"command.{group}" for group in GROUPS)
-"""One for each subsystem of the dictionary."""
+"""One permission per subsystem of the dictionary."""
 FRAMES = ("frames.import", "frames.transfer", "frames.solve")
 CATALOGUES = ("catalogues.build", "catalogues.upload")
 ADMIN = (

@@ -92,7 +92,7 @@ class CatalogueService:
         self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
         self._stars, self._now = stars, now
         self.words: Words | None = None
-        """Parses a request as sent by the builder's page; set by the web layer."""
+        """Parses a request as sent by the builder's page; set by the API."""
         jobs.resumable("catalogue", self._again)
 
     def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:

@@ -103,8 +103,7 @@ def _quality(q: Quality) -> dict[str, Any]:
 
 
 def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
-    """``value``: wrong triangles per triangle; None for a pixel without one, the largest value for a pixel without three
-    stars."""
+    """``value``: wrong triangles per triangle; None for a pixel without data, the largest value for a pixel without three stars."""
     ra_rad, dec_rad, figure = a.worst
     return {
         "nside": a.nside,

@@ -125,7 +125,7 @@ class DesignService:
         self._jobs, self._stars = jobs, stars
         self._rows: tuple[TradeRow, ...] = ()
         self.words: Callable[[Mapping[str, Any]], Question] | None = None
-        """Parses a request as sent by the page; set by the web layer."""
+        """Parses a request as sent by the page; set by the API."""
         jobs.resumable("design", self._again)
 
     def document_rows(self) -> tuple[TradeRow, ...]:

@@ -134,7 +134,7 @@ class ContactService:
     # --- queries --------------------------------------------------------------------------------------------------
 
     def newest(self, limit: int, offset: int = 0) -> list[tuple[Contact, Device | None, int, int]]:
-        """Newest contacts with their device and the numbers of frames and commands."""
+        """Return the newest contacts with their device and the numbers of frames and commands."""
         with self._database.unit_of_work() as session:
             return store.list_contacts(session, limit, offset)
 
@@ -212,7 +212,7 @@ class ContactService:
         return counts
 
     def _silences(self, row: Contact, end: datetime, counts: Sequence[Count]) -> list[Gap]:
-        """Return spans longer than three seconds without a good packet, each ending within a second after the next one."""
+        """Return spans longer than three seconds without a good packet; their ends are known to within a second."""
         spans: list[tuple[float, float]] = []
         since_s: float | None = None
         for count in counts:

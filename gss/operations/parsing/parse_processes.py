@@ -260,7 +260,7 @@ class _Child:
         return answer
 
     def _let_it_end(self) -> None:
-        """Wait for the exit code, which tells why there is no answer."""
+        """Wait for the exit code, which shows why there is no answer."""
         if not self.reply_too_large:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=EXIT_WITHIN_S)

@@ -19,7 +19,7 @@ class Use(StrEnum):
 def blueprint(use: Use) -> Any:
     """Return the layout of sky, picture, plots and log for a use. Sequences are ordered by frame, contacts by UTC; live ones
     follow."""
-    import rerun.blueprint as rrb  # half a second and 100 MB that only this door pays
+    import rerun.blueprint as rrb  # imported late: it takes 0.5 s and 100 MB
 
     sky = rrb.Spatial3DView(origin="/sky", name="Sky", line_grid=rrb.LineGrid3D(visible=False))
     picture = rrb.Spatial2DView(origin="/camera/image", name="Frame", contents=["/camera/image/**"])

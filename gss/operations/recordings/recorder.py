@@ -39,7 +39,7 @@ class Recorder:
     """One recording on the timelines ``frame`` (the frame's id in the store) and ``utc``. Not thread-safe."""
 
     def __init__(self, recording_id: str, use: Use, stars: StarTable, place_at: PlaceAt) -> None:
-        import rerun as rr  # half a second and 100 MB that only this door pays
+        import rerun as rr  # imported late: it takes 0.5 s and 100 MB
 
         self._rr, self._place_at = rr, place_at
         self._stream = rr.RecordingStream("gss", recording_id=recording_id[:120], send_properties=True)

@@ -46,7 +46,7 @@ class _Sheet:
     """The PDF under construction and the position of the next part."""
 
     def __init__(self, title: str) -> None:
-        from fpdf import FPDF  # half a second of import, paid only by who prints
+        from fpdf import FPDF  # imported late: it takes 0.5 s
 
         self.pdf = FPDF(unit="pt", format="A4")
         self.pdf.set_auto_page_break(False)

@@ -43,7 +43,7 @@ class Pen(Protocol):
 
 
 class SvgPen:
-    """Collects SVG."""
+    """A pen that writes SVG."""
 
     def __init__(self, width: float, height: float, title: str) -> None:
         self._size, self._title = (width, height), title

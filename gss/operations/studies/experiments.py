@@ -40,7 +40,7 @@ DEFAULT_SEED = 1
 
 @dataclass(frozen=True)
 class Entry:
-    """One experiment. ``trials``: default number; ``paper_trials``: number used in the document, if stated."""
+    """One experiment. ``trials``: default number; ``epoch_jyear``: of the star positions."""
 
     name: str
     title: str

@@ -103,7 +103,7 @@ class Thinner:
             self._bins[b] = ((t, y), (t, y))
         elif y is not None:
             low, high = held
-            if y < low[1]:  # type: ignore[operator]  # where y is a number, what is held is one: see the branch above
+            if y < low[1]:  # type: ignore[operator]  # y is a number, so the held value is one too (see above)
                 low = (t, y)
             if y > high[1]:  # type: ignore[operator]  # as above
                 high = (t, y)

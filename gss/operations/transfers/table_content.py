@@ -45,7 +45,7 @@ def defaults(kind: str, profile_name: str) -> dict[str, Scalar]:
 
 
 def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
-    """Return Liebe's 3′ and 25 %; the faintest magnitude for which a list complete to the camera's limit suffices;
+    """Return the defaults: Liebe's 3′ and 25 %; the faintest magnitude for which a list complete to the camera's limit suffices;
     neighbours within half the field of view."""
     deepest_mag = known.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {

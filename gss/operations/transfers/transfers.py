@@ -29,8 +29,7 @@ from gss.store.models import Transfer
 PUBLISH_EVERY_S = 0.25
 KEEP_PART_EVERY_S = 2.0
 STORE_WITHIN_S = 5.0
-"""How long the server waits at its end for content being stored. If that fails, the kept part allows the download to be
-repeated."""
+"""How long a stopping server waits for content being stored. Otherwise the download is completed again from its kept part."""
 
 RESTARTED = "the server restarted"
 ENDS = tuple(map(TransferState, ("verified", "committed", "active", "failed", "aborted")))

@@ -156,7 +156,7 @@ class CheckStoreService:
         jobs.resumable("check-store", self._work)
 
     def start(self, *, user: str) -> Job:
-        """Queue a check; its result is the report."""
+        """Queue a check as a job; its result is the report."""
         return self._jobs.begin("check-store", "check the store", {"user": user})
 
     def _work(self, run: Run) -> dict[str, Any]:
