@@ -247,7 +247,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     )
     result_intake = ResultIntake(records, banks, SensorKnowledge(dictionary), stars)
     bank_intake = BankIntake(banks, transfers, commands, writer, bus)
-    table_intake = TableIntake(tables, transfers, commands, bus)
+    table_intake = TableIntake(tables, transfers, commands, writer, bus)
     dispatcher = Dispatcher(
         events,
         bus,

@@ -231,9 +231,26 @@ def test_abort_needs_neither_store_nor_queue(desk, monkeypatch):
         patched.setattr(desk.commands._recorder, "add", locked)
         receipt = desk.commands.abort(user="bob", source="abort")
         desk.wait(lambda: desk.link.session.housekeeping["cycle_running"] is False)
-        with pytest.raises(StoreDown, match="ABORT was sent but is not recorded yet"):
+        with pytest.raises(StoreDown, match="ABORT is queued for the line but not recorded yet"):
             receipt.row(0.0)
     assert stages(desk.end(receipt.row(20)))[-1] == "completed"
+
+
+def test_reports_that_a_locked_store_cannot_take_are_recorded_later(desk, monkeypatch):
+    """Every stage of every command that completed meanwhile is on the record once the store is back, in order and once."""
+    from gss.domain.errors import StoreDown
+
+    def locked(*_: Any, **__: Any) -> None:
+        raise StoreDown("the database cannot be used now", got="database is locked")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(desk.commands._recorder, "_change", locked)
+        rows = [desk.send("SET_EXPOSURE", exposure_ms=100 + k) for k in range(3)]
+        desk.wait(lambda: desk.link.session.housekeeping["exposure_ms"] == 102)
+        assert {desk.commands.get(row.id).result for row in rows} == {"queued"}
+    for row in rows:
+        assert desk.end(row).result == "completed"
+        assert stages(desk.commands.get(row.id)) == ["queued", "released", "sent", "accepted", "started", "completed"]
 
 
 def test_abort_that_the_line_lost_is_not_sent_on_the_next_one(desk):

@@ -51,7 +51,7 @@ SOURCE = """
         while not Path(path).exists(): time.sleep(0.01)
         return "done"
 """
-LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=2.0, wall_s=20.0, result_bytes=2 << 20)
+LIMITS = ParseLimits(memory_bytes=1 << 30, cpu_s=2.0, wall_s=60.0, result_bytes=2 << 20)
 
 
 @pytest.fixture

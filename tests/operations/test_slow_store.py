@@ -19,16 +19,17 @@ from gss.wiring import Services, build
 
 
 class SlowStore(BlobStore):
-    """A folder that keeps everybody waiting until ``open`` is set, and refuses while it is ``broken``."""
+    """A folder that keeps everybody waiting until ``open`` is set, and refuses while it is ``broken``, or ``failures`` times."""
 
     def __init__(self, url: str) -> None:
         super().__init__(url)
-        self.open, self.asked, self.broken = threading.Event(), 0, False
+        self.open, self.asked, self.broken, self.failures = threading.Event(), 0, False, 0
 
     def put(self, data: bytes | memoryview) -> str:
         self.asked += 1
         assert self.open.wait(60)
-        if self.broken:
+        if self.broken or self.failures:
+            self.failures = max(0, self.failures - 1)
             raise StoreDown("the bytes cannot be stored now")
         return super().put(data)
 
@@ -112,7 +113,7 @@ def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(gro
     for k in range(begun):
         ground.image()
         ground.wait(lambda k=k: len(ground.services.transfers._storing) == k + 1)
-    assert ground.services.writer.full
+    ground.wait(lambda: ground.services.writer.full)
     figures = ground.services.upkeep.metrics.text()
     assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}\n' in figures
     assert "gss_line_waits_total 0\n" in figures
@@ -135,6 +136,39 @@ def test_a_store_that_refuses_is_told_and_ends_the_transfer(ground: Ground) -> N
     assert ground.frames() == []
     texts = [e.text for e in ground.services.bus.after(0, 1000)]
     assert any("was received, but cannot be used: the bytes cannot be stored now" in text for text in texts), texts
+    ground.wait(lambda: ground.downloads()[0].state == "failed")
+    ground.store.broken = False
+    ground.services.transfers.resume(ground.downloads()[0].id)
+    ground.wait(lambda: ground.downloads()[0].state == "verified")
+    assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
+
+
+def test_a_store_that_is_down_for_a_moment_loses_no_frame(ground: Ground) -> None:
+    """Storing is tried again before the transfer is reported as over."""
+    ground.store.failures = 2
+    ground.store.open.set()
+    ground.image()
+    ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "verified")
+    assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
+    assert ground.store.failures == 0
+
+
+def test_content_that_no_service_stores_is_not_reported_as_complete(
+    ground: Ground, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A defect between the line and the store: the transfer fails, and its content can be downloaded again."""
+    ground.store.open.set()
+
+    def defect(*_: Any) -> Any:
+        raise RuntimeError("a defect")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("gss.operations.intake.frame_intake.picture_of", defect)
+        ground.image()
+        ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "failed")
+    ground.services.transfers.resume(ground.downloads()[0].id)
+    ground.wait(lambda: ground.downloads()[0].state == "verified")
+    assert len(ground.frames()) == 1
 
 
 def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(

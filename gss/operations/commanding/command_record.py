@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from gss.device.session_commands import WITHDRAWN
 from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.deferred_writes import DeferredWrites
 from gss.operations.line.line_events import LineEventQueue, ServiceEvent
 from gss.store import commands as store
 from gss.store.engine import Database
@@ -47,9 +48,6 @@ class CommandChanged(ServiceEvent):
     result: str
 
 
-ORPHANS = 32
-
-
 class CommandRecorder:
     """Stores rows and stages. Each change is published on the bus and as CommandChanged on the link's event queue."""
 
@@ -60,10 +58,11 @@ class CommandRecorder:
         now: Now,
         view: Callable[[Command], CommandView],
         events: LineEventQueue,
+        writes: DeferredWrites,
     ) -> None:
+        self._writes = writes
         self._database, self._bus, self._now, self._view, self._events = database, bus, now, view, events
         self._completed: list[CommandCompleted] = []
-        self._orphans: OrderedDict[int, list[CommandStage]] = OrderedDict()
         self._lock = threading.RLock()  # keeps the stages of a row in order of arrival
 
     def add(
@@ -75,12 +74,13 @@ class CommandRecorder:
         source: str,
         contact_id: int | None,
         run_id: int | None,
+        at: datetime | None = None,
     ) -> Command:
         """Store and return the row of a command that is about to be queued."""
         with self._database.unit_of_work() as session:
             row = store.add(
                 session,
-                self._now(),
+                at or self._now(),
                 contact_id=contact_id,
                 request_id=request_id,
                 name=name,
@@ -133,48 +133,38 @@ class CommandRecorder:
         """Record that a retry is queued."""
         return self._change(command_id, self._stage("queued", detail), result="queued")
 
+    def still_unknown(self, command_id: int, detail: str) -> Command:
+        """Record that a retry was not queued after all: the fate is unknown as before."""
+        return self._change(command_id, self._stage("unknown", detail), result="unknown", detail=detail)
+
     def resolve(self, command_id: int, note: str) -> Command:
         """Record that an operator resolved a command of unknown fate."""
         return self._change(command_id, None, result="resolved", resolved_note=note, finished=self._now())
 
-    def _stage(self, name: str, detail: str) -> StageRow:
-        return StageRow(stage=name, at=self._now(), detail=detail)
+    def _stage(self, name: str, detail: str, at: datetime | None = None) -> StageRow:
+        return StageRow(stage=name, at=at or self._now(), detail=detail)
 
     # --- reports ------------------------------------------------------------------------------------------------
 
-    def follow(self, event: CommandStage) -> None:
-        """Record a stage of a command. A stage without a row is buffered, because the row may be stored later (as for
-        ABORT)."""
+    def follow(self, event: CommandStage, at: datetime) -> None:
+        """Store a stage that was reached at ``at``. Commands of the session itself, as HELLO, have no row and are ignored."""
         if event.stage is Stage.QUEUED:
             return
         with self._lock:
-            self._orphans.setdefault(event.request_id, []).append(event)
-            self._orphans.move_to_end(event.request_id)
-            while len(self._orphans) > ORPHANS:
-                self._orphans.popitem(last=False)
-        self.catch_up(event.request_id)
-
-    def catch_up(self, request_id: int) -> None:
-        """Write the buffered stages that arrived before their row."""
-        with self._lock:
             with self._database.unit_of_work() as session:
-                found = store.by_request(session, request_id)
-            if found is None:
-                return  # HELLO and other commands of the session itself never get a row
-            for event in self._orphans.pop(request_id, []):
-                self._write(found.id, event)
+                row = store.by_request(session, event.request_id)
+            if row is not None:
+                self._write(row, event, at)
 
-    def _write(self, command_id: int, event: CommandStage) -> None:
-        with self._database.unit_of_work() as session:
-            found = store.get(session, command_id)
+    def _write(self, found: Command, event: CommandStage, at: datetime) -> None:
         if event.stage is Stage.UNKNOWN and found.result == "unknown":
             return  # already recorded when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
         if event.reason == WITHDRAWN:
             self._end(found.id, WITHDRAWN, event.detail)
-            self._bus.record("command", "warning", f"{found.name} was not sent: {event.detail}", command_id=found.id)
+            self._announce("warning", f"{found.name} was not sent: {event.detail}", found.id)
             return
-        stage = self._stage(str(event.stage), detail)
+        stage = self._stage(str(event.stage), detail, at)
         values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
         if found.result == "resolved":
             values.pop("result")  # the operator's resolution is kept; the late stage is recorded beside it
@@ -191,11 +181,15 @@ class CommandRecorder:
 
     def _tell(self, row: Command, event: CommandStage) -> None:
         if event.stage is Stage.UNKNOWN:
-            self._bus.record("command", "warning", f"{row.name}: no report in time, fate unknown", command_id=row.id)
+            self._announce("warning", f"{row.name}: no report in time, fate unknown", row.id)
         if row.late and event.stage in FINAL_STAGES:
-            self._bus.record("command", "watch", f"{row.name}: {event.stage} after all, late", command_id=row.id)
+            self._announce("watch", f"{row.name}: {event.stage} after all, late", row.id)
         if event.stage is Stage.COMPLETED:
             self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
+
+    def _announce(self, severity: str, text: str, command_id: int) -> None:
+        """Record an event after the row it is about; a store that fails in between must not repeat the row."""
+        self._writes.add(partial(self._bus.record, "command", severity, text, command_id=command_id))
 
     def take_completed(self) -> list[CommandCompleted]:
         """Return the commands that completed since the last call."""

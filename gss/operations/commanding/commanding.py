@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from gss.device.dictionary import Command as Definition
 from gss.device.protocol.codec import check_arguments
 from gss.device.session_events import CommandStage, DeviceEvent
-from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
 from gss.operations.accounts.permissions import STOP
 from gss.operations.clock import Now
 from gss.operations.commanding.aborts import AbortReceipt, Aborts
@@ -24,7 +25,8 @@ from gss.operations.commanding.command_checks import (
 )
 from gss.operations.commanding.command_record import CommandCompleted, CommandRecorder, CommandView
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch
+from gss.operations.line.deferred_writes import DeferredWrites
+from gss.operations.line.line_events import AbortIssued, LineBatch
 from gss.operations.line.link import LinkService
 from gss.store import commands as store
 from gss.store.engine import Database
@@ -58,8 +60,9 @@ class CommandService:
     ) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
         self._authority, self._permits = authority, permits
-        self._recorder = CommandRecorder(database, bus, now, self.view, link.events)
-        self._aborts = Aborts(link, self._recorder, bus, now)
+        self._writes = DeferredWrites()
+        self._recorder = CommandRecorder(database, bus, now, self.view, link.events, self._writes)
+        self._aborts = Aborts(link, self._recorder, bus, now, self._writes)
 
     def start(self) -> None:
         """Mark commands that were in progress when the last server stopped as unknown; nothing is resent automatically.
@@ -247,10 +250,13 @@ class CommandService:
                 hint="look at the telemetry, mark it resolved, and send a new one if it did not run",
             )
         self._authority.require(user)
-        with self._link.hold_events():
+        row = self._recorder.requeue(command_id, f"retry by {user}")  # first: what cannot be recorded is not sent
+        try:
             with self._link.lock:
                 self._link.session.retry(row.request_id, self._link.monotonic_s())
-            row = self._recorder.requeue(command_id, f"retry by {user}")
+        except GssError as error:
+            self._recorder.still_unknown(command_id, f"not retried: {error}")
+            raise
         self._bus.record("command", "ok", f"{row.name} retried with the same id by {user}", command_id=row.id)
         return row
 
@@ -273,10 +279,13 @@ class CommandService:
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
-        with self._link.hold_events():
-            with self._link.lock:
-                stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
+        with self._link.lock:
+            stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
+        try:
             row = self._recorder.withdrawn(command_id, stage)
+        except StoreDown:
+            self._link.events.publish([stage])  # it will not be sent: recorded when the store is back
+            raise
         self._bus.record("command", "ok", f"{row.name} withdrawn by {user} before it was sent", command_id=row.id)
         return row
 
@@ -303,12 +312,15 @@ class CommandService:
 
     def handle(self, batch: LineBatch) -> list[CommandCompleted]:
         """Follow the reports of commands and record the device's events."""
-        self._aborts.handle(batch)
         for event in batch.events:
-            if isinstance(event, CommandStage):
-                self._recorder.follow(event)
+            if isinstance(event, AbortIssued):
+                self._writes.add(partial(self._aborts.record, event))
+            elif isinstance(event, CommandStage):
+                self._writes.add(partial(self._recorder.follow, event, batch.at))
             elif isinstance(event, DeviceEvent):
-                self._bus.record("device", event.severity, f"{event.name}: {event.text}" if event.text else event.name)
+                text = f"{event.name}: {event.text}" if event.text else event.name
+                self._writes.add(partial(self._bus.record, "device", event.severity, text))
+        self._writes.run()
         return self._recorder.take_completed()
 
     def _check_line(self) -> None:

@@ -53,8 +53,13 @@ class BankIntake:
 
     def _arrived(self, event: ContentArrived) -> None:
         if event.done.direction is Direction.DOWN:
-            job = self._writer.submit(lambda: self._banks.adopt(event.done.data))
-            event.answers.accept(lambda: Later(job, lambda kept: {"catalogue_id": kept.id} if kept else {}))
+            event.answers.accept(
+                lambda: Later(
+                    self._writer.submit,
+                    lambda: self._banks.adopt(event.done.data),
+                    lambda kept: {"catalogue_id": kept.id} if kept else {},
+                )
+            )
             return
         text = f"{event.transfer.subject} is committed in bank {event.transfer.target}"
         self._bus.record("catalogue", "ok", text, transfer_id=event.transfer.id)

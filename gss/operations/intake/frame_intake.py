@@ -148,8 +148,11 @@ class FrameIntake:
             "parameters": settings | _part_of(kind, picture),
         }
         starts = self._records.device_starts
-        job = self._writer.submit(lambda: self._frames.add_from_device(picture.pixels, values))
-        return Later(job, lambda frame: self._stored(kind, number, frame, fresh=starts == self._records.device_starts))
+        return Later(
+            self._writer.submit,
+            lambda: self._frames.add_from_device(picture.pixels, values),
+            lambda frame: self._stored(kind, number, frame, fresh=starts == self._records.device_starts),
+        )
 
     def _stored(self, kind: str, number: int, frame: Frame, *, fresh: bool) -> Links:
         """``fresh``: False if the device has restarted since the frame arrived, so that its number may be reused."""

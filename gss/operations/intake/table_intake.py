@@ -10,7 +10,8 @@ from gss.operations.commanding.command_record import CommandCompleted
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch, LineEvent
-from gss.operations.transfers.content_events import ContentArrived
+from gss.operations.transfers.arrivals import Writer
+from gss.operations.transfers.content_events import ContentArrived, Later
 from gss.operations.transfers.device_tables import FACTORY, READ_BACK, DeviceTableService
 from gss.operations.transfers.table_content import KINDS
 from gss.operations.transfers.transfers import TransferService
@@ -20,9 +21,15 @@ class TableIntake:
     """Maintains the ground's view of the tables on board."""
 
     def __init__(
-        self, tables: DeviceTableService, transfers: TransferService, commands: CommandService, bus: EventBus
+        self,
+        tables: DeviceTableService,
+        transfers: TransferService,
+        commands: CommandService,
+        writer: Writer,
+        bus: EventBus,
     ) -> None:
-        self._tables, self._transfers, self._commands, self._bus = tables, transfers, commands, bus
+        self._tables, self._transfers, self._commands = tables, transfers, commands
+        self._writer, self._bus = writer, bus
 
     def handle(self, batch: LineBatch) -> None:
         """Process HELLO reports, table reports, completed commands and arrived content."""
@@ -47,7 +54,11 @@ class TableIntake:
     def _arrived(self, event: ContentArrived) -> None:
         transfer, done = event.transfer, event.done
         if done.direction is Direction.DOWN and done.kind in READ_BACK:
-            event.answers.accept(lambda: self._tables.keep_read_back(transfer, done))
+            event.answers.accept(
+                lambda: Later(
+                    self._writer.submit, lambda: self._tables.keep_read_back(transfer, done), lambda links: links
+                )
+            )
         elif done.direction is Direction.UP and done.kind in KINDS:
             text = f"{transfer.subject} is committed"
             self._bus.record("catalogue", "ok", text, transfer_id=transfer.id, table_id=transfer.table_id)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import fields, replace
+from datetime import datetime
+from functools import partial
 
 from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters
 from gss.domain.errors import GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.deferred_writes import DeferredWrites
 from gss.operations.line.line_capture import LineCapture
 from gss.operations.line.line_events import LineBatch, LineClosed, LineOpened, LinkFault
 from gss.store import devices as store
@@ -33,7 +36,8 @@ class ContactLog:
         """The device that answered last; kept when the line is lost."""
         self.dictionary_acknowledged = False
         self.counted_from = LinkCounters(DirectionCounters(), DirectionCounters(), None)
-        self._unstored: LineOpened | None = None
+        self._reserved_id = 0
+        self._writes = DeferredWrites()
         self._next_count_s = 0.0
 
     def start(self) -> int:
@@ -59,11 +63,11 @@ class ContactLog:
         """Keep the contact's row up to date."""
         for event in batch.events:
             if isinstance(event, LineOpened):
-                self._opened(event)
+                self._opened(event, batch.at)
             elif isinstance(event, LineClosed):
-                self._closed(event)
+                self._closed(event, batch.at)
             elif isinstance(event, HelloReceived):
-                self._greeted(event)
+                self._greeted(event, batch.at)
             elif isinstance(event, LinkFault):
                 self.report(event.severity, event.text)
             elif isinstance(event, LinkCounters) and batch.at_s >= self._next_count_s:
@@ -71,88 +75,79 @@ class ContactLog:
                 self._count(event)
 
     def report(self, severity: str, text: str) -> None:
-        """Record an event of the link; log it if the store is unavailable."""
+        """Record an event of the link; if the store cannot take it, the log has it."""
+        self.report_of(self.contact_id, severity, text)
+
+    def report_of(self, contact_id: int | None, severity: str, text: str) -> None:
+        """The same for a contact."""
         try:
-            self._bus.record("link", severity, text, contact_id=self.contact_id)
+            self._bus.record("link", severity, text, contact_id=contact_id)
         except GssError:
             log.exception("not recorded: %s", text)
 
-    def _opened(self, event: LineOpened) -> None:
+    def _opened(self, event: LineOpened, at: datetime) -> None:
         self.counted_from, self._next_count_s = event.counters, 0.0
-        self._unstored, self.contact_id = event, None
-        try:
-            self._store_contact()
-        finally:
-            self.is_open = True
+        self._reserved_id, self.contact_id = event.contact_id, None
+        self._writes.add(partial(self._store_contact, event, at))
+        self._writes.run()
+        self.is_open = True
         self.report("ok", f"line open on {event.url}")
 
-    def _store_contact(self) -> None:
-        """Store the contact's row. If the store is down, this is tried again with the next counters."""
-        event = self._unstored
-        if event is None:
-            return
-        try:
-            with self._database.unit_of_work() as session:
-                store.open_contact(session, event.url, self._now(), event.capture, contact_id=event.contact_id)
-        except StoreDown as error:
-            log.warning("the contact is not stored yet: %s", error)
-            return
-        self.contact_id, self._unstored = event.contact_id, None
-        if self.hello is not None:
-            self._store_device(self.hello)
+    def _store_contact(self, event: LineOpened, at: datetime) -> None:
+        with self._database.unit_of_work() as session:
+            store.open_contact(session, event.url, at, event.capture, contact_id=event.contact_id)
+        if event.contact_id == self._reserved_id:
+            self.contact_id = event.contact_id
 
-    def _closed(self, event: LineClosed) -> None:
-        try:
-            self._store_contact()
-            self._count(event.counters, ended=True)
-        finally:
-            contact_id, self.contact_id, self.hello, self._unstored = self.contact_id, None, None, None
-            self.is_open = False
-        self._bus.record("link", "watch", f"line closed: {event.cause}", contact_id=contact_id)
+    def _closed(self, event: LineClosed, at: datetime) -> None:
+        self._writes.add(partial(self._store_count, self._reserved_id, self.counters_of(event.counters), at))
+        self._writes.run()
+        contact_id, self.contact_id, self.hello, self._reserved_id = self.contact_id, None, None, 0
+        self.is_open = False
+        self.report_of(contact_id, "watch", f"line closed: {event.cause}")
 
-    def _greeted(self, hello: HelloReceived) -> None:
+    def _greeted(self, hello: HelloReceived, at: datetime) -> None:
         self.hello = self.last_hello = hello
         self.dictionary_acknowledged = False
-        self._store_device(hello)
+        self._writes.add(partial(self._store_device, self._reserved_id, hello, at))
+        self._writes.run()
         match = "dictionary matches" if hello.dictionary_match else "DICTIONARY DIFFERS, commanding is blocked"
         severity = "ok" if hello.dictionary_match else "warning"
         self.report(severity, f"{_name_of(hello)} answered, firmware {hello.firmware}, {match}")
 
-    def _store_device(self, hello: HelloReceived) -> None:
-        try:
-            with self._database.unit_of_work() as session:
-                device = store.remember(
-                    session,
-                    self._now(),
-                    name=_name_of(hello),
-                    profile=hello.profile,
-                    firmware=hello.firmware,
-                    simulated=hello.simulated,
-                    dictionary_hash=hello.dictionary_hash,
-                )
-                if self.contact_id is not None:
-                    store.update_contact(session, self.contact_id, device_id=device.id)
-        except StoreDown as error:
-            log.warning("the device that answered is not stored: %s", error)
+    def _store_device(self, contact_id: int, hello: HelloReceived, at: datetime) -> None:
+        with self._database.unit_of_work() as session:
+            device = store.remember(
+                session,
+                at,
+                name=_name_of(hello),
+                profile=hello.profile,
+                firmware=hello.firmware,
+                simulated=hello.simulated,
+                dictionary_hash=hello.dictionary_hash,
+            )
+            if contact_id:
+                store.update_contact(session, contact_id, device_id=device.id)
 
-    def _count(self, counters: LinkCounters, *, ended: bool = False) -> None:
-        """Store the contact's byte counts. If the store is down, a later call stores them."""
-        own = self.counters_of(counters)
-        try:
-            self._store_contact()
-            if self.contact_id is None:
-                return
-            with self._database.unit_of_work() as session:
-                store.update_contact(
-                    session,
-                    self.contact_id,
-                    rx_bytes=own.received.bytes,
-                    tx_bytes=own.sent.bytes,
-                    captures=self._capture.files_of(self.contact_id),
-                    ended=self._now() if ended else None,
-                )
-        except StoreDown as error:
-            log.warning("the contact's bytes were not stored: %s", error)
+    def _store_count(self, contact_id: int, own: LinkCounters, ended: datetime | None) -> None:
+        with self._database.unit_of_work() as session:
+            store.update_contact(
+                session,
+                contact_id,
+                rx_bytes=own.received.bytes,
+                tx_bytes=own.sent.bytes,
+                captures=self._capture.files_of(contact_id),
+                ended=ended,
+            )
+
+    def _count(self, counters: LinkCounters) -> None:
+        """Store what an earlier batch could not, and the contact's bytes; these are counted again later if the store is down."""
+        self._writes.run()
+        if self.contact_id is not None:
+            try:
+                self._store_count(self.contact_id, self.counters_of(counters), None)
+            except StoreDown as error:
+                log.warning("the contact's bytes were not stored: %s", error)
 
 
 def _name_of(hello: HelloReceived) -> str:

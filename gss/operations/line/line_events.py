@@ -56,6 +56,7 @@ class AbortIssued:
     request_id: int
     user: str
     source: str
+    at: datetime
     withdrawn: tuple[CommandStage, ...]
     recorded: Future[Any] = field(default_factory=Future, compare=False)
 
@@ -105,6 +106,8 @@ class LineEventQueue:
             if self.depth >= self._most:
                 kept = tuple(event for event in events if not isinstance(event, Telemetry))
                 self.dropped += len(events) - len(kept)
+            if not kept:
+                return
             self._batches.append(LineBatch(kept, self._now(), self._monotonic_s()))
             self.depth += len(kept)
             self._changed.notify_all()

@@ -262,10 +262,10 @@ class LinkService:
             with self.lock:
                 events = list(self.session.feed(data, now_s)) if data else []
                 out, more = self.session.poll(now_s)
+            self.events.publish([*events, *more])  # first: a write that fails must not lose the reports of this round
             if out:
                 self.capture.write(SENT, out)
                 stream.write(out)
-            self.events.publish([*events, *more])
 
     def _end_contact(self, cause: str) -> None:
         self.line_is_open, self.reason = False, cause

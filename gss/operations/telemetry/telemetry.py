@@ -26,9 +26,12 @@ log = logging.getLogger("gss.telemetry")
 __all__ = ["FieldValue", "TelemetryService", "plain"]
 
 
+TRY_EVERY_S = 5.0
+
+
 @dataclass(frozen=True)
 class Judged(ServiceEvent):
-    """Judgements of the telemetry of a batch, which has been stored before."""
+    """Judgements of the telemetry of a batch, whether or not the store could take it."""
 
     judgements: tuple[Judgement, ...]
 
@@ -60,6 +63,7 @@ class TelemetryService:
         self.store_fails = ""
         """Why packets are currently not stored; "" if they are."""
         self._unstored_from = 0
+        self._try_at_s = 0.0
 
     def handle(self, batch: LineBatch) -> list[Judged]:
         """Store the telemetry of a batch in one transaction, then judge it and update the latest values."""
@@ -67,24 +71,26 @@ class TelemetryService:
         if not packets:
             return []
         at = batch.at
-        self._store(packets, at)
         judgements = [judgement for packet in packets for judgement in self.board.take(packet, at)]
+        self._store(packets, batch)
         for packet in packets:
             if packet.packet == "timing":
                 self._bus.publish("cycle", (at, dict(packet.values)))
         return [Judged(tuple(judgements))]
 
-    def _store(self, packets: Sequence[Telemetry], at: datetime) -> None:
-        """Store all packets or none. If storing fails, values are still judged and shown, because alarms must not depend on
-        a disk."""
+    def _store(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
+        """Store all packets or none. Limits are checked before and in any case: an alarm must not depend on the disk. While the
+        store is down it is tried every ``TRY_EVERY_S`` only, because each try may wait for seconds."""
         cause = "" if self._has_room() else "the disk is full"
-        if not cause:
+        if not cause and self.store_fails and batch.at_s < self._try_at_s:
+            cause = self.store_fails
+        elif not cause:
             try:
                 with self._database.unit_of_work() as session:
-                    store.add_many(session, [self._row(packet, at) for packet in packets])
-                    self.rollups.wrote(session, [packet.packet for packet in packets], at)
+                    store.add_many(session, [self._row(packet, batch.at) for packet in packets])
+                    self.rollups.wrote(session, [packet.packet for packet in packets], batch.at)
             except StoreDown as error:
-                cause = str(error)
+                cause, self._try_at_s = str(error), batch.at_s + TRY_EVERY_S
         before, self.store_fails = self.store_fails, cause
         if cause and not before:
             self._unstored_from = self.unstored

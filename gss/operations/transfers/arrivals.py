@@ -89,3 +89,7 @@ class Storing:
     answers: Answers
     transfer_id: int | None
     held: list[TransferUpdate] = field(default_factory=list)
+    linked: bool = False
+    """True once the outcome is in the transfer's row."""
+    keeps_part: bool = False
+    """True if the content was not stored, so that the download can be resumed."""

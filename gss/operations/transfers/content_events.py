@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gss.device.session_events import TransferDone, TransferUpdate
-from gss.domain.errors import GssError
+from gss.domain.errors import StoreDown
 from gss.operations.line.line_events import ServiceEvent
 from gss.store.models import Transfer
 
@@ -17,13 +17,37 @@ Links = dict[str, Any]
 """Columns of the transfer's row that refer to rows created from its content, such as ``frame_id``."""
 
 
-@dataclass(frozen=True)
-class Later:
-    """Links that become available when ``job`` has stored the content: ``links`` of its result, called on the dispatcher's
-    thread."""
+MOST_TRIES = 3
+"""Tries to store a piece of content while the store is down."""
 
-    job: Future[Any]
-    links: Callable[[Any], Links]
+
+class Later:
+    """Links that are known when ``work`` has stored the content: ``links`` of its result, called on the dispatcher's thread."""
+
+    def __init__(
+        self,
+        submit: Callable[[Callable[[], Any]], Future[Any]],
+        work: Callable[[], Any],
+        links: Callable[[Any], Links],
+    ) -> None:
+        self._submit, self._work, self._links, self._tries = submit, work, links, 1
+        self._job = submit(work)
+
+    def done(self) -> bool:
+        """True if the work ended."""
+        return self._job.done()
+
+    def start_again(self) -> bool:
+        """Try once more if the store was down. False if it was not, or if it was tried often enough."""
+        if not isinstance(self._job.exception(), StoreDown) or self._tries >= MOST_TRIES:
+            return False
+        self._tries += 1
+        self._job = self._submit(self._work)
+        return True
+
+    def result(self) -> Links:
+        """The links. Raises what storing raised."""
+        return self._links(self._job.result())
 
 
 class Answers:
@@ -32,13 +56,13 @@ class Answers:
     def __init__(self) -> None:
         self._now: list[Links] = []
         self._later: list[Later] = []
-        self._errors: list[GssError] = []
+        self._errors: list[Exception] = []
 
     def accept(self, store: Callable[[], Links | Later]) -> None:
-        """Store the content. A GssError means that the content cannot be used; it is reported with the transfer."""
+        """Store the content. An error means that it cannot be used; it is reported with the transfer."""
         try:
             answer = store()
-        except GssError as error:
+        except Exception as error:  # whatever it is, the transfer must not be reported as complete
             self._errors.append(error)
             return
         if isinstance(answer, Later):
@@ -47,15 +71,20 @@ class Answers:
             self._now.append(answer)
 
     def ready(self) -> bool:
-        """True if all storing jobs are done."""
-        return all(later.job.done() for later in self._later)
+        """True if all storing jobs are done; those that met a store that is down are started again."""
+        return all(later.done() and not later.start_again() for later in self._later)
+
+    @property
+    def missing(self) -> bool:
+        """True if no subscriber answered."""
+        return not (self._now or self._later or self._errors)
 
     def links(self) -> Links:
         """Return all links. Raises the first storing error."""
         if self._errors:
             raise self._errors[0]
         found: Links = {}
-        for links in [*self._now, *(later.links(later.job.result()) for later in self._later)]:
+        for links in [*self._now, *(later.result() for later in self._later)]:
             found |= links
         return found
 

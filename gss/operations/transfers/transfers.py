@@ -6,8 +6,10 @@ part of a download on disk, and everything else in the row's options.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from gss.device.session import Compatibility, HeldPart, Part
@@ -15,10 +17,11 @@ from gss.device.session_events import Direction, TransferDone, TransferState, Tr
 from gss.domain.errors import Conflict, GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.line.deferred_writes import DeferredWrites
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.arrivals import Storing, Writer
-from gss.operations.transfers.content_events import Answers, ContentArrived, PartArrived
+from gss.operations.transfers.content_events import ContentArrived, PartArrived
 from gss.operations.transfers.transfer_parts import PartStore
 from gss.operations.transfers.transfer_rows import TransferRows, TransferView, prepare, words_of
 from gss.store import transfers as store
@@ -26,6 +29,7 @@ from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import Transfer
 
+log = logging.getLogger("gss.transfers")
 PUBLISH_EVERY_S = 0.25
 KEEP_PART_EVERY_S = 2.0
 STORE_WITHIN_S = 5.0
@@ -66,6 +70,8 @@ class TransferService:
         self._next_part_s: dict[int, float] = {}
         self._storing: list[Storing] = []
         self._parts_arrived: list[PartArrived] = []
+        self._recorded: dict[int, tuple[TransferState, str]] = {}
+        self._writes = DeferredWrites()
 
     def start(self) -> None:
         """Restore the transfers that the last server left open, paused until the device answers; those that an operator had
@@ -139,8 +145,9 @@ class TransferService:
         row = self.get(transfer_id).row
         if row.state not in RESUMABLE:
             raise Conflict("this transfer cannot go on", expected=" or ".join(RESUMABLE), got=row.state)
-        self._enter(row, None)
-        self._rows.note(row.id, state="queued", reason="", finished=None)
+        with self._link.hold_events():
+            self._enter(row, None)
+            self._rows.note(row.id, state="queued", reason="", finished=None)
         return self.get(transfer_id)
 
     def abort(self, transfer_id: int) -> TransferView:
@@ -215,7 +222,7 @@ class TransferService:
             try:
                 with self._database.unit_of_work() as session:
                     store.add(session, row)
-            except StoreDown:
+            except BaseException:
                 # A transfer that cannot be recorded must not run.
                 with self._link.lock:
                     self._link.session.abort_transfer(session_id, self._link.monotonic_s())
@@ -255,23 +262,35 @@ class TransferService:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
                 storing = self._stored_later(update.transfer_id)
                 if storing is None:
-                    self._update(self._row_of[update.transfer_id], update)
+                    self._writes.add(partial(self._update, self._row_of[update.transfer_id], update))
                 else:
                     storing.held.append(update)
+        self._writes.run()
         return [*contents, *self._take_parts()]
 
     def settle(self) -> None:
         """Complete the transfers whose content has been stored. Called periodically by the dispatcher."""
-        for one in [storing for storing in self._storing if storing.answers.ready()]:
-            self._storing.remove(one)
-            try:
-                self._link_to(one.row, one.answers)
-            finally:
-                for update in one.held:
-                    self._update(one.row.id, update)
-                if one.transfer_id is not None:
-                    self._end(one.transfer_id)
+        try:
+            for one in [storing for storing in self._storing if storing.answers.ready()]:
+                self._settle(one)
+            self._writes.run()
+        except StoreDown as error:
+            log.warning("a transfer waits for the store: %s", error)
         self._link.events.publish(self._take_parts())
+
+    def _settle(self, one: Storing) -> None:
+        """Record the outcome, then the updates received meanwhile. StoreDown leaves it where it is, to be continued."""
+        if not one.linked:
+            self._link_to(one)
+            one.linked = True
+        while one.held:
+            self._update(one.row.id, one.held[0])
+            one.held.pop(0)
+        if one.transfer_id is not None:
+            if one.keeps_part:
+                self._rows.note(one.row.id, state=str(TransferState.FAILED), reason="received, but not stored")
+            self._end(one.transfer_id, keep_part=one.keeps_part)
+        self._storing.remove(one)
 
     def _take_parts(self) -> list[PartArrived]:
         parts, self._parts_arrived = self._parts_arrived, []
@@ -280,15 +299,15 @@ class TransferService:
     def _stored_later(self, transfer_id: int) -> Storing | None:
         return next((one for one in self._storing if one.transfer_id == transfer_id), None)
 
-    def _end(self, transfer_id: int) -> None:
+    def _end(self, transfer_id: int, *, keep_part: bool) -> None:
         row_id = self._row_of[transfer_id]
-        self._parts.drop(row_id)
+        if not keep_part:
+            self._parts.drop(row_id)
         self._forget(row_id, transfer_id)
 
     def _update(self, row_id: int, update: TransferUpdate) -> None:
-        before = self._live.get(row_id)
         self._live[row_id] = update
-        changed = before is None or (before.state, before.reason) != (update.state, update.reason)
+        changed = self._recorded.get(row_id) != (update.state, update.reason)
         now_s = self._link.monotonic_s()
         if changed or now_s >= self._next_part_s.get(row_id, 0.0):
             self._next_part_s[row_id] = now_s + KEEP_PART_EVERY_S
@@ -297,8 +316,10 @@ class TransferService:
             return
         self._next_publish_s[row_id] = now_s + PUBLISH_EVERY_S
         row = self._store(row_id, update, changed)
+        self._recorded[row_id] = (update.state, update.reason)
         if changed and update.state in BROKEN:
-            self._bus.record("transfer", "warning", f"{row.subject}: {words_of(update)}", transfer_id=row_id)
+            text = f"{row.subject}: {words_of(update)}"
+            self._writes.add(partial(self._bus.record, "transfer", "warning", text, transfer_id=row_id))
             self._broken(row, update)
         if update.state in (TransferState.FAILED, TransferState.ABORTED):
             self._forget(row_id, update.transfer_id)
@@ -338,14 +359,21 @@ class TransferService:
         self._storing.append(Storing(row, part.answers, None))
         self._parts_arrived.append(part)
 
-    def _link_to(self, row: Transfer, answers: Answers) -> None:
-        """Store the links to the rows created from the content in the transfer's row."""
+    def _link_to(self, one: Storing) -> None:
+        """Store the links to the rows made from the content, or why there are none. Content that could not be stored at all, for
+        another reason than its own, can be downloaded again."""
+        row = one.row
         try:
-            links = answers.links()
-        except GssError as error:
+            if one.answers.missing and one.transfer_id is not None and row.direction == Direction.DOWN:
+                raise StoreDown("nothing stored it")
+            links = one.answers.links()
+        except Exception as error:  # a transfer must not be reported as complete whatever went wrong
+            one.keeps_part = isinstance(error, StoreDown) or not isinstance(error, GssError)
+            if not isinstance(error, GssError):
+                log.exception("content of transfer %d was not stored", row.id)
             text = f"{row.subject} was received, but cannot be used: {error}"
-            self._bus.record("transfer", "warning", text, transfer_id=row.id)
             self._rows.note(row.id, text)
+            self._writes.add(partial(self._bus.record, "transfer", "warning", text, transfer_id=row.id))
             return
         if links:
             self._rows.note(row.id, **links)
@@ -354,5 +382,5 @@ class TransferService:
         with self._link.lock:
             self._link.session.forget_transfer(session_id)
         self._row_of.pop(session_id, None)
-        for memory in (self._session_of, self._live, self._next_publish_s, self._next_part_s):
+        for memory in (self._session_of, self._live, self._next_publish_s, self._next_part_s, self._recorded):
             memory.pop(row_id, None)

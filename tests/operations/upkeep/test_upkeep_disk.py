@@ -155,14 +155,14 @@ def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_di
     telemetry.handle(LineBatch(housekeeping(1), clock(), 0.0))
     with small_disk.full():
         for k in range(2, 2000):
-            telemetry.handle(LineBatch(housekeeping(k), clock(), 0.0))
+            telemetry.handle(LineBatch(housekeeping(k), clock(), 10.0 * k))
             if telemetry.unstored > 20:
                 break
         with pytest.raises(StoreDown, match="cannot be used now"):
             bus.record("x", "ok", "y" * 200_000)
         assert telemetry.latest_packet("housekeeping").values["latchups"] == k
         assert telemetry.store_fails
-    telemetry.handle(LineBatch(housekeeping(k + 1), clock(), 0.0))
+    telemetry.handle(LineBatch(housekeeping(k + 1), clock(), 10.0 * k + 10))
     assert telemetry.store_fails == ""
     assert any(f"{telemetry.unstored} packets of before" in event.text for event in bus.after(0, 100))
     with database.engine.connect() as connection:
