@@ -47,13 +47,16 @@ export function onKey(e: KeyboardEvent): void {
   }
   if (e.target instanceof Element && e.target.closest('[data-guest-keys]')) return guest(e);
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
+  if (e.key === ' ') {
+    pendingGo = false;
+    return space(e);
+  }
   if (pendingGo) {
     pendingGo = false;
     const page = PAGES.find((p) => p.letter === e.key);
     if (page) { claim(e); go(page.path); }
     return;
   }
-  if (e.key === ' ') return space(e);
   if (handled(e)) e.preventDefault();
 }
 

@@ -1,0 +1,56 @@
+import { beforeEach, describe, expect, it, vi } from 'vitest';
+
+/** As much of a browser as the keys need: elements that `closest` finds by the selector's words. */
+class FakeElement {
+  isContentEditable = false;
+  constructor(readonly tagName: string, private readonly marks: readonly string[] = []) {}
+  closest(selector: string): FakeElement | null {
+    return this.marks.some((mark) => selector.includes(mark)) ? this : null;
+  }
+}
+
+function key(name: string, target: FakeElement) {
+  const seen = { kept: false };
+  return { seen, event: { key: name, target, repeat: false, ctrlKey: false, metaKey: false, altKey: false, shiftKey: false, preventDefault: () => { seen.kept = true; }, stopPropagation: () => undefined } as unknown as KeyboardEvent };
+}
+
+async function keys() {
+  const paths: string[] = [];
+  vi.stubGlobal('Element', FakeElement);
+  vi.stubGlobal('HTMLElement', FakeElement);
+  vi.stubGlobal('sessionStorage', { getItem: () => null, setItem: () => undefined });
+  vi.stubGlobal('localStorage', { getItem: () => null });
+  vi.stubGlobal('location', { pathname: '/commands', search: '' });
+  vi.stubGlobal('history', { pushState: (_: unknown, __: string, to: string) => paths.push(to) });
+  vi.stubGlobal('innerWidth', 1440);
+  const { onKey } = await import('./keys');
+  const press = (name: string, target: FakeElement): boolean => {
+    const { seen, event } = key(name, target);
+    onKey(event);
+    return seen.kept;
+  };
+  return { press, paths };
+}
+
+describe('Space after g', () => {
+  const SENDS = new FakeElement('BUTTON', ['[data-sends]']);
+  beforeEach(() => { vi.resetModules(); });
+  it('does not press a button that sends', async () => {
+    const { press } = await keys();
+    press('g', SENDS);
+    expect(press(' ', SENDS)).toBe(true);
+  });
+  it('ends the wait for a page letter', async () => {
+    const { press, paths } = await keys();
+    press('g', SENDS);
+    press(' ', SENDS);
+    press('l', SENDS);
+    expect(paths).toEqual([]);
+  });
+  it('leaves g and a letter as they are', async () => {
+    const { press, paths } = await keys();
+    press('g', SENDS);
+    press('l', SENDS);
+    expect(paths).toHaveLength(1);
+  });
+});
