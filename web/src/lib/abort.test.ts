@@ -14,24 +14,28 @@ function command(over: Partial<Command> = {}): Command {
 const receipt = (command: Command | null): Abort => ({ request_id: 23, at: '2026-12-01T18:42:07.050Z', command });
 
 /** A clock that only moves when it is told to, a server that answers as `answers` says, and a storage. */
-function rig(answers: (Command | Abort | Error | 'hang')[], over: { online?: boolean; stored?: string; history?: Command[] } = {}) {
+function rig(answers: (Command | Abort | Error | 'hang')[], over: { online?: boolean; reachable?: boolean | 'hang'; stored?: string; history?: Command[]; storage?: Error } = {}) {
   let now = START;
   let timers: { at: number; run: () => void }[] = [];
-  const seen: { presses: readonly Press[]; saved: string; posts: number } = { presses: [], saved: over.stored ?? '[]', posts: 0 };
-  const world = { online: over.online ?? true, history: over.history ?? [] };
+  const seen: { presses: readonly Press[]; saved: string; posts: number; searches: number } = { presses: [], saved: over.stored ?? '[]', posts: 0, searches: 0 };
+  const world: { online: boolean; reachable: boolean | 'hang'; history: Command[] | Error | 'hang' } = { online: over.online ?? true, reachable: over.reachable ?? over.online ?? true, history: over.history ?? [] };
   const presses = new Presses({
     post: () => {
       seen.posts += 1;
       const next = answers.length > 1 ? answers.shift() : answers[0];
       return next === 'hang' ? new Promise(() => undefined) : next instanceof Error ? Promise.reject(next) : Promise.resolve('stages' in (next as object) ? receipt(next as Command) : (next as Abort));
     },
-    history: async () => world.history,
+    history: (start, end) => {
+      seen.searches += 1;
+      if (world.history === 'hang') return new Promise(() => undefined);
+      return world.history instanceof Error ? Promise.reject(world.history) : Promise.resolve(world.history.filter((c) => Date.parse(c.created) >= start && Date.parse(c.created) < end));
+    },
     online: () => world.online,
     now: () => now,
     user: () => 'kim',
     later: (run, ms) => { const timer = { at: now + ms, run }; timers.push(timer); return () => { timers = timers.filter((t) => t !== timer); }; },
-    load: () => seen.saved,
-    save: (text) => { seen.saved = text; },
+    load: () => { if (over.storage) throw over.storage; return seen.saved; },
+    save: (text) => { if (over.storage) throw over.storage; seen.saved = text; },
     changed: (list) => { seen.presses = list; },
   });
   const settle = (): Promise<void> => new Promise((r) => setTimeout(r, 0));
@@ -69,7 +73,8 @@ describe('a press of ABORT', () => {
     const before = seen.posts;
     world.online = true;
     await pass(600_000);
-    await presses.check();
+    void presses.check();
+    await pass(0);
     expect(seen.posts).toBe(before);
     expect(seen.presses[0]).toMatchObject({ fate: 'not_sent', notInHistory: true });
   });
@@ -122,7 +127,8 @@ describe('a press of ABORT', () => {
     void presses.press();
     await pass(WINDOW_MS);
     world.history = [command({ id: 9, created: '2026-12-01T18:42:07.300Z', result: 'completed' })];
-    await presses.check();
+    void presses.check();
+    await pass(0);
     expect(seen.presses[0]).toMatchObject({ fate: 'recorded', command: { id: 9 } });
   });
   it('does not take the ABORT of another user, or of another time, for its own', async () => {
@@ -130,7 +136,8 @@ describe('a press of ABORT', () => {
     void presses.press();
     await pass(WINDOW_MS);
     world.history = [command({ user: 'lee' }), command({ created: '2026-12-01T18:30:00Z' })];
-    await presses.check();
+    void presses.check();
+    await pass(0);
     expect(seen.presses[0]?.fate).toBe('not_sent');
   });
   it('shows pressed, sent, accepted and completed with the times of the command', async () => {
@@ -149,7 +156,8 @@ describe('a press of ABORT', () => {
     const { presses, seen, pass } = rig([refused(409, 'the line is down')]);
     void presses.press();
     await pass(0);
-    await presses.check();
+    void presses.check();
+    await pass(0);
     expect(seen.presses[0]?.notInHistory).toBe(false);
   });
   it('keeps the newer report when the answer to the request arrives after it', async () => {
@@ -167,11 +175,11 @@ describe('a press of ABORT', () => {
     presses.reconcile([command({ id: 8, request_id: 22 }), command({ id: 9, result: 'completed' })]);
     expect(seen.presses[0]).toMatchObject({ fate: 'recorded', command: { id: 9 } });
   });
-  it('is unknown, and not "not sent", when the server sent it and cannot record it', async () => {
+  it('is unknown, and not "not sent", when the server queued it and cannot record it', async () => {
     const { presses, seen, pass } = rig([receipt(null)]);
     void presses.press();
     await pass(RECORD_MS + 1);
-    expect(seen.presses[0]).toMatchObject({ fate: 'unknown', reason: 'the server sent ABORT (#23) but has not recorded it' });
+    expect(seen.presses[0]).toMatchObject({ fate: 'unknown', reason: 'the server queued ABORT for the line (#23) and has not recorded it' });
   });
   it('keeps an earlier press that was not sent while a later one completes', async () => {
     const { presses, seen, pass } = rig([UNREACHABLE()], { online: false });
@@ -180,5 +188,43 @@ describe('a press of ABORT', () => {
     void presses.press();
     await pass(WINDOW_MS);
     expect(seen.presses.map((p) => p.fate)).toEqual(['not_sent', 'not_sent']);
+  });
+});
+
+const shown = (seen: { presses: readonly Press[] }): Press => seen.presses[0] as Press;
+
+describe('the record of a press', () => {
+  const LATE = command({ id: 9, created: '2026-12-01T18:43:00Z', result: 'completed' });
+  it('is found by its request id, however late the server stored it', async () => {
+    const { presses, seen, pass } = rig([receipt(null)]);
+    void presses.press();
+    await pass(RECORD_MS + 1);
+    presses.reconcile([{ ...LATE, user: 'lee' }, { ...LATE, request_id: 24 }]);
+    expect(shown(seen).fate).toBe('unknown');
+    presses.reconcile([LATE]);
+    expect(shown(seen)).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it('is searched by its request id up to the present', async () => {
+    const { presses, seen, pass, world } = rig([receipt(null)]);
+    void presses.press();
+    await pass(90_000);
+    world.history = [LATE];
+    void presses.check();
+    await pass(0);
+    expect(shown(seen)).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it('is needed before the strip says sent: the server has only queued ABORT for the line', async () => {
+    const { presses, seen, pass } = rig([receipt(null)]);
+    void presses.press();
+    await pass(0);
+    expect(headlineOf(shown(seen))).toEqual({ word: 'ABORT is queued for the line', text: 'The server has queued it for the line (#23) and has not recorded it yet.', level: 'progress' });
+    expect(stepsOf(shown(seen))[1]).toEqual({ name: 'sent', point: 'now', at: null });
+    const queued = command({ result: 'queued', stages: [{ name: 'queued', state: 'passed', at: '2026-12-01T18:42:07.100Z' }] });
+    presses.reconcile([queued]);
+    expect(headlineOf(shown(seen)).word).toBe('ABORT is queued for the line');
+    expect(stepsOf(shown(seen))[1]).toEqual({ name: 'sent', point: 'now', at: null });
+    presses.reconcile([command()]);
+    expect(headlineOf(shown(seen)).word).toBe('ABORT sent');
+    expect(stepsOf(shown(seen))[1]).toMatchObject({ name: 'sent', point: 'done' });
   });
 });

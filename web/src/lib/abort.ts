@@ -10,13 +10,13 @@ import type { Abort, Command, Stage } from '../api/types';
 
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
-/** The server sends ABORT before it records it; after this long without a record its stages cannot be shown. */
+/** The server answers when ABORT is queued for the line, before it is sent and recorded; after this long without a record its stages cannot be shown. */
 export const RECORD_MS = 10_000;
 /** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
 const CLOCK_MS = 2_000;
 const MOST_KEPT = 20;
 
-/** `sending`: the request is under way. `taken`: the server put ABORT on the line and has not recorded it yet. `recorded`: the server
+/** `sending`: the request is under way. `taken`: the server queued ABORT for the line and has not recorded it yet. `recorded`: the server
  *  has the command and reports its stages. */
 export type Fate = 'sending' | 'taken' | 'recorded' | 'not_sent' | 'unknown';
 export interface Press {
@@ -64,11 +64,12 @@ export function answerOf(error: unknown, reachable: boolean, timedOut: boolean):
     : { fate: 'not_sent', reason: 'the server could not be reached', again: true, answered: false };
 }
 
-/** True if this can be the command of that press. */
+/** True if this can be the command of that press: its request id decides; without one the time of the press. */
 function belongs(command: Command, press: Press): boolean {
+  if (command.name !== 'ABORT' || command.user !== press.user) return false;
+  if (press.requestId !== null) return press.requestId === command.request_id;
   const after = Date.parse(command.created) - press.pressedMs;
-  if (press.requestId !== null && press.requestId !== command.request_id) return false;
-  return command.name === 'ABORT' && command.user === press.user && after >= -CLOCK_MS && after <= WINDOW_MS + CLOCK_MS;
+  return after >= -CLOCK_MS && after <= WINDOW_MS + CLOCK_MS;
 }
 
 export class Presses {
@@ -113,7 +114,7 @@ export class Presses {
     this.reconcile(this.reported);
     if (command) return;
     this.parts.later(() => {
-      if (this.list.some((p) => p.key === key && p.fate === 'taken')) this.change(key, { fate: 'unknown', reason: `the server sent ABORT (#${request_id}) but has not recorded it` });
+      if (this.list.some((p) => p.key === key && p.fate === 'taken')) this.change(key, { fate: 'unknown', reason: `the server queued ABORT for the line (#${request_id}) and has not recorded it` });
     }, RECORD_MS);
   }
 
@@ -141,7 +142,8 @@ export class Presses {
   /** The server can be reached: search its history for presses that it did not answer, or answered with an internal error. */
   async check(): Promise<void> {
     for (const press of this.list.filter(isOpen)) {
-      const found = await this.parts.history(press.pressedMs - CLOCK_MS, press.pressedMs + WINDOW_MS + CLOCK_MS).catch(() => null);
+      const end = press.requestId === null ? press.pressedMs + WINDOW_MS : this.parts.now();
+      const found = await this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS).catch(() => null);
       if (!found) continue;
       this.claim(found);
       if (!this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
@@ -238,12 +240,14 @@ function pointOf(stage: Stage | undefined): Point {
 
 export interface Headline { word: string; text: string; level: 'critical' | 'unknown' | 'progress' | 'ok' }
 
+const QUEUED = 'ABORT is queued for the line';
+
 /** What the strip says: exactly what is known, no more. */
 export function headlineOf(press: Press): Headline {
   const history = press.notInHistory ? " The server's command history has no such ABORT." : '';
   switch (press.fate) {
     case 'sending': return { word: 'ABORT is being sent', text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '', level: 'progress' };
-    case 'taken': return { word: 'ABORT is being sent', text: `The server has put it on the line (#${press.requestId}) and has not recorded it yet.`, level: 'progress' };
+    case 'taken': return { word: QUEUED, text: `The server has queued it for the line (#${press.requestId}) and has not recorded it yet.`, level: 'progress' };
     case 'not_sent': return { word: 'ABORT NOT SENT', text: `${sentence(press.reason)} The sensor has not received it.${history}`, level: 'critical' };
     case 'unknown': return { word: 'ABORT UNKNOWN', text: `${sentence(press.reason)} It may or may not have reached the sensor.${history}`, level: 'unknown' };
     case 'recorded': return ofCommand(press.command);
@@ -259,7 +263,7 @@ function ofCommand(command: Command | null): Headline {
     case 'withdrawn': return { word: 'ABORT NOT SENT', text: `${detail} It was withdrawn before it was sent.`.trim(), level: 'critical' };
     case 'unknown': return { word: 'ABORT UNKNOWN', text: `${detail} The sensor sent no report; it may or may not have run.`.trim(), level: 'unknown' };
     case 'resolved': return { word: 'ABORT resolved by an operator', text: detail, level: 'unknown' };
-    default: return { word: `ABORT ${command?.result === 'queued' || command?.result === 'released' ? 'is being sent' : command?.result ?? ''}`, text: '', level: 'progress' };
+    default: return { word: command?.result === 'queued' || command?.result === 'released' ? QUEUED : `ABORT ${command?.result ?? ''}`, text: '', level: 'progress' };
   }
 }
 
