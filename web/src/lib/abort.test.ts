@@ -228,3 +228,36 @@ describe('the record of a press', () => {
     expect(stepsOf(shown(seen))[1]).toMatchObject({ name: 'sent', point: 'done' });
   });
 });
+
+describe('a browser without storage', () => {
+  it('posts ABORT and follows it all the same', async () => {
+    const { presses, seen, pass } = rig([command()], { storage: new Error('QuotaExceededError') });
+    void presses.press();
+    await pass(0);
+    expect(seen.posts).toBe(1);
+    expect(shown(seen)).toMatchObject({ fate: 'recorded' });
+    presses.acknowledge();
+  });
+});
+
+describe('many presses', () => {
+  it('are all kept until they are acknowledged when they need the operator', async () => {
+    const { presses, seen, pass } = rig([refused(409, 'the line is down')]);
+    for (let i = 0; i < 30; i += 1) {
+      void presses.press();
+      await pass(10);
+    }
+    expect(seen.presses).toHaveLength(30);
+    expect(JSON.parse(seen.saved)).toHaveLength(30);
+    presses.acknowledge();
+    expect(seen.presses).toEqual([]);
+  });
+  it('that completed make room for the next one', async () => {
+    const { presses, seen, pass } = rig([command({ result: 'completed' })]);
+    void presses.press();
+    await pass(10);
+    void presses.press();
+    await pass(10);
+    expect(seen.presses).toHaveLength(1);
+  });
+});

@@ -14,7 +14,6 @@ const PAUSE_MS = 500;
 export const RECORD_MS = 10_000;
 /** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
 const CLOCK_MS = 2_000;
-const MOST_KEPT = 20;
 
 /** `sending`: the request is under way. `taken`: the server queued ABORT for the line and has not recorded it yet. `recorded`: the server
  *  has the command and reports its stages. */
@@ -78,7 +77,7 @@ export class Presses {
   private reported: readonly Command[] = [];
 
   constructor(private readonly parts: AbortParts) {
-    this.list = restored(parts.load());
+    this.list = restored(parts.load);
     this.publish();
   }
 
@@ -156,8 +155,9 @@ export class Presses {
     this.publish();
   }
 
+  /** Only completed presses make room for a new one. The others stay, however many there are. */
   private put(press: Press): void {
-    this.list = [press, ...this.list.filter((p) => !isGood(p))].slice(0, MOST_KEPT);
+    this.list = [press, ...this.list.filter((p) => !isGood(p))];
     this.publish();
   }
 
@@ -167,15 +167,19 @@ export class Presses {
   }
 
   private publish(): void {
-    this.parts.save(JSON.stringify(this.list));
     this.parts.changed(this.list);
+    try {
+      this.parts.save(JSON.stringify(this.list));
+    } catch {
+      /* Storage that is full or blocked must not keep ABORT from being sent: the presses then do not survive a reload. */
+    }
   }
 }
 
 /** Presses of the page before it was loaded again; one that was under way has lost its answer. */
-function restored(text: string | null): Press[] {
+function restored(load: () => string | null): Press[] {
   try {
-    const list = JSON.parse(text ?? '[]') as Press[];
+    const list = JSON.parse(load() ?? '[]') as Press[];
     return list.map((p) => (p.fate === 'sending' || p.fate === 'taken' ? { ...p, fate: 'unknown', reason: p.fate === 'sending' ? 'the page was loaded again before the server answered' : 'the page was loaded again before the server recorded it' } : p));
   } catch {
     return [];
