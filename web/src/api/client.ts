@@ -61,6 +61,16 @@ async function answer<R>(path: string, init?: RequestInit): Promise<R> {
   return (response.status === 204 ? null : await response.json()) as R;
 }
 
+/** False only if no connection to the server could be made. */
+async function probe(signal: AbortSignal): Promise<boolean> {
+  try {
+    await fetch('/api/health', { signal, cache: 'no-store' });
+    return true;
+  } catch {
+    return signal.aborted;
+  }
+}
+
 export const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
 /** What browsers keep of a page that is gone, with room to spare. */
 const KEPT = 32_768;
@@ -122,6 +132,7 @@ export const api = {
   resolve: (id: number, note: string) => post<T.Command>(`/commands/${id}/resolve`, { note }),
   /** Keeps `keepalive` beside the signal: a press of ABORT leaves even when its page is closed in the same moment. */
   abort: (signal: AbortSignal) => answer<T.Abort>('/commands/abort', { ...change('POST'), signal }),
+  probe,
   latest: () => get<T.Latest>('/telemetry/latest'),
   cycles: (limit = 12) => get<T.Cycle[]>(`/telemetry/cycles?limit=${limit}`),
   history: (names: string[], start: string, end: string, points = 600) => {

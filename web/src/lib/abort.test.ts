@@ -25,6 +25,7 @@ function rig(answers: (Command | Abort | Error | 'hang')[], over: { online?: boo
       const next = answers.length > 1 ? answers.shift() : answers[0];
       return next === 'hang' ? new Promise(() => undefined) : next instanceof Error ? Promise.reject(next) : Promise.resolve('stages' in (next as object) ? receipt(next as Command) : (next as Abort));
     },
+    probe: () => (world.reachable === 'hang' ? new Promise(() => undefined) : Promise.resolve(world.reachable)),
     history: (start, end) => {
       seen.searches += 1;
       if (world.history === 'hang') return new Promise(() => undefined);
@@ -105,7 +106,7 @@ describe('a press of ABORT', () => {
     expect(headlineOf(seen.presses[0] as Press)).toEqual({ word: 'ABORT NOT SENT', level: 'critical', text: 'The server answered 409: the line is down (port closed). The sensor has not received it.' });
   });
   it('does not claim "not sent" of a server error: the command may have left before it', () => {
-    expect(answerOf(refused(500, 'the server has a defect'), true, false)).toEqual({ fate: 'unknown', again: false, answered: true, reason: 'the server answered 500: the server has a defect' });
+    expect(answerOf(refused(500, 'the server has a defect'), true, false)).toEqual({ fate: 'unknown', answered: true, reason: 'the server answered 500: the server has a defect' });
   });
   it('stays until it is acknowledged, also over a reload of the page', async () => {
     const first = rig([UNREACHABLE()], { online: false });
@@ -237,6 +238,44 @@ describe('a browser without storage', () => {
     expect(seen.posts).toBe(1);
     expect(shown(seen)).toMatchObject({ fate: 'recorded' });
     presses.acknowledge();
+  });
+});
+
+describe('"not sent" is said only of what cannot have left', () => {
+  it('is unknown when the stream was down and the server answered a probe', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE()], { online: false, reachable: true });
+    void presses.press();
+    await pass(WINDOW_MS);
+    expect(shown(seen).fate).toBe('unknown');
+  });
+  it('is unknown when the server was reachable in one part of the window', async () => {
+    const { presses, seen, pass, world } = rig([UNREACHABLE()], { online: false, reachable: true });
+    void presses.press();
+    await pass(100);
+    world.reachable = false;
+    await pass(WINDOW_MS);
+    expect(shown(seen).fate).toBe('unknown');
+  });
+  it('is unknown when a probe had no answer either way', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE()], { online: false, reachable: 'hang' });
+    void presses.press();
+    await pass(WINDOW_MS);
+    expect(shown(seen).fate).toBe('unknown');
+  });
+  it('is unknown when an earlier try may have left before the server refused a later one', async () => {
+    const { presses, seen, pass } = rig([UNREACHABLE(), refused(409, 'the line is down')], { online: true });
+    void presses.press();
+    await pass(1000);
+    expect(shown(seen)).toMatchObject({ fate: 'unknown', answered: false });
+    expect(shown(seen).reason).toBe('an earlier try broke before the server answered; the server answered 409: the line is down');
+  });
+  it('is not sent when the server refused the first try that reached it', async () => {
+    const { presses, seen, pass, world } = rig([UNREACHABLE(), refused(409, 'the line is down')], { online: false });
+    void presses.press();
+    await pass(100);
+    world.reachable = true;
+    await pass(1000);
+    expect(shown(seen)).toMatchObject({ fate: 'not_sent', answered: true, tries: 2 });
   });
 });
 

@@ -34,13 +34,16 @@ export interface Press {
   /** Whether the server itself answered with an error. */
   answered: boolean;
 }
-export interface Answer { fate: 'not_sent' | 'unknown'; reason: string; again: boolean; answered: boolean }
+export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | 'unknown' }
 
 export interface AbortParts {
   post: (signal: AbortSignal) => Promise<Abort>;
   /** ABORT commands created in a span, from the server's history. */
   history: (startMs: number, endMs: number) => Promise<Command[]>;
+  /** Whether the event stream is open. */
   online: () => boolean;
+  /** Request the server's health: false only if no connection could be made. */
+  probe: (signal: AbortSignal) => Promise<boolean>;
   /** UTC on the server's clock, milliseconds. */
   now: () => number;
   user: () => string;
@@ -50,17 +53,47 @@ export interface AbortParts {
   changed: (presses: readonly Press[]) => void;
 }
 
-/** What an error says about the press. Only an answer that refuses the request, or a server that was unreachable from before the press on, means "not sent". */
-export function answerOf(error: unknown, reachable: boolean, timedOut: boolean): Answer {
-  if (error instanceof ApiError && error.status >= 400) {
+/** True if the server itself answered with an error. */
+function isAnswer(error: unknown): error is ApiError {
+  return error instanceof ApiError && error.status >= 400;
+}
+
+/**
+ * What an error says about the press. `mayHaveLeft`: a try broke without an answer while the server may have been reachable. A browser
+ * reports a refused connection and a broken one alike, so only two cases are "not sent": the server refused the request, or no
+ * connection could be made. After a try that may have left, a refusal of a later one says nothing about the first.
+ */
+export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean): Answer {
+  if (isAnswer(error)) {
     const { message, got } = error.problem;
     const words = `the server answered ${error.status}: ${message}${got ? ` (${got})` : ''}`;
-    return { fate: error.status < 500 ? 'not_sent' : 'unknown', reason: words, again: false, answered: true };
+    if (error.status >= 500) return { fate: 'unknown', reason: words, answered: true };
+    return mayHaveLeft ? { fate: 'unknown', reason: `an earlier try broke before the server answered; ${words}`, answered: false } : { fate: 'not_sent', reason: words, answered: true };
   }
-  if (timedOut) return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, again: false, answered: false };
-  return reachable
-    ? { fate: 'unknown', reason: 'the connection broke before the server answered', again: true, answered: false }
-    : { fate: 'not_sent', reason: 'the server could not be reached', again: true, answered: false };
+  if (timedOut) return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, answered: false };
+  return mayHaveLeft
+    ? { fate: 'unknown', reason: 'the connection broke before the server answered', answered: false }
+    : { fate: 'not_sent', reason: 'the server could not be reached', answered: false };
+}
+
+/** Tries of one press that ended without an answer, and what the probes beside them found. */
+class LostTries {
+  private reachable = false;
+  private pending = 0;
+
+  add(online: boolean, probe: Promise<boolean>): void {
+    this.reachable ||= online;
+    this.pending += 1;
+    void probe.catch(() => true).then((reached) => {
+      this.reachable ||= reached;
+      this.pending -= 1;
+    });
+  }
+
+  /** False only if the stream was closed and every probe failed. */
+  get mayHaveLeft(): boolean {
+    return this.reachable || this.pending > 0;
+  }
 }
 
 /** True if this can be the command of that press: its request id decides; without one the time of the press. */
@@ -89,23 +122,33 @@ export class Presses {
     const cancel = new AbortController();
     const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
     const over = ended(cancel.signal);
-    let reachable = this.parts.online();
+    const lost = new LostTries();
     for (let tries = 1; ; tries += 1) {
       this.change(key, { tries });
+      const online = this.parts.online();
+      const request = this.parts.post(cancel.signal);
+      const probe = this.parts.probe(cancel.signal);
       try {
-        const receipt = await Promise.race([this.parts.post(cancel.signal), over]);
+        const receipt = await Promise.race([request, over]);
         stop();
         return this.taken(key, receipt);
       } catch (error) {
-        reachable ||= this.parts.online();
-        const answer = answerOf(error, reachable, cancel.signal.aborted);
-        if (answer.again) await Promise.race([new Promise<void>((next) => this.parts.later(next, PAUSE_MS)), over]).catch(() => undefined);
-        if (answer.again && !cancel.signal.aborted) continue;
+        const [answered, timedOut] = [isAnswer(error), cancel.signal.aborted];
+        if (!answered) lost.add(online || this.parts.online(), probe);
+        if (!answered && !timedOut) {
+          await Promise.race([this.pause(PAUSE_MS), over]).catch(() => undefined);
+          if (!cancel.signal.aborted) continue;
+        }
         stop();
-        const since = answer.again ? ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s` : '';
-        return this.change(key, { fate: answer.fate, reason: answer.reason + since, answered: answer.answered });
+        const answer = answerOf(error, lost.mayHaveLeft, timedOut);
+        const since = answered || timedOut ? '' : ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s`;
+        return this.change(key, { ...answer, reason: answer.reason + since });
       }
     }
+  }
+
+  private pause(ms: number): Promise<void> {
+    return new Promise((next) => this.parts.later(next, ms));
   }
 
   private taken(key: string, { request_id, command }: Abort): void {

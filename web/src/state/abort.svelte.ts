@@ -16,6 +16,7 @@ class Abort {
     },
     history: (startMs, endMs) => api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }),
     online: () => live.online,
+    probe: api.probe,
     now: () => Date.now() + live.clockSkewMs,
     user: () => session.name,
     later: (run, ms) => {
