@@ -124,7 +124,7 @@ export const api = {
   closeLink: () => post<T.Link>('/link/close'),
   acknowledgeDictionary: () => post<T.Link>('/link/acknowledge-dictionary'),
   dictionary: () => get<T.Dictionary>('/dictionary'),
-  findCommands: (filter: Record<string, string | number | undefined>) => get<T.Command[]>(`/commands${query({ limit: 200, ...filter })}`),
+  findCommands: (filter: Record<string, string | number | undefined>, signal?: AbortSignal) => get<T.Command[]>(`/commands${query({ limit: 200, ...filter })}`, signal),
   commands: (limit = 100, contact?: number) => get<T.Command[]>(`/commands${query({ limit, contact })}`),
   send: (name: string, args: Record<string, T.ArgumentValue>, confirm = '') => post<T.Command>('/commands', { name, arguments: args, confirm }),
   check: (name: string, args: Record<string, T.ArgumentValue>, signal?: AbortSignal) => post<T.Check>('/commands/check', { name, arguments: args }, signal),

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiError } from '../api/client';
 import type { Abort, Command, Stage } from '../api/types';
-import { answerOf, headlineOf, Presses, RECORD_MS, stepsOf, WINDOW_MS, type Press } from './abort';
+import { answerOf, headlineOf, Presses, RECORD_MS, SEARCH_EVERY_MS, SEARCH_UNTIL_MS, stepsOf, WINDOW_MS, type Press } from './abort';
 
 const START = Date.parse('2026-12-01T18:42:07Z');
 const UNREACHABLE = (): ApiError => new ApiError(0, { id: '', message: 'no answer', expected: '', got: '', hint: '' });
@@ -276,6 +276,58 @@ describe('"not sent" is said only of what cannot have left', () => {
     world.reachable = true;
     await pass(1000);
     expect(shown(seen)).toMatchObject({ fate: 'not_sent', answered: true, tries: 2 });
+  });
+});
+
+describe('the search of the command history', () => {
+  const LATE = command({ id: 9, created: '2026-12-01T18:42:08Z', result: 'completed' });
+  async function unanswered() {
+    const made = rig([UNREACHABLE()]);
+    void made.presses.press();
+    await made.pass(WINDOW_MS);
+    void made.presses.check();
+    await made.pass(0);
+    return made;
+  }
+  it('is repeated until the press is a minute old before it says that there is none', async () => {
+    const { seen, pass } = await unanswered();
+    await pass(SEARCH_UNTIL_MS - WINDOW_MS - 100);
+    expect(seen.searches).toBeGreaterThan(10);
+    expect(shown(seen).notInHistory).toBe(false);
+    await pass(SEARCH_EVERY_MS + 100);
+    expect(shown(seen).notInHistory).toBe(true);
+    const searches = seen.searches;
+    await pass(600_000);
+    expect(seen.searches).toBe(searches);
+  });
+  it('finds a record that comes late', async () => {
+    const { seen, pass, world } = await unanswered();
+    await pass(30_000);
+    world.history = [LATE];
+    await pass(SEARCH_EVERY_MS);
+    expect(shown(seen)).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it.each([['fails', refused(503, 'the server is busy')], ['has no answer', 'hang']] as const)('is repeated when it %s, also when the press is older', async (_, answer) => {
+    const { seen, pass, world } = await unanswered();
+    world.history = answer;
+    await pass(300_000);
+    expect(shown(seen).notInHistory).toBe(false);
+    world.history = [LATE];
+    await pass(3 * SEARCH_EVERY_MS);
+    expect(shown(seen)).toMatchObject({ fate: 'recorded', command: { id: 9 } });
+  });
+  it('is one search at a time, and pauses while the server is away', async () => {
+    const { presses, seen, pass, world } = await unanswered();
+    void presses.check();
+    await pass(0);
+    expect(seen.searches).toBe(1);
+    world.online = false;
+    await pass(30_000);
+    expect(seen.searches).toBe(1);
+    world.online = true;
+    void presses.check();
+    await pass(0);
+    expect(seen.searches).toBe(2);
   });
 });
 

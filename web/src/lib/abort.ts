@@ -12,6 +12,9 @@ export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
 /** The server answers when ABORT is queued for the line, before it is sent and recorded; after this long without a record its stages cannot be shown. */
 export const RECORD_MS = 10_000;
+/** The server may record a command late: the history is searched this often, and before this age of a press it is not said to lack it. */
+export const SEARCH_EVERY_MS = 3_000;
+export const SEARCH_UNTIL_MS = 60_000;
 /** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
 const CLOCK_MS = 2_000;
 
@@ -39,7 +42,7 @@ export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | '
 export interface AbortParts {
   post: (signal: AbortSignal) => Promise<Abort>;
   /** ABORT commands created in a span, from the server's history. */
-  history: (startMs: number, endMs: number) => Promise<Command[]>;
+  history: (startMs: number, endMs: number, signal: AbortSignal) => Promise<Command[]>;
   /** Whether the event stream is open. */
   online: () => boolean;
   /** Request the server's health: false only if no connection could be made. */
@@ -108,6 +111,7 @@ export class Presses {
   private list: readonly Press[];
   /** Commands as last reported; the answer to a request may arrive after a newer report. */
   private reported: readonly Command[] = [];
+  private searching = false;
 
   constructor(private readonly parts: AbortParts) {
     this.list = restored(parts.load);
@@ -181,15 +185,31 @@ export class Presses {
     }
   }
 
-  /** The server can be reached: search its history for presses that it did not answer, or answered with an internal error. */
+  /** Search the server's history for presses without an answer, again and again until each is found or the history surely lacks it.
+   *  Ends when the event stream closes; call it again when the server is back. */
   async check(): Promise<void> {
-    for (const press of this.list.filter(isOpen)) {
-      const end = press.requestId === null ? press.pressedMs + WINDOW_MS : this.parts.now();
-      const found = await this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS).catch(() => null);
-      if (!found) continue;
-      this.claim(found);
-      if (!this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
+    if (this.searching) return;
+    this.searching = true;
+    try {
+      while (this.parts.online() && this.list.some(isOpen)) {
+        for (const press of this.list.filter(isOpen)) await this.search(press);
+        if (this.list.some(isOpen)) await this.pause(SEARCH_EVERY_MS);
+      }
+    } finally {
+      this.searching = false;
     }
+  }
+
+  private async search(press: Press): Promise<void> {
+    const cancel = new AbortController();
+    const stop = this.parts.later(() => cancel.abort(), SEARCH_EVERY_MS);
+    const old = this.parts.now() - press.pressedMs >= SEARCH_UNTIL_MS;
+    const end = press.requestId === null ? press.pressedMs + WINDOW_MS : this.parts.now();
+    const commands = await Promise.race([this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS, cancel.signal), ended(cancel.signal)]).catch(() => null);
+    stop();
+    if (!commands) return;
+    this.claim(commands);
+    if (old && !this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
   }
 
   /** Acknowledge: everything that has ended leaves the strip. */

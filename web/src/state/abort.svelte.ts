@@ -14,7 +14,10 @@ class Abort {
       if (receipt.command) live.putCommand(receipt.command);
       return receipt;
     },
-    history: (startMs, endMs) => api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }),
+    history: async (startMs, endMs, signal) => {
+      if (!session.signedIn || session.endedAt !== null) throw new Error('not signed in');
+      return api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }, signal);
+    },
     online: () => live.online,
     probe: api.probe,
     now: () => Date.now() + live.clockSkewMs,
