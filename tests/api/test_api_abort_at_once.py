@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 import threading
+import time
 from collections.abc import Callable
+from contextlib import closing
+from datetime import timedelta
 from typing import Any
 
 import anyio.to_thread
 from fastapi import FastAPI
+
+from gss.operations.clock import utc_now
+from gss.store.models import ApiToken
 
 
 async def asked(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, asyncio.Task[None]]:
@@ -51,3 +58,28 @@ def test_abort_waits_for_no_thread_of_others(app: FastAPI, signed_in: Callable[.
         return status
 
     assert asyncio.run(run()) == 409  # the line is down
+
+
+def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
+    """The token was last used two minutes ago and another connection holds the database's write lock: the response does not wait
+    for the lock (SQLite gives up after 5 s)."""
+    services = app.state.services
+    made = services.accounts.tokens.add("night run", "operator", 1, by="test")
+    with services.database.unit_of_work() as session:
+        used = session.get_one(ApiToken, made.row.id).last_used = utc_now() - timedelta(minutes=2)
+
+    async def run(release: Callable[[], None]) -> tuple[int, float]:
+        begun_s = time.monotonic()
+        status, rest = await asked(app, "/api/commands/abort", {"Authorization": f"Bearer {made.key}"})
+        took_s = time.monotonic() - begun_s
+        release()
+        await rest
+        return status, took_s
+
+    with closing(sqlite3.connect(services.settings.data / "gss.db", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        status, took_s = asyncio.run(run(lambda: other.execute("ROLLBACK")))
+    assert status == 409  # the line is down
+    assert took_s < 3
+    with services.database.unit_of_work() as session:
+        assert session.get_one(ApiToken, made.row.id).last_used == used

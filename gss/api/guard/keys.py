@@ -55,18 +55,19 @@ class Keys:
         return None
 
     async def _known(self, token: str, cookie: str, scope: Scope) -> Who | None:
-        """Return the identity of the token or cookie. A token takes precedence: browsers do not send one."""
+        """Return the identity of the token or, without one, of the cookie. ABORT must not wait for a write to the database."""
+        urgent = scope["path"] == ABORT
         if token:
             known = self._accounts.remembered("token", token)
-            ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"])
+            ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"], touch=not urgent)
         else:
             known = self._accounts.remembered("session", cookie)
-            # Reading the session state must not extend the session, and ABORT must not wait for a database write.
-            touch = not is_open(scope) and scope["path"] != ABORT
+            # A request for the session's remaining time must not extend it.
+            touch = not is_open(scope) and not urgent
             ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
         if known is not None:
             return known
-        return await (at_once(ask) if scope["path"] == ABORT else anyio.to_thread.run_sync(ask))
+        return await (at_once(ask) if urgent else anyio.to_thread.run_sync(ask))
 
 
 def session_key(headers: Headers) -> str:

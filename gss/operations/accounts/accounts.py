@@ -81,11 +81,11 @@ class AccountService:
             at_s, known = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
             return known if self._monotonic_s() - at_s < REMEMBERED_S else None
 
-    def who_has_token(self, key: str, address: str) -> Who | None:
-        """Return the owner of a token; None if the token is invalid. Raises TooOften after too many invalid tokens from that
-        address."""
+    def who_has_token(self, key: str, address: str, *, touch: bool = True) -> Who | None:
+        """Return the identity of the token, or None if it is not valid. Raises TooOften after too many invalid tokens from that
+        address. Without ``touch`` nothing is written."""
         hashed = f"token {key_hash(key)}"
-        who = self._recall(hashed, lambda: self.tokens.who(key))
+        who = self._recall(hashed, lambda: self.tokens.who(key, touch=touch))
         if who is None:
             self.attempts.begin([(f"token {address}", BY_TOKEN_ADDRESS)])
         return who

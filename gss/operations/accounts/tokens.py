@@ -115,8 +115,8 @@ class TokenService:
         for child in store.tokens_made_by(session, TOKEN_PREFIX + row.name, row.created, row.revoked):
             self._revoke(session, child)
 
-    def who(self, key: str) -> Who | None:
-        """Return the identity of a token; None if it is invalid."""
+    def who(self, key: str, *, touch: bool = True) -> Who | None:
+        """Return the identity of the token, or None if it is not valid. Without ``touch`` its time of use is not written."""
         if not key.startswith(TOKEN_MARK) or len(key) > LONGEST:
             return None
         now = self._now()
@@ -125,7 +125,7 @@ class TokenService:
             if found is None or _why_over(*found, now):
                 return None
         row = found[0]
-        if row.last_used is None or now - row.last_used >= SEEN_EVERY:
+        if touch and (row.last_used is None or now - row.last_used >= SEEN_EVERY):
             with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:
                 store.used(session, row.id, now)
         return _who(row)
