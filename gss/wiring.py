@@ -157,7 +157,10 @@ class Services:
             self.link.open_later(self.settings.device)
 
     def announce_stop(self) -> None:
-        """End the open streams and the parsing of files, so that the server need not cut them off."""
+        """Interrupt the jobs and end the open streams and the parsing of files, so that the server need not cut them off. Runs in
+        a signal handler: storing the jobs' state may wait for the database, so that a thread does it."""
+        if not self.stopping.is_set():
+            threading.Thread(target=self.jobs.interrupt, name="interrupt jobs", daemon=True).start()
         self.stopping.set()
         self.bus.wake_all()
         self.parsing.stop()
@@ -169,7 +172,6 @@ class Services:
         self.stack_runs.shut_down()
         self.link.stop()
         self.dispatcher.stop()
-        self.jobs.interrupt()
         self.transfers.stop()
         self.capture_replay.stop()
         self.replay.stop()

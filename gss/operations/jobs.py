@@ -88,6 +88,8 @@ class JobService:
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, Resumable] = {}
         self._stopping = False
+        self._marking = threading.RLock()
+        """Makes a check of a job's state and the change that follows from it one step."""
         self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
         """By kind: returns the parts of a stored request that are refreshed when its job is restarted or resumed, because
         the stored ones may be outdated."""
@@ -114,15 +116,20 @@ class JobService:
                 self._queue(job.id, self._kinds[job.kind])
 
     def interrupt(self) -> None:
-        """Request every job to end. Resumable jobs are marked at once, so that an interrupted one does not count as a crash."""
+        """Cancel every job, also those queued later. Running resumable jobs are stored as queued at once, so that the end of the
+        process does not count as a crash. May be called more than once, from any thread."""
         self._stopping = True
         for event in list(self._cancel.values()):
             event.set()
         with contextlib.suppress(StoreDown):
             for job_id in list(self._cancel):
-                job = self.get(job_id)
-                if job.kind in self._kinds and job.state == "running":
-                    self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT)
+                self._leave_to_the_next(job_id)
+
+    def _leave_to_the_next(self, job_id: int) -> None:
+        with self._marking:
+            job = self.get(job_id)
+            if job.kind in self._kinds and job.state == "running":
+                self._update(job_id, state="queued", text=LEFT_TO_THE_NEXT)
 
     def stop(self) -> None:
         """Stop all jobs and wait. Resumable jobs remain open for the next server; the others are cancelled."""
@@ -199,7 +206,9 @@ class JobService:
             return store.add(session, row)
 
     def _queue(self, job_id: int, work: Resumable) -> None:
-        self._cancel[job_id] = threading.Event()
+        cancel = self._cancel[job_id] = threading.Event()
+        if self._stopping:
+            cancel.set()
         self._bus.publish("job", self.get(job_id))
         self._pool.submit(self._run, job_id, work)
 
@@ -210,13 +219,14 @@ class JobService:
 
         def progress(done: int, total: int, text: str) -> None:
             nonlocal told_s, last
-            if cancel.is_set():
-                raise Cancelled
-            # Work may report progress thousands of times; a row and a message for each would cost more than the work.
-            now_s, last = stopwatch_s(), {"done": done, "total": total}
-            if now_s - told_s >= TELL_EVERY_S:
-                told_s = now_s
-                self._update(job_id, state="running", done=done, total=total, text=text)
+            with self._marking:
+                if cancel.is_set():
+                    raise Cancelled
+                # Work may report thousands of times; a row and a message for each would cost more than the work.
+                now_s, last = stopwatch_s(), {"done": done, "total": total}
+                if now_s - told_s >= TELL_EVERY_S:
+                    told_s = now_s
+                    self._update(job_id, state="running", done=done, total=total, text=text)
 
         def keep(checkpoint: dict[str, Any], session: Any = None) -> None:
             if session is None:
@@ -252,7 +262,7 @@ class JobService:
         self._update(job_id, state="failed", text=text, finished=self._now())
 
     def _update(self, job_id: int, **values: Any) -> Job:
-        with self._database.unit_of_work() as session:
+        with self._marking, self._database.unit_of_work() as session:
             job = store.get(session, job_id)
             for name, value in values.items():
                 setattr(job, name, value)

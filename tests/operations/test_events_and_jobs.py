@@ -12,9 +12,11 @@ import pytest
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.events import MAILBOX, EventBus
 from gss.operations.jobs import MOST_DEATHS, JobService
+from gss.settings import Settings
 from gss.store import jobs as store
 from gss.store.engine import Database, open_engine
 from gss.store.models import Job
+from gss.wiring import build
 
 
 def test_recorded_events_reach_every_mailbox_with_their_number(bus):
@@ -210,6 +212,44 @@ def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(dat
     second.start()
     assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
     second.stop()
+
+
+def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
+    """A process that is ended while a thread still computes leaves no job that counts as crashed."""
+    services, running, release = build(Settings(data=tmp_path)), threading.Event(), threading.Event()
+
+    def compute(run):
+        running.set()
+        release.wait(30)
+        run.progress(1, 2, "one")
+        return {}
+
+    services.jobs.resumable("experiments", compute)
+    job_id = services.jobs.begin("experiments", "t", {}).id
+    try:
+        assert running.wait(10)
+        services.announce_stop()
+        for _ in range(2000):
+            if services.jobs.get(job_id).state == "queued":
+                break
+            threading.Event().wait(0.005)
+        assert services.jobs.get(job_id).state == "queued"
+        services.announce_stop()
+    finally:
+        release.set()
+        services.stop()
+    assert services.jobs.get(job_id).state == "queued"
+
+
+def test_an_interrupted_service_starts_no_job_and_keeps_the_end_of_one_that_finished(jobs, database):
+    """A job queued after the interruption waits for the next server; interrupting again changes nothing."""
+    jobs.resumable("sum", a_sum)
+    done = wait_for_end(jobs, jobs.begin("sum", "t", {}).id)
+    jobs.interrupt()
+    late = jobs.begin("sum", "late", {})
+    jobs.interrupt()
+    jobs.finish()
+    assert (jobs.get(done.id).state, jobs.get(late.id).state, jobs.get(late.id).result) == ("done", "queued", {})
 
 
 def test_events_of_a_span_are_its_newest_in_their_order(database, clock):
