@@ -11,7 +11,9 @@ from gss.operations.clock import iso_z
 from gss.store import upkeep as store
 
 ARRIVED_FACTOR = 1.5
-"""A daily run removes about what arrived since the previous one, whatever its share: up to this multiple is usual."""
+"""Daily removal takes about what arrived since the last run, whatever its share: up to this many times that is usual."""
+ARRIVED_WITHIN = timedelta(days=2)
+"""Only if the last run is at most this long ago: after a longer pause most of the store has arrived since."""
 FEW = {"frames": 100, "frames_bytes": 100_000_000, "packets": 20_000, "events": 2_000}
 """Amounts that are never unusual, so that small stores need no confirmation."""
 CONFIRM_WITHIN = timedelta(hours=1)
@@ -64,8 +66,14 @@ def confirmation(removal: Removal) -> Confirmed:
     return Confirmed(removal.at, *(getattr(removal, name) for name in COUNTS))
 
 
+def recent(last_run: datetime | None, at: datetime) -> datetime | None:
+    """``last_run`` if it was at most ``ARRIVED_WITHIN`` before ``at``, otherwise None."""
+    return last_run if last_run is not None and at - last_run <= ARRIVED_WITHIN else None
+
+
 def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
-    """Return the kinds of which more than ``share`` of the stored amount would be removed; empty if there are none."""
+    """Kinds whose removal exceeds ``share`` of what is stored and, after a recent run, ``ARRIVED_FACTOR`` times what arrived since;
+    empty if there are none."""
     going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     found = []
     for kind, few in FEW.items():
@@ -83,7 +91,8 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
     if confirmed is None:
         raise Conflict(
             "this removal is unusually large and waits for confirmation",
-            expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times what arrived since the last removal",
+            expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times what arrived since the last removal "
+            f"if that was at most {ARRIVED_WITHIN / timedelta(days=1):g} days ago",
             got=removal.unusual,
             hint=hint,
         )

@@ -24,7 +24,7 @@ from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import capture_files
 from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
-from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, unusual
+from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, recent, unusual
 from gss.store import choices
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
@@ -164,7 +164,7 @@ class RetentionService:
                 to_thin=store.count_packets(session, thin, since) if thin else 0,
                 events=store.count_events(session, events) if events else 0,
             )
-            held = store.amounts(session, self.last_run())
+            held = store.amounts(session, recent(self.last_run(), at))
         return replace(removal, unusual=unusual(removal, held, self._share))
 
     def last_run(self) -> datetime | None:

@@ -186,6 +186,24 @@ def test_daily_retention_goes_on_where_a_day_is_a_large_share(store, bus, clock,
     assert left <= (12 if policy.telemetry_thin_days else 5) * 48
 
 
+def test_a_removal_after_weeks_without_retention_asks_first(store, bus, monkeypatch):
+    """Everything stored has arrived since the last removal, which was weeks ago: that makes no large removal usual."""
+    monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
+    server = Server(store, bus)
+    store.retention.choose(Policy(telemetry_days=300), user="ann")
+    server.live(HOUR_S, 3)
+    assert [job.state for job in server.runs()] == ["done"]
+    store.retention.choose(Policy(), user="ann")
+    for _ in range(25):
+        store.add_packets("housekeeping", 48, 0, 1800)
+        server.live(HOUR_S, 24)
+    store.retention.choose(Policy(telemetry_days=1), user="ann")
+    server.live(HOUR_S, 30)
+    assert (server.titles(), server.runs()[0].state) == (["Retention"], "failed")
+    with store.database.unit_of_work() as session:
+        assert session.scalar(select(func.count()).select_from(Base.metadata.tables["telemetry_packets"])) == 25 * 48
+
+
 def test_without_a_trusted_time_nothing_is_deleted(mission, clock):
     """Unknown is no leave to delete; a start takes the newest stored row, not the clock."""
     with mission.database.unit_of_work() as session:
