@@ -87,6 +87,7 @@ class JobService:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, Resumable] = {}
+        self._once: dict[str, tuple[str, ...]] = {}
         self._stopping = False
         self._marking = threading.RLock()
         """Makes a check of a job's state and the change that follows from it one step."""
@@ -94,9 +95,10 @@ class JobService:
         """By kind: returns the parts of a stored request that are refreshed when its job is restarted or resumed, because
         the stored ones may be outdated."""
 
-    def resumable(self, kind: str, work: Resumable) -> None:
-        """Register the work of a kind, one of :data:`RESUMABLE_KINDS`, that survives a crash of the server."""
-        self._kinds[kind] = work
+    def resumable(self, kind: str, work: Resumable, *, once: tuple[str, ...] = ()) -> None:
+        """Register work of this kind, one of :data:`RESUMABLE_KINDS`, that survives a crash of the server. ``once``: names in the
+        request that hold for one job only; a job started again has None there."""
+        self._kinds[kind], self._once[kind] = work, once
 
     def start(self) -> None:
         """Resume the jobs that the last server left open; jobs that cannot be resumed are closed, keeping their requests."""
@@ -164,7 +166,8 @@ class JobService:
                 got=f"{old.kind}, {old.state}",
             )
         asker = {"user": user} if "user" in old.request else {}
-        return self.begin(old.kind, old.title, {**old.request, **self._fresh(old.kind), **asker})
+        once = dict.fromkeys(name for name in self._once[old.kind] if name in old.request)
+        return self.begin(old.kind, old.title, {**old.request, **self._fresh(old.kind), **asker, **once})
 
     def _fresh(self, kind: str) -> dict[str, Any]:
         """Return the current values of the parts of a request that may be outdated."""

@@ -88,8 +88,8 @@ class RetentionService:
         self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
         self._link, self._lock, self._now = link, lock, now
         self.now = now
-        jobs.resumable("retention", self.work)
-        # A restarted job uses the current policy, not one that was withdrawn since.
+        jobs.resumable("retention", self.work, once=("confirmed",))
+        # A policy that somebody took back must not remove anything once more.
         jobs.renewals["retention"] = lambda: {"policy": asdict(self.policy())}
         jobs.renewals["backup"] = lambda: {"keep": self.policy().backups_keep}
 

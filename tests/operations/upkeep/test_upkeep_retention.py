@@ -12,9 +12,11 @@ from sqlalchemy import func, select
 from gss.domain.errors import BadInput
 from gss.operations.events import EventBus
 from gss.operations.jobs import JobService
+from gss.operations.upkeep import removal
 from gss.operations.upkeep import retention as room
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.forecast import forecast
+from gss.operations.upkeep.removal import confirmation
 from gss.operations.upkeep.retention import DailyRetention, Policy, RetentionService
 from gss.store import upkeep
 from gss.store.engine import Database, open_engine
@@ -230,6 +232,28 @@ def test_started_again_a_removal_and_a_backup_follow_the_policy_in_force(store):
     removal = store.end(store.jobs.again(strict.id, user="bob"))
     assert (removal.request, removal.result["removed"]["frames"]) == ({"policy": asdict(Policy()), "user": "bob"}, 0)
     assert store.end(store.jobs.again(once.id, user="bob")).request == {"keep": 0, "user": "bob"}
+
+
+def test_started_again_a_removal_needs_a_new_confirmation(store, clock, monkeypatch):
+    """The confirmation of an ended removal holds for that removal only; one that continues after a crash keeps it."""
+    monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
+    store.retention.choose(Policy(frames_days=1, keep_frames=0), user="ann")
+    for k in range(3):
+        store.add_frame(bytes([k]) * 10, age_days=9)
+    shown = confirmation(store.retention.preview(store.retention.policy()))
+    first = store.end(store.retention.run(user="ann", confirmed=shown))
+    assert (first.state, first.result["removed"]["frames"]) == ("done", 3)
+    for k in range(3):
+        store.add_frame(bytes([9 + k]) * 10, age_days=9)
+    again = store.end(store.jobs.again(first.id, user="bob"))
+    assert (again.state, len(pixels_left(store.database))) == ("failed", 3)
+    assert "waits for confirmation" in again.text
+    row = Job(kind="retention", title="t", state="running", text="", created=clock(), result={}, done=0, total=0)
+    row.attempts, row.request = 0, first.request
+    with store.database.unit_of_work() as session:
+        session.add(row)
+    store.jobs.start()
+    assert (store.end(row).state, len(pixels_left(store.database))) == ("done", 0)
 
 
 def test_resumed_after_a_crash_a_removal_follows_the_policy_in_force(store, clock, tmp_path):
