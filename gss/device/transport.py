@@ -138,7 +138,16 @@ def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) 
             "too many earlier openings have not ended", expected=f"fewer than {UNFINISHED_MOST}", hint="try again later"
         )
     opening: Future[ByteStream] = Future()
-    threading.Thread(target=_open_into, args=(opening, address, baud), name="open line", daemon=True).start()
+    try:
+        threading.Thread(target=_open_into, args=(opening, address, baud), name="open line", daemon=True).start()
+    except RuntimeError as error:
+        _unfinished.release()
+        raise LinkDown(
+            f"cannot open {url}",
+            expected="a free thread",
+            got=str(error),
+            hint="try again; if it persists, check the limits of memory and threads on this computer",
+        ) from error
     try:
         return opening.result(within_s)
     except TimeoutError:

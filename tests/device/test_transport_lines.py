@@ -117,6 +117,22 @@ def test_openings_that_do_not_end_are_limited(serve: Serve) -> None:
         peer.close()
 
 
+def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> None:
+    """No memory for a thread's stack is LinkDown each time, and afterwards lines open again."""
+    kept: list[socket.socket] = []
+    url = serve(kept.append)
+    before = threading.stack_size(1 << 47)  # more than a process can address
+    try:
+        for _ in range(UNFINISHED_MOST + 1):
+            with pytest.raises(LinkDown, match="cannot open"):
+                open_stream(url)
+    finally:
+        threading.stack_size(before)
+    open_stream(url).close()
+    for peer in kept:
+        peer.close()
+
+
 def test_a_terminal_has_one_owner_and_can_vanish_and_return() -> None:
     """The second opening is a Conflict while the first lasts; a port that is gone is LinkDown, then NotFound."""
     master, slave = os.openpty()
