@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -252,3 +253,17 @@ def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, funct
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     until(lambda: not is_alive(child))
+
+
+def test_a_child_that_cannot_be_started_is_busy(parsing: ParseProcesses, parsers: ModuleType) -> None:
+    """Without a free file descriptor the client is asked to send the file again; afterwards files are read."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    for _ in range(Turns().at_once + 1):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+        try:
+            with pytest.raises(Busy, match="could not be started") as refused:
+                parsing.parse(parsers.length, b"abc")
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert refused.value.retry_after_s > 0
+    assert parsing.parse(parsers.length, b"abc") == 3

@@ -161,9 +161,22 @@ class ParseProcesses:
                 raise Busy("the server stops", hint="send the file again later", retry_after_s=self._turns.wait_s)
             child, self._idle = self._idle, None
             if child is None:
-                child = _Child(self._limits)
+                child = self._start()
                 self._children.add(child)
         return child
+
+    def _start(self) -> _Child:
+        try:
+            return _Child(self._limits)
+        except OSError as error:
+            log.error("the process that reads files could not be started: %s", error)
+            raise Busy(
+                "the process that reads files could not be started",
+                expected="free memory, processes and file descriptors",
+                got=error.strerror or type(error).__name__,
+                hint="send the file again later; if it persists, check the limits of the server",
+                retry_after_s=self._turns.wait_s,
+            ) from error
 
     def _give_back(self, child: _Child, reply: bytes) -> None:
         """Keep the child only if it read its file: one that rejected a file may have grown."""
