@@ -77,9 +77,9 @@ class Settings(BaseSettings):
     connections_most: int = Field(
         default=800,
         ge=8,
-        le=10_000,
-        description="Open connections at a time in each process, at most half of the files it may open; a half of them without "
-        "sign-in.",
+        le=900,
+        description="Open connections at a time in each process, at most half of the files it may open (1024, or fewer if the "
+        "system allows fewer); at most half of them without sign-in.",
     )
     session_idle_minutes: float = Field(
         default=480, gt=0, le=44_640, description="A session ends when nothing was asked for so long."

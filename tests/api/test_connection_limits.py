@@ -10,6 +10,7 @@ import os
 import resource
 import socket
 import subprocess
+import sys
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from fastapi.testclient import TestClient
 from uvicorn.server import ServerState
 
 from gss.api.connections.admission import ConnectionLimits, Connections, origin_of
-from gss.api.connections.limited_listener import LimitedListener, raise_descriptor_limit
+from gss.api.connections.limited_listener import LimitedListener
 from gss.api.connections.log_throttle import PER_MINUTE, WINDOW_S, LogThrottle
 from gss.api.serving import uvicorn_options
 from gss.settings import Settings
@@ -209,7 +210,40 @@ def test_limits_follow_the_setting_and_the_open_files_that_are_allowed() -> None
     assert ConnectionLimits.within(800, 20_000, behind_proxy=False) == ConnectionLimits(400, 400, 200)
     assert ConnectionLimits.within(800, 256, behind_proxy=False) == ConnectionLimits(64, 64, 32)
     assert ConnectionLimits.within(800, 20_000, behind_proxy=True).per_address == 400
-    assert raise_descriptor_limit() == resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
+WITH_ALL_DESCRIPTORS = """
+import os, resource, socket, threading, time
+from gss.api.connections.limited_listener import raise_descriptor_limit
+from gss.device.transport import open_stream
+soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (min(512, hard), hard))
+listener = socket.create_server(("127.0.0.1", 0))
+def talk():
+    peer = listener.accept()[0]
+    while True:
+        peer.sendall(b"x")
+        time.sleep(0.05)
+threading.Thread(target=talk, daemon=True).start()
+assert raise_descriptor_limit() == resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+used = []
+try:
+    while len(used) < 2000:
+        used.append(os.open(os.devnull, os.O_RDONLY))
+except OSError:
+    for number in used[-10:]:
+        os.close(number)
+stream = open_stream(f"socket://127.0.0.1:{listener.getsockname()[1]}")
+print(len(used), stream.read(1, 5.0).decode())
+"""
+
+
+def test_a_line_opens_with_nearly_all_descriptors_in_use() -> None:
+    """pyserial watches its port with select(), which takes descriptors below 1024 only."""
+    run = [sys.executable, "-c", WITH_ALL_DESCRIPTORS]
+    ended = subprocess.run(run, capture_output=True, text=True, timeout=60)
+    assert ended.stdout.endswith(" x\n"), ended.stderr
+    assert 900 < int(ended.stdout.split()[0]) < 1024
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from gss.api.connections.admission import Connections
 
 log = logging.getLogger("gss.connections")
 OUT_OF_RESOURCES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-
-
+DESCRIPTORS_MOST = 1024
+"""FD_SETSIZE: pyserial watches the port with select(), which fails for descriptors from this number on."""
 ACCEPTED_IN_A_ROW = 4
 """Connections accepted per turn of the event loop. asyncio reads from a new connection a few turns later; the limit
 prevents a connection whose request has arrived from being dropped for newer ones before that request is read."""
@@ -66,10 +66,12 @@ def prefer_requests(listener: socket.socket) -> None:
 
 
 def raise_descriptor_limit() -> int:
-    """Allow this process and its children as many open files as the system permits. Returns the number."""
+    """Set the limit of open files of this process and its children to ``DESCRIPTORS_MOST``, or as close as the system permits.
+    Returns the limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = DESCRIPTORS_MOST if hard == resource.RLIM_INFINITY else min(DESCRIPTORS_MOST, hard)
     try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
     except (OSError, ValueError):
         return soft
-    return hard
+    return most
