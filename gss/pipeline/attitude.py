@@ -1,4 +1,4 @@
-"""Attitude from matched directions: TRIAD, QUEST, q-method, SVD, FOAM, and what their answer is worth.
+"""Attitude from matched directions (TRIAD, QUEST, q-method, SVD, FOAM) and its covariance.
 
 All take ``observed`` (n, 3) unit vectors in the camera frame, ``reference`` (n, 3) unit vectors in ICRS and
 ``weights`` (n,) ≥ 0 of any scale, and minimise Wahba's loss ½ Σ w |observed − cam_from_icrs · reference|²
@@ -18,13 +18,13 @@ NEWTON_CONVERGED = 1e-15
 RAYLEIGH_STEPS = 2
 PARALLEL = 1e-9
 
-# Half turns about x, y, z and none: what multiplying the columns of the profile matrix by these signs means.
+# Multiplying the columns of the profile matrix by one row of signs is a half turn about x, y, z or no turn.
 _HALF_TURN_SIGNS = np.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0], [1.0, 1.0, 1.0]])
 _HALF_TURN_QUATERNIONS = np.eye(4)
 
 
 def triad(observed: ArrayLike, reference: ArrayLike) -> Array:
-    """(3, 3) cam_from_icrs from two directions; the first is met exactly (Erlank 2013 eq. 4.4.1–7)."""
+    """Return the (3, 3) cam_from_icrs from two directions; it maps the first exactly (Erlank 2013 eq. 4.4.1–7)."""
     b, r, _ = _checked(observed, reference, None)
     return np.asarray(_triad_axes(b).T @ _triad_axes(r))
 
@@ -45,10 +45,10 @@ def profile_matrix(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike
 def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """(4,) scalar-last quaternion cam_from_icrs by QUEST (Erlank 2013 eq. 4.4.9–10).
 
-    The document takes λ = Σw. That estimate is refined on the characteristic quartic by Newton's method as Shuster
-    does, then by two Rayleigh quotients, because the quartic loses digits when all stars are close together. A turn near
-    180°, where the Rodrigues parameters are infinite, is avoided by first turning the reference half round about
-    the axis that leaves the smallest rotation.
+    The document uses λ = Σw. That estimate is refined on the characteristic quartic by Newton's method, as Shuster
+    does, then by two Rayleigh quotients, because the quartic loses digits when all stars are close together. Rotations
+    near 180°, where the Rodrigues parameters are infinite, are avoided by first rotating the reference by 180° about the
+    axis that leaves the smallest rotation.
     """
     profile = profile_matrix(observed, reference, weights)
     turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
@@ -115,7 +115,7 @@ def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = 
 
 
 def _cofactors(m: Array) -> Array:
-    """Transposed adjugate of a (3, 3) matrix, by cross products of its rows so that singular ones are fine."""
+    """Cofactors (transposed adjugate) of a (3, 3) matrix, from cross products of its rows; works for singular matrices."""
     return np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
 
 
@@ -153,8 +153,8 @@ def _inverse(information: Array) -> Array:
 
 
 def _davenport_parts(profile: Array) -> tuple[Array, Array, float]:
-    """S, Z and σ of eq. 4.4.9. Z has the opposite sign of the document's, whose quaternion is that of Shuster
-    (coordinates turn); ours is the one of ``gss.domain.rotation``."""
+    """S, Z and σ of eq. 4.4.9. Z has the opposite sign to the document's, which uses Shuster's quaternion convention
+    (coordinates rotate); this module uses the convention of ``gss.domain.rotation``."""
     z = np.array([profile[2, 1] - profile[1, 2], profile[0, 2] - profile[2, 0], profile[1, 0] - profile[0, 1]])
     return profile + profile.T, z, float(np.trace(profile))
 
@@ -175,7 +175,7 @@ def _product(p: Array, q: Array) -> Array:
 
 
 def _checked(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
-    """Arrays of equal length, weights scaled to sum one; a broken contract is refused."""
+    """Return validated arrays of equal length with the weights scaled to sum one. Raises :class:`BadInput`."""
     b, r = np.asarray(observed, float), np.asarray(reference, float)
     w = np.ones(len(b)) if weights is None else np.asarray(weights, float)
     if b.ndim != 2 or b.shape != r.shape or b.shape[1] != 3 or w.shape != (len(b),):
@@ -196,5 +196,5 @@ def _checked(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | Non
 
 def _all_parallel(v: Array) -> bool:
     (x, y, z), (a, b, c) = v[0], v[1:].T
-    # numpy's cross product takes longer over its axes than over a dozen vectors.
+    # Written out because numpy's cross product has more overhead than the work on a dozen vectors.
     return bool(((y * c - z * b) ** 2 + (z * a - x * c) ** 2 + (x * b - y * a) ** 2).max() < PARALLEL**2)

@@ -1,8 +1,8 @@
-"""The sky under the stars: a mesh of robust levels and noises, read anywhere by bilinear interpolation.
+"""Sky background: a mesh of robust levels and noise estimates, interpolated bilinearly.
 
 Each tile is described by the clipped mean and standard deviation of a regular subset of its pixels, so stars, hot
-pixels and cosmic rays do not lift it; a 3x3 median over the tiles removes what still stands out (Moon glow, clouds
-and vignetting survive, single bright tiles do not). SExtractor's mesh (Bertin & Arnouts 1996 §4) is the model.
+pixels and cosmic rays do not raise it; a 3x3 median over the tiles removes single bright tiles (Moon glow, clouds
+and vignetting remain). The method follows SExtractor's mesh (Bertin & Arnouts 1996 §4).
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from gss.domain.angles import Array
 from gss.pipeline.kernels import CLIP_ROUNDS, CLIP_SIGMA, NUMPY, Kernels
 
 TILE_PX = 32
-SAMPLES_PER_TILE = 64  # enough for a level good to a sixth of the noise, few enough to cost nothing
+SAMPLES_PER_TILE = 64  # gives the level to a sixth of the noise at negligible cost
 OUT_OF_REACH = 1e30
-FLAT_PER_SIGMA = 0.08  # a tile's level is itself only known to about a tenth of the noise
+FLAT_PER_SIGMA = 0.08  # a tile's level is only accurate to about a tenth of the noise
 
 
 @dataclass(frozen=True)
 class Background:
-    """Mesh of sky level and of the noise of one pixel, both in the unit of the image. ``tile_px``: side of a tile."""
+    """Mesh of sky level and single-pixel noise, both in the unit of the image. ``tile_px``: side of a tile."""
 
     level: Array
     noise: Array
     tile_px: int
 
     def at(self, col: Array | NDArray[np.intp], row: Array | NDArray[np.intp]) -> tuple[Array, Array]:
-        """(level, noise) at pixel positions, bilinear between the middles of tiles, constant outside them."""
+        """Return (level, noise) at pixel positions: bilinear between tile centres, constant outside them."""
         r = np.clip((row + 0.5) / self.tile_px - 0.5, 0, self.level.shape[0] - 1)
         c = np.clip((col + 0.5) / self.tile_px - 0.5, 0, self.level.shape[1] - 1)
         r0, c0 = r.astype(np.intp), c.astype(np.intp)
@@ -46,26 +46,26 @@ class Background:
         return both[0], both[1]
 
     def on_grid(self, cols: Array | NDArray[np.intp], rows: Array | NDArray[np.intp]) -> Array:
-        """(rows, cols) levels where these rows and columns cross."""
+        """Return the (rows, cols) levels on the grid of these rows and columns."""
         return np.asarray(self._between(rows, 0) @ self.level @ self._between(cols, 1).T)
 
     def _between(self, place: Array | NDArray[np.intp], axis: int) -> Array:
-        """(n, tiles) weights of the tiles at positions along one axis."""
+        """Return the (n, tiles) interpolation weights of the tiles at positions along one axis."""
         tiles = self.level.shape[axis]
         at = np.clip((np.asarray(place) + 0.5) / self.tile_px - 0.5, 0, tiles - 1)
         return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(tiles))))
 
     def scaled(self, level_factor: float, noise_factor: float) -> Background:
-        """The same mesh in another unit."""
+        """Return the same mesh in another unit."""
         return Background(self.level * level_factor, self.noise * noise_factor, self.tile_px)
 
     def lowest_threshold(self, sigma: float) -> Array:
-        """Per tile a value that ``level + sigma·noise`` nowhere inside the tile falls below."""
+        """Return, per tile, a lower bound of ``level + sigma·noise`` inside the tile."""
         return np.asarray(ndimage.minimum_filter(self.level + sigma * self.noise, size=3, mode="nearest"))
 
 
 def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
-    """Clipped mean and standard deviation of each row; NaN samples do not count. One sort gives median and spread at once."""
+    """Clipped mean and standard deviation of each row, ignoring NaN samples. One sort gives both median and spread."""
     ordered = np.sort(samples, axis=1)  # NaN last
     count, missing = np.full(len(ordered), ordered.shape[1]), None
     if ordered.dtype.kind == "f" and np.isnan(ordered[:, -1]).any():
@@ -89,18 +89,19 @@ def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
     if missing is not None:
         off[missing] = OUT_OF_REACH
     for _ in range(CLIP_ROUNDS):
-        # A sum over two factors is one pass; masks and copies would be several.
+        # A sum over two factors takes one pass; masks and copies would take several.
         keep = (np.abs(off - mean[:, None]) <= CLIP_SIGMA * spread[:, None] + 1e-12).astype(float)
         n = np.maximum(keep.sum(axis=1), 1)
         mean = np.einsum("ij,ij->i", keep, off) / n
         off_kept = keep * (off - mean[:, None])
         variance = np.einsum("ij,ij->i", off_kept, off_kept) / n
-        spread = np.sqrt(variance) * 1.014  # what clipping a normal distribution at 3 sigma takes away
+        spread = np.sqrt(variance) * 1.014  # corrects for clipping a normal distribution at 3 sigma
     return middle + mean, spread
 
 
 def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, tuple[int, int]]:
-    """(tiles, samples) of every ``step``-th pixel, the mesh's shape. Pixels past the last whole tile make short tiles."""
+    """Return (tiles, samples) of every ``step``-th pixel and the mesh's shape. Pixels past the last whole tile form partial
+    tiles, padded with NaN."""
     rows, cols = image.shape
     shape = (-(-rows // tile_px), -(-cols // tile_px))
     per = -(-tile_px // step)
@@ -118,7 +119,10 @@ def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, 
 
 
 def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kernels = NUMPY) -> Background:
-    """Mesh of an image of any real type. Tiles of equal level within their own error become one plane (all equal)."""
+    """Measure the background mesh of an image of any real type.
+
+    If the tile levels agree within their error, all are set to their mean.
+    """
     tile = int(min(tile_px, *image.shape))
     step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
     step = next(s for s in range(step, 0, -1) if tile % s == 0)
@@ -129,13 +133,13 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
     typical = float(np.median(noise_mesh))
     if np.std(level_mesh) < FLAT_PER_SIGMA * typical:
         level_mesh = np.full(shape, float(np.mean(level_mesh)))
-    # A tile of dead or clipped pixels has no noise of its own; nothing may divide by it.
+    # A tile of dead or clipped pixels has zero noise; the lower limit prevents division by zero.
     return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
 
 
 def _of_tiles(samples: Array, loops: Kernels) -> tuple[Array, Array]:
-    """Level and noise of each tile, NaN for slivers at the far edges that hold too few pixels to say anything."""
-    # The last pixel of a tile is the first to lie outside the frame.
+    """Level and noise of each tile; NaN for partial tiles at the right and bottom edges with too few pixels."""
+    # If any pixel of a tile lies outside the frame, its last pixel does.
     if samples.dtype.kind == "u" or not np.isnan(samples[:, -1]).any():
         return _clipped(samples, loops)
     short = np.isnan(samples).mean(axis=1) > 0.7
@@ -147,7 +151,7 @@ def _of_tiles(samples: Array, loops: Kernels) -> tuple[Array, Array]:
 
 
 def _median_of_nine(meshes: Array) -> Array:
-    """(m, r, c) medians over 3x3 tiles of each of (m, r, c) meshes; edges repeat."""
+    """Return the 3x3 medians of (m, r, c) meshes, same shape; edge tiles are repeated."""
     m, rows, cols = meshes.shape
     wide = np.empty((m, rows + 2, cols + 2))
     wide[:, 1:-1, 1:-1] = meshes
@@ -170,7 +174,7 @@ def pixel_noise(image: NDArray[Any], background: Background, most: int = 3_000, 
 
 
 def _fill(mesh: Array) -> Array:
-    """Give tiles without a value that of the nearest one with."""
+    """Replace non-finite tiles by the value of the nearest finite tile (all zeros if there is none)."""
     bad = ~np.isfinite(mesh)
     if not bad.any():
         return mesh

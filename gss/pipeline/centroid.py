@@ -1,4 +1,4 @@
-"""Centre of gravity in a small window round each star's brightest pixel (Erlank 2013 eq. 4.1.1–2)."""
+"""Centre of gravity in a small window around each star's brightest pixel (Erlank 2013 eq. 4.1.1–2)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from gss.pipeline.regions import Blobs, Pixels, lit_values
 
 @dataclass(frozen=True)
 class PixelNoise:
-    """What one pixel's value is worth: dark noise, electrons per digital number, and the error that stays without noise
-    because a pixel is not a point (Erlank 2013 §4.1.6)."""
+    """Pixel noise model: dark noise, electrons per digital number, and ``floor_px``, the centroid error that remains without
+    noise because pixels have finite size (Erlank 2013 §4.1.6)."""
 
     dark_sigma_dn: float
     gain_e_per_dn: float
     floor_px: float
 
 
-# Measured on rendered frames (Gaussian of 1.2 px): what the cut at the threshold adds for a star whose peak is the
-# threshold, and what a window smaller than the star adds per share of pixels outside it.
+# Errors measured on rendered frames (Gaussian of 1.2 px): CUT_PX is added by the threshold cut for a star whose peak equals
+# the threshold, OUTSIDE_PX by a window smaller than the star, per share of pixels outside it.
 CUT_PX = 0.2
 OUTSIDE_PX = 0.4
 
@@ -31,11 +31,11 @@ OUTSIDE_PX = 0.4
 def window_centroids(
     pixels: Pixels, blobs: Blobs, black_dn: float, threshold_dn: float, window_px: int, noise: PixelNoise
 ) -> Centroids:
-    """One star per blob, in the blobs' order. As §4.1.3 says it: of the blob's own pixels, those in the
-    ``window_px`` square round its brightest one, weighted by their intensity above black.
+    """Compute one centroid per blob, in the blobs' order. As in §4.1.3, it uses the blob's own pixels in the ``window_px``
+    square around its brightest one, weighted by their intensity above black.
 
-    The document does not say which of several equally bright (saturated) pixels is meant: their mean, rounded, so that the
-    window of a saturated star sits in its middle. ``threshold_dn``, above black, matters for ``sigma_px`` only.
+    The document does not say which of several equally bright (saturated) pixels to use; here it is their rounded mean, which
+    centres the window on a saturated star. ``threshold_dn``, above black, affects ``sigma_px`` only.
     """
     if not len(blobs):
         return Centroids.from_pixels(np.empty((0, 2)))
@@ -59,10 +59,10 @@ def window_centroids(
 
 
 def _mean(values: Array, weight: Array, owner: NDArray[np.intp], n: int) -> Array:
-    """Weighted mean per owner."""
+    """Weighted mean per blob."""
     return np.asarray(np.bincount(owner, weight * values, n) / np.bincount(owner, weight, n))
 
 
 def brightest_first(centroids: Centroids) -> NDArray[np.intp]:
-    """Order by falling flux; equal ones keep their order."""
+    """Return the indices that sort by decreasing flux; equal fluxes keep their order."""
     return np.argsort(-centroids.flux_dn, kind="stable")

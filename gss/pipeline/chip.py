@@ -1,4 +1,5 @@
-"""One detector as it was made: which pixels are hot or dead, how each responds. The seed is the chip."""
+"""Manufacturing defects of one simulated detector: hot and dead pixels, and the response of each pixel. The seed
+identifies the chip."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ FULL_LOSS_LIMIT = 0.95
 
 @dataclass(frozen=True)
 class Chip:
-    """(rows, columns) maps: ``response`` multiplies light (vignetting included, dead pixels 0), ``dark_e_s`` comes on top
-    of the mean dark current, ``offset_dn`` on top of the bias. ``hot``, ``dead``: flat pixel numbers, ascending."""
+    """(rows, columns) maps: ``response`` multiplies light (vignetting included, dead pixels 0), ``dark_e_s`` is added to
+    the mean dark current, ``offset_dn`` to the bias. ``hot``, ``dead``: flat pixel indices, ascending."""
 
     response: Map
     dark_e_s: Map
@@ -28,7 +29,7 @@ class Chip:
 
 
 def make_chip(defects: Defects, sensor: Sensor, camera: Camera, seed: int) -> Chip:
-    """The same seed gives the same chip on every machine."""
+    """Generate a chip. The same seed gives the same chip on every machine."""
     _check(defects)
     rows, columns = camera.rows, camera.columns
     rng = np.random.default_rng(np.random.SeedSequence([seed, rows, columns]))

@@ -1,5 +1,5 @@
-"""The coarse image: blocks of pixels summed, put to a threshold, and used as a mask against noise (Moniteq 1983 Fig. 6.1,
-steps 2d and 3c). The document gives neither the size of a block nor the threshold."""
+"""Coarse image: sums of pixel blocks, compared with a threshold and used as a noise mask (Moniteq 1983 Fig. 6.1, steps 2d and
+3c). The document gives neither the block size nor the threshold."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ Mask = NDArray[np.bool_]
 
 
 def dark_mean_dn(pixels: Pixels, noise_dn: float, step_px: int = 1) -> float:
-    """Mean of the pixels that show no star: those within three standard deviations of the median. A mean and not the median, whose
-    whole numbers pull a centroid towards the window's middle (Moniteq 1983 §4.3)."""
+    """Mean of the pixels without stars, i.e. within three standard deviations of the median.
+
+    The median itself is not used because its integer values bias a centroid towards the window's centre (Moniteq 1983 §4.3).
+    """
     sample = pixels[::step_px, ::step_px].ravel().astype(float)
     middle = float(np.median(sample))
     dark = sample[np.abs(sample - middle) <= max(3 * noise_dn, 1.0)]
@@ -22,14 +24,14 @@ def dark_mean_dn(pixels: Pixels, noise_dn: float, step_px: int = 1) -> float:
 
 
 def coarse_image(pixels: Pixels, block_px: int) -> Array:
-    """Sums of blocks; the last ones are smaller where the frame does not divide."""
+    """Sum the pixels in blocks; the last blocks are smaller if the frame size is not a multiple of ``block_px``."""
     rows, columns = pixels.shape
     down = np.add.reduceat(pixels.astype(float), np.arange(0, rows, block_px), axis=0)
     return np.asarray(np.add.reduceat(down, np.arange(0, columns, block_px), axis=1))
 
 
 def coarse_mask(pixels: Pixels, dark_dn: float, noise_dn: float, block_px: int, sigmas: float) -> Mask:
-    """(rows, columns) the pixels in blocks that are brighter than noise, and one pixel round them for the wings of stars there."""
+    """(rows, columns) mask of blocks brighter than ``sigmas`` of noise, grown by one pixel to include the wings of stars."""
     rows, columns = pixels.shape
     size = coarse_image(np.ones((rows, columns), np.uint8), block_px)
     bright = coarse_image(pixels, block_px) - size * dark_dn > sigmas * noise_dn * np.sqrt(size)
@@ -38,7 +40,7 @@ def coarse_mask(pixels: Pixels, dark_dn: float, noise_dn: float, block_px: int, 
 
 
 def grown(mask: Mask) -> Mask:
-    """One pixel larger on all sides, corners too."""
+    """Return the mask grown by one pixel on all sides, corners included."""
     wide = mask.copy()
     wide[1:] |= mask[:-1]
     wide[:-1] |= mask[1:]
@@ -49,7 +51,7 @@ def grown(mask: Mask) -> Mask:
 
 
 def windows_mask(shape: tuple[int, ...], places_px: Array, half_px: float) -> Mask:
-    """(rows, columns) the pixels in square windows round (n, 2) predicted places (col, row)."""
+    """(rows, columns) mask of the square windows around (n, 2) predicted positions (col, row); NaN positions are skipped."""
     mask = np.zeros(shape, bool)
     for col, row in places_px[np.isfinite(places_px).all(axis=1)].tolist():
         low, high = max(0, int(np.ceil(row - half_px))), int(np.floor(row + half_px)) + 1

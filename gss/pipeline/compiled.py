@@ -1,6 +1,6 @@
-"""The inner loops of detection for numba. Each does what the numpy function of the same place does; a test holds them together."""
+"""Inner loops of detection for numba. Each is equivalent to the numpy function it names; a test compares them."""
 
-# numba compiles the loops for the types that come; they carry none of their own.
+# The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _binomial_whole(image, out):
 
 @njit(cache=True)
 def _binomial_float(image, out):
-    """Sums in the order of the numpy way: pairs of neighbours four times along rows, then along columns."""
+    """Add in the same order as the numpy version: pairs of neighbours four times along rows, then along columns."""
     rows, cols = image.shape
     across = np.empty((rows, cols), np.float32)
     line = np.empty(cols + 4, np.float32)
@@ -78,7 +78,7 @@ def _binomial_float(image, out):
 
 
 def clip(ordered: NDArray[Any], count: Rows) -> tuple[Array, Array]:
-    """As ``background._clipped`` of rows that are sorted already."""
+    """As ``background._clipped``, for rows that are already sorted."""
     mean, spread = np.empty(len(ordered)), np.empty(len(ordered))
     _clip(ordered, count, mean, spread)
     return mean, spread
@@ -117,7 +117,7 @@ def _clip(ordered, count, mean_out, spread_out):
 
 
 def above(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, Rows]:
-    """As the comparison in ``peaks._above``; ``lowest`` (tile rows, columns), of the frame's own type."""
+    """As the comparison in ``peaks._above``; ``lowest``: (tile rows, columns), of the frame's dtype."""
     flat = _above(np.ascontiguousarray(smooth), np.ascontiguousarray(lowest), tile)
     return np.divmod(flat, smooth.shape[1])
 
@@ -132,7 +132,7 @@ def _above(smooth, lowest, tile):
         for k in range(blocks):
             part, limit = line[k * BLOCK : (k + 1) * BLOCK], limits[k * BLOCK : (k + 1) * BLOCK]
             some = False
-            for c in range(len(part)):  # no way out in between, so that it runs on vectors
+            for c in range(len(part)):  # without an early exit, so that the loop is vectorised
                 some |= part[c] > limit[c]
             hit[r, k] = some
     return _hits(smooth, lowest, tile, hit)
@@ -154,7 +154,7 @@ def _hits(smooth, lowest, tile, hit):
 
 
 def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """As ``psf.settled``, star by star: all go on until the last one has come to rest, as there."""
+    """As ``psf.settled``, star by star; as there, all stars are iterated until the last one has converged."""
     x, y = np.array(x, float), np.array(y, float)
     _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
     return x, y
@@ -202,7 +202,7 @@ def _settle(dx, dy, value, weight, inverse, x, y):
 
 
 def lit(image: NDArray[Any], threshold: float) -> Rows:
-    """Flat numbers of the pixels above a threshold, rising."""
+    """Flat indices of the pixels above a threshold, ascending."""
     if image.dtype.kind == "u":
         limit = math.floor(threshold)
         top = int(np.iinfo(image.dtype).max)
@@ -278,7 +278,7 @@ def _root(parent, i):
 
 @njit(cache=True)
 def _join(parent, i, j):
-    """The earlier root wins, so that a component's number is that of its first pixel."""
+    """Merge two components. The earlier root is kept, so that components are numbered by their first pixel."""
     a, b = _root(parent, i), _root(parent, j)
     if a < b:
         parent[b] = a

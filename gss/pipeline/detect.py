@@ -1,4 +1,4 @@
-"""Which pixels are stars: a matched filter against the local sky, then tests that a point-spread function must pass."""
+"""Star detection: a matched filter against the local sky, then shape tests that a point-spread function passes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_st
 THRESHOLD_SIGMA = 5.5
 MAX_STARS = 400
 SIGMA_RANGE_PX = (0.55, 6.0)
-BRIGHTEST, BRIGHT_SNR = 12, 15.0  # stars that tell whether a known camera's stars are trailed
-DRAWN_OUT = 1.5  # by how much a trail adds to the variance along it before it is treated as one
+BRIGHTEST, BRIGHT_SNR = 12, 15.0  # stars used to decide whether a known camera's stars are trailed
+DRAWN_OUT = 1.5  # ratio to the camera's own variance above which a star is treated as trailed
 
 
 @dataclass(frozen=True)
 class Detections:
-    """Stars found in one frame, and how the frame looked.
+    """Stars detected in one frame, with the frame's background and point-spread function.
 
-    ``psf_covariance_px2``: (2, 2), shared by the stars. ``streak_px``: length of the trail in px (0 for round stars) and
-    its direction from +col towards +row. ``loops``: which code ran, numpy or numba.
-    ``trailed``: stars are larger than this camera's, or longer than wide.
+    ``psf_covariance_px2``: (2, 2), shared by the stars. ``streak_px``: length of the trail in px (0 for round stars);
+    ``streak_direction_rad``: its direction from +col towards +row. ``loops``: implementation used, numpy or numba.
+    ``trailed``: True if stars are larger than the camera's point-spread function or elongated.
     """
 
     centroids: Centroids
@@ -58,10 +58,10 @@ def find_stars(
     max_stars: int = MAX_STARS,
     fast: bool | None = None,
 ) -> Detections:
-    """Stars of a (rows, cols) frame of any real type, brightest first.
+    """Detect the stars of a (rows, cols) frame of any real type, brightest first.
 
-    ``psf_sigma_px`` None: the width is estimated from the frame itself (foreign images), trails included.
-    ``saturation_dn``: values from here on are clipped and not fitted; None: the frame's own ceiling if it touches it.
+    ``psf_sigma_px`` None: the width is estimated from the frame (images from unknown cameras), trails included.
+    ``saturation_dn``: pixels at or above it are saturated and not fitted; None: detected from the frame (see ``_ceiling``).
     ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     loops = kernels(fast)
@@ -109,7 +109,7 @@ def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 def _ceiling(image: NDArray[Any]) -> float:
-    """Lowest value that counts as clipped: the frame's maximum where several pixels share it, as only clipping does."""
+    """Lowest value that counts as saturated: the frame's maximum if several pixels share it, otherwise infinity."""
     top = image.max()
     floor_ = np.median(image[::8, ::8])
     enough = int((image == top).sum()) >= 6 and float(top) > float(floor_) + 20
@@ -117,8 +117,9 @@ def _ceiling(image: NDArray[Any]) -> float:
 
 
 def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
-    """Variance, px², along the long axis of the typical bright star, and half the trace that a quarter of them exceed: both are
-    about 1 of this camera's where it stood still and in focus, and a turn about the boresight shows in the second only."""
+    """Return two sizes of the bright stars, px²: the variance along the long axis of the median star, and the upper quartile of
+    half the trace. Both are close to the camera's own variance if it was in focus and did not rotate; a rotation about the
+    boresight shows in the second only. (0, 0) if there are fewer than three bright stars."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > BRIGHT_SNR))[:BRIGHTEST]
     if len(pick) < 3:
         return 0.0, 0.0
@@ -138,7 +139,7 @@ def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float)
 
 
 def _measure_psf(image: NDArray[Any], peaks: Peaks, ceiling: float) -> Array | None:
-    """Covariance (2, 2) of the typical bright star, None where too few stars say anything."""
+    """Return the (2, 2) covariance of the median bright star, or None if there are fewer than three."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > 8))[:30]
     if len(pick) < 3:
         return None
@@ -218,7 +219,8 @@ def _measure(
 def _not_shoulders(
     image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], width: float, ceiling: float
 ) -> NDArray[np.intp]:
-    """Rows of ``stars`` that are not mere bumps on a brighter neighbour: no dip in between, or swamped by its wings."""
+    """Return the rows of ``stars`` that are separate stars. Peaks without a dip towards a brighter neighbour, or lost in its
+    wings, are dropped."""
     col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
     reach = max(3.0, 2.2 * width)
     if len(stars) < 2:
@@ -251,7 +253,7 @@ def _not_shoulders(
 
 
 def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int) -> Stamps:
-    """Stars so saturated that fewer than a third of their pixels are left are fitted with the clipped values."""
+    """Use the saturated pixels of stars that have fewer than a third of their pixels unsaturated."""
     blown = stamps.use.mean(1) < 0.34
     if not blown.any():
         return stamps
@@ -286,7 +288,7 @@ def _regions(
     half: int,
     limit: int = 200,
 ) -> tuple[Region, ...]:
-    """Windows of kept stars, then of what was rejected and why (the brightest of them)."""
+    """Return the windows of kept stars, then those of rejected ones with the reason (at most ``limit``, brightest first)."""
 
     col, row = peaks.col[stars].tolist(), peaks.row[stars].tolist()
     areas, tops, sums = area.tolist(), peak.tolist(), np.nan_to_num(fit.flux).tolist()

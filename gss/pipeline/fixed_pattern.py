@@ -1,6 +1,6 @@
-"""What a detector shows in the dark, taken out of a frame: the fixed pattern, and pixels that cannot be believed.
+"""Dark-frame correction: subtract the fixed pattern and replace bad pixels.
 
-Chains that stand for a sensor never see this: it is for frames that the ground works on itself (Huffman 2006 §4.1).
+Chains that replicate an on-board sensor do not use it; it is for frames processed on the ground (Huffman 2006 §4.1).
 """
 
 from __future__ import annotations
@@ -13,29 +13,32 @@ from numpy.typing import NDArray
 from gss.domain.errors import BadInput
 
 SAME_EXPOSURE = 0.2
-"""The pattern is mostly dark current: it is taken out of frames whose exposure is within this share of the dark frames'."""
+"""Largest relative difference in exposure for subtracting the pattern, which is mostly dark current."""
 NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """``pattern_dn``: (rows, columns) level of each pixel above the typical one in the dark. ``bad``: (k, 2) col, row of
-    pixels that are hot, noisy or dead. ``exposure_s``: of the dark frames."""
+    """``pattern_dn``: (rows, columns) dark level of each pixel above the typical one. ``bad``: (k, 2) col, row of
+    hot, noisy or dead pixels. ``exposure_s``: exposure of the dark frames."""
 
     pattern_dn: NDArray[np.float32]
     bad: NDArray[np.intp]
     exposure_s: float
 
     def fits(self, exposure_s: float | None) -> bool:
-        """Was the frame exposed as long as the dark frames, or nearly? An exposure that is not known is taken for theirs."""
+        """True if the frame's exposure is close enough to that of the dark frames, or unknown (None)."""
         return exposure_s is None or abs(exposure_s - self.exposure_s) <= SAME_EXPOSURE * self.exposure_s
 
 
 def clean(
     pixels: NDArray[np.generic], known: FixedPattern, saturation_dn: float, exposure_s: float | None = None
 ) -> NDArray[np.float32]:
-    """(rows, columns) pixels without the pattern (where the exposure fits) and with bad pixels replaced by the median of their good
-    neighbours. Saturated pixels stay as they are: what is lost cannot be told by a difference."""
+    """Subtract the pattern (if the exposure fits) and replace bad pixels by the median of their good neighbours.
+
+    Returns (rows, columns) pixels. The pattern is not subtracted from saturated pixels, whose true value is unknown. Raises
+    :class:`BadInput` if the frame and the dark frame differ in shape.
+    """
     if pixels.shape != known.pattern_dn.shape:
         raise BadInput(
             "the dark frame is of another detector",

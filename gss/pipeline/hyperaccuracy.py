@@ -1,8 +1,8 @@
-"""Sub-pixel centres in a window round each star's brightest pixel, against the sky at the window's own border.
+"""Sub-pixel centroids in a window around each star's brightest pixel, with the sky measured on the window's border.
 
-Liebe 1992 calls it hyperaccuracy and gives its result, a fifth of a pixel, not its steps. Ours: the middle half of the
-border's values is the sky; everything inside the border counts, above the threshold or not, so that the cut at the
-threshold moves nothing.
+Liebe 1992 calls this hyperaccuracy and gives its result, a fifth of a pixel, but not the steps. Here the sky is the mean of
+the middle half of the border's values, and every pixel inside the border is used, whether above the threshold or not, so that
+the threshold cut adds no bias.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from gss.domain.results import Centroids
 from gss.pipeline.centroid import PixelNoise
 from gss.pipeline.regions import Blobs, Flags, Pixels
 
-# Noise of the mean of a sample's middle half, against that of its mean.
+# Noise of the mean of a sample's middle half, relative to that of the mean of the whole sample.
 SKY_NOISE = 1.1
-# What the two blurs of a saturated star's flat top are worth, measured on rendered frames.
+# Centroid error added by a saturated star's flat top, measured on rendered frames.
 SATURATED_PX = 0.1
 
 
 def brightest_pixels(pixels: Pixels, blobs: Blobs) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Column and row of each blob's brightest pixel; of several equal (saturated) ones their mean, rounded."""
+    """Column and row of each blob's brightest pixel; the rounded mean of several equally bright (saturated) ones."""
     row, col = np.divmod(blobs.index, blobs.columns)
     if not len(blobs):
         return col, row
@@ -35,16 +35,16 @@ def brightest_pixels(pixels: Pixels, blobs: Blobs) -> tuple[NDArray[np.intp], ND
 
 
 def inside_frame(col: NDArray[np.intp], row: NDArray[np.intp], shape: tuple[int, ...], half: int) -> Flags:
-    """Whether the windows with that half width lie on the detector."""
+    """True for each window of that half width that lies on the detector."""
     return np.asarray((col >= half) & (row >= half) & (col < shape[1] - half) & (row < shape[0] - half))
 
 
 def hyperaccurate_centroids(
     pixels: Pixels, blobs: Blobs, window_px: int, noise: PixelNoise, saturation_dn: float
 ) -> Centroids:
-    """One star per blob, in their order; each window of ``window_px`` square must lie on the detector.
+    """Compute one centroid per blob, in the blobs' order; each window of ``window_px`` square must lie on the detector.
 
-    The outermost ring of the window gives the sky, the rest the centre of gravity and the flux.
+    The outermost ring of the window gives the sky, the inner pixels the centre of gravity and the flux.
     """
     n, half = len(blobs), window_px // 2
     if not n:
@@ -55,7 +55,7 @@ def hyperaccurate_centroids(
     ring = np.maximum(np.abs(step)[:, None], np.abs(step)) == half
     border = np.sort(stamp[:, ring], axis=1)
     quarter = border.shape[1] // 4
-    # The median of whole numbers is off by up to a half, which a faint star's 25 pixels would feel.
+    # The median of integers is off by up to 0.5, which would bias a faint star's 25 pixels.
     sky_dn = border[:, quarter:-quarter].mean(axis=1)
     inner = step[1:-1].astype(float)
     light = stamp[:, 1:-1, 1:-1] - sky_dn[:, None, None]
@@ -73,7 +73,7 @@ def hyperaccurate_centroids(
 
 
 def _sigma_px(light: Array, inner: Array, off_col: Array, off_row: Array, flux: Array, noise: PixelNoise) -> Array:
-    """(n,) standard deviation per axis that the pixels' noise gives the centre of gravity."""
+    """(n,) standard deviation per axis of the centre of gravity, from pixel noise."""
     arm2 = (inner[:, None] - off_row[:, None, None]) ** 2 + (inner - off_col[:, None, None]) ** 2
     variance = noise.dark_sigma_dn**2 + np.maximum(light, 0.0) / noise.gain_e_per_dn
     return np.asarray(np.sqrt((arm2 * variance).sum(axis=(1, 2)) / (2 * flux**2) + noise.floor_px**2))

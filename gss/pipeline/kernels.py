@@ -1,8 +1,8 @@
-"""Which code does the inner loops of detection: numpy, or the same loops compiled where the optional extra ``[fast]`` is installed.
+"""Selection of the inner loops of detection: numpy, or compiled loops if the optional extra ``[fast]`` is installed.
 
-Integer work (filter, thresholds, labels) is the same to the bit; sums of floating-point numbers are added in another order,
-so that positions and fluxes of the two agree to 1e-6 px and relative. The choice is made once, when the program starts; a
-caller that must repeat an older result names it.
+Integer results (filter, thresholds, labels) are bit-identical; floating-point sums are added in a different order, so
+positions agree to 1e-6 px and fluxes to 1e-6 relative. The default is fixed when the program starts; a caller that must
+reproduce an older result selects explicitly.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Kernels:
-    """The loops that take the time. None: the numpy way that stands beside each place of use.
+    """The time-critical loops. None: use the numpy implementation next to each call.
 
     ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``above``:
     (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see ``psf.settled``.
-    ``components``: (flat numbers of lit pixels, frame's width) → count and label of each. ``lit``: (frame, threshold) →
-    flat numbers.
+    ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``: (frame, threshold) →
+    flat indices.
     """
 
     name: str = PLAIN
@@ -50,7 +50,7 @@ NUMPY = Kernels()
 
 
 def kernels(fast: bool | None = None) -> Kernels:
-    """``fast`` None: compiled where they can be had; True asks for them, False for numpy."""
+    """Select the loops. ``fast`` None: compiled if available; True: compiled, :class:`BadInput` if not installed; False: numpy."""
     if not (AVAILABLE if fast is None else fast):
         return NUMPY
     if not AVAILABLE:
@@ -64,7 +64,7 @@ def kernels(fast: bool | None = None) -> Kernels:
 
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
-    # Imported at first use: it takes a second that a command that solves nothing should not pay.
+    # Imported at first use because it takes a second, which commands that solve nothing should not wait for.
     from gss.pipeline import compiled
 
     return Kernels(

@@ -1,4 +1,4 @@
-"""How much of a lens a frame tells: focal length always, distortion only as far as the stars prove it."""
+"""Lens parameters from one frame: focal length always, distortion only if statistically significant."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ CENTRE = ("col", "row")
 FULL = ("k1", "k2", "p1", "p2")
 FULL_HALF_DIAGONAL_RAD = np.radians(12.0)
 FULL_STARS = 20
-# χ² that coefficients of a perfect lens exceed once in 370 frames, by their number.
+# χ² that is exceeded by chance once in 370 frames of a perfect lens, by number of coefficients.
 PROVED_CHI2 = {1: 9.0, 2: 11.83, 3: 14.16}
 
 
 def fit_lens(
     pixels: Array, icrs: Array, sigma_px: Array, camera: Camera, cam_from_icrs: Array, also: tuple[str, ...] = ()
 ) -> Refined:
-    """Attitude, focal length and the lens of an uncalibrated ``camera`` (with a Brown distortion) from (n, 2) pixels of
-    (n, 3) stars. Coefficients that do not differ from 0 by more than their error are 0 and not fitted.
+    """Fit attitude, focal length and distortion of an uncalibrated ``camera`` (with a Brown distortion) to (n, 2) pixels of
+    (n, 3) stars. Coefficients that do not differ significantly from 0 are set to 0 and not fitted.
 
-    ``also``: further parameters of :func:`refine`, which are free; a centre that the stars do not
-    tell is the middle.
+    ``also``: further free parameters of :func:`refine`. If the optical centre does not differ significantly from the frame's
+    middle, it is fixed there.
     """
     perfect = replace(camera, distortion=Brown())
     plain = refine(pixels, icrs, sigma_px, perfect, cam_from_icrs, fit_focal=True, fit_lens=also)
@@ -38,14 +38,14 @@ def fit_lens(
         if proved(full, FULL[1:]):
             best = full
     if CENTRE[0] in also and not proved(best, CENTRE):
-        # A small field does not tell where its axis is: taken as the middle, the attitude is that of the middle.
+        # The stars of a small field do not determine the optical centre; fixed in the middle, the attitude refers to the middle.
         middle = replace(camera, centre_col_px=(camera.columns - 1) / 2, centre_row_px=(camera.rows - 1) / 2)
         return fit_lens(pixels, icrs, sigma_px, middle, cam_from_icrs, tuple(n for n in also if n not in CENTRE))
     return best
 
 
 def proved(fit: Refined, names: tuple[str, ...]) -> bool:
-    """Whether these fitted coefficients together differ from 0 by more than chance."""
+    """True if these fitted coefficients together differ significantly from 0."""
     at: NDArray[np.intp] = np.array([fit.parameters.index(n) for n in names], np.intp)
     value = np.array([value_of(fit.camera, n) for n in names])
     return float(value @ np.linalg.solve(fit.covariance[np.ix_(at, at)], value)) > PROVED_CHI2[len(names)]

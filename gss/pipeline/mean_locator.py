@@ -1,7 +1,7 @@
-"""The mean locator: where a star is in a small window, its systematic error, and its noise (Moniteq 1983 §4.1–4.3).
+"""Mean locator: centroid of a star in a small window, its systematic error and its noise (Moniteq 1983 §4.1–4.3).
 
-A Gaussian star, separable, of standard deviation σ on pixels of width d; ``ratio`` is d/σ. Windows of N x N pixels. Formulas in
-the corrected forms that agree with direct integration.
+The star is a separable Gaussian of standard deviation σ on pixels of width d; ``ratio`` is d/σ. Windows are N x N pixels. The
+formulas are corrected where the document's disagree with direct integration.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FIT_POINTS = 401
 
 
 def window_positions(window_px: int) -> Array:
-    """(N,) pixel centres from the window's middle, which is a pixel's centre for odd N and an edge for even."""
+    """(N,) pixel centres relative to the window's middle, which is a pixel centre for odd N and a pixel edge for even N."""
     return np.arange(window_px, dtype=float) - (window_px - 1) / 2
 
 
@@ -35,8 +35,8 @@ def location_error_px(offset_px: Array | float, ratio: float, window_px: int) ->
 
 
 def bias_gain(ratio: float, window_px: int) -> float:
-    """The linear bias corrector of §4.2: factor on the measured offset that leaves the least squares of error for stars anywhere
-    within half a pixel of the window's middle. The document does not print it."""
+    """Linear bias corrector of §4.2: the factor on the measured offset that minimises the squared error over stars within half a
+    pixel of the window's middle. The document does not give its value."""
     offset = np.linspace(-0.5, 0.5, FIT_POINTS)
     measured = offset + location_error_px(offset, ratio, window_px)
     return float((measured @ offset) / (measured @ measured))
@@ -52,7 +52,7 @@ class NoiseCoefficients:
 
 
 def noise_coefficients(offset_px: tuple[float, float], ratio: float, window_px: int) -> NoiseCoefficients:
-    """A, B, C along the first axis for a star at (x, y) from the window's middle; arms from the biased centroid."""
+    """A, B, C along the first axis for a star at (x, y) from the window's middle; lever arms are from the biased centroid."""
     place = window_positions(window_px)
     x, y = (column_shares(np.array(o), ratio, window_px) for o in offset_px)
     w = np.outer(y, x)
@@ -82,7 +82,7 @@ class DarkModel:
 
 
 def mean_locations_px(stamps: Array, dark_dn: float) -> tuple[Array, Array, Array]:
-    """(m,) offsets x and y from the window's middle and the light of (m, N, N) stamps, the dark mean taken off."""
+    """Return (m,) offsets x and y from the window's middle and fluxes of (m, N, N) stamps, dark mean subtracted."""
     light = stamps - dark_dn
     place = window_positions(stamps.shape[-1])
     flux = np.maximum(light.sum(axis=(1, 2)), 1e-9)

@@ -1,4 +1,4 @@
-"""Where stars may be: local maxima of the frame under a matched filter, and which of them are single bright pixels."""
+"""Candidate stars: local maxima of the frame under a matched filter, with single bright pixels flagged."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from gss.pipeline.background import Background, measure_background, pixel_noise
 from gss.pipeline.kernels import NUMPY, Kernels
 from gss.pipeline.psf import widths_px
 
-MAX_PEAKS = 4000  # counted budget: brightest first, the rest is said to be left out
+MAX_PEAKS = 4000  # limits the work: the brightest are kept, and a note reports that others were omitted
 STREAK_RATIO = 1.7
 BINOMIAL_GAIN = 256.0
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
 STRIP_ROWS = 128
 # Neighbours of a pixel, (row, column), in reading order: four before it, four after.
 AROUND = np.array([(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
-SINGLE_SHARE = 0.35  # of the light that a star must have beside its brightest pixel
+SINGLE_SHARE = 0.35  # share of a centred star's neighbour light that a real star must have
 
 
 def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
-    """Sum of 5x5 pixels under binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edges repeat.
+    """Sum 5x5 pixels with binomial weights (gain 256, sigma 1 px), in 16 bits for 8-bit frames. Edge pixels are repeated.
 
-    In strips that stay in the processor's cache; four sums of neighbours along each axis are the weights 1 4 6 4 1.
+    The frame is processed in strips that fit the processor's cache; summing neighbours four times along each axis gives the
+    weights 1 4 6 4 1.
     """
     kind = np.uint16 if image.dtype == np.uint8 else np.float32
     rows, cols = image.shape
@@ -43,8 +44,8 @@ def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
         wide[skip : skip + last - first, 2:-2] = image[first:last]
         wide[:skip, 2:-2], wide[skip + last - first :, 2:-2] = image[0], image[-1]
         wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
-        # The strip's memory is one line of numbers: sums with the next and with the number one row on need no copies, and
-        # what runs over the end of a row is never read.
+        # The strip is treated as a flat array: adding the next element or the element one row below needs no copies, and
+        # values that wrap over the end of a row are never read.
         a, b = one[: high * width], two[: high * width]
         length = high * width
         for reach in (1, 1, 1, 1, width, width, width):
@@ -59,7 +60,7 @@ def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
 def _filtered(
     image: NDArray[Any], covariance: Array, loops: Kernels = NUMPY
 ) -> tuple[NDArray[Any], float, tuple[Array, Array]]:
-    """The frame under a filter close to its point-spread function, the filter's gain, and what it sums along each axis.
+    """Return the frame under a filter close to its point-spread function, the filter's gain, and its weights along each axis.
     Noise is measured on the result."""
     low, high = widths_px(covariance)
     if high < 1.6:
@@ -82,8 +83,8 @@ def _filtered(
 
 
 def _edge_noise(place: NDArray[np.intp], count: int, line: Array) -> Array:
-    """(n,) by how much noisier than inside the filtered frame is at rows (or columns) of ``count``: where the outermost pixel
-    is repeated, its noise is summed several times instead of averaged."""
+    """(n,) ratio of the filtered frame's noise at rows (or columns) ``place`` of ``count`` to that in the interior. It exceeds 1
+    near the edges, where the outermost pixel is repeated and its noise does not average out."""
     half = len(line) // 2
     near = np.minimum(place, count - 1 - place)
     if not len(near) or near.min() >= half:
@@ -97,7 +98,8 @@ def _edge_noise(place: NDArray[np.intp], count: int, line: Array) -> Array:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Local maxima of the filtered frame, brightest first: position, significance; backgrounds of raw and filtered."""
+    """Local maxima of the filtered frame, most significant first: position, signal-to-noise ratio, sky level and noise of a raw
+    pixel, and ``single`` for single bright pixels. ``background``: mesh of the raw frame."""
 
     col: NDArray[np.intp]
     row: NDArray[np.intp]
@@ -111,7 +113,7 @@ class Peaks:
 def find_peaks(
     image: NDArray[Any], covariance: Array, threshold_sigma: float, notes: list[str], loops: Kernels = NUMPY
 ) -> Peaks:
-    """Local maxima of a (rows, cols) frame under a filter as wide as its stars, above ``threshold_sigma``."""
+    """Find the local maxima above ``threshold_sigma`` of a (rows, cols) frame under a filter as wide as its stars."""
     smooth, gain, (down, across) = _filtered(image, covariance, loops)
     background = measure_background(smooth, loops=loops)
     raw_background = _unfiltered(image, background, gain, loops)
@@ -133,13 +135,13 @@ def find_peaks(
 
 
 def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops: Kernels) -> Background:
-    """Level and noise of single pixels from the mesh of a filtered frame; ``gain``: of the filter on a flat frame."""
+    """Convert the mesh of a filtered frame to level and noise of single pixels; ``gain``: of the filter on a flat frame."""
     level = background.scaled(1 / gain, 1.0)
     return level.scaled(1.0, pixel_noise(image, level, loops=loops) / float(np.median(background.noise)))
 
 
 def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
-    """Judge the shapes anew once the frame's own point-spread function is known."""
+    """Repeat the single-pixel test with the frame's measured point-spread function."""
     single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
     return replace(peaks, single=single)
 
@@ -147,7 +149,7 @@ def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
 def _above(
     smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pixels that may be above threshold: each tile against its own lowest threshold."""
+    """Rows and columns of pixels that may be above threshold, comparing each tile with its lowest threshold."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
@@ -163,7 +165,7 @@ def _above(
 
 
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """No neighbour is higher; of equal ones the first in reading order counts."""
+    """True where no neighbour is higher; of equal neighbours the first in reading order is the maximum."""
     rows, cols = smooth.shape
     r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
     outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)
@@ -181,10 +183,10 @@ def _is_single_pixel(
     noise: Array,
     covariance: Array,
 ) -> NDArray[np.bool_]:
-    """Light that stands in one pixel, one row or one column only: a hot pixel, cosmic ray or column defect, no lens makes it.
+    """True for peaks confined to one pixel, row or column: a hot pixel, cosmic ray or column defect.
 
-    A star of covariance C leaves its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star;
-    about a third of that is asked for, along columns and along rows separately, within the noise.
+    A star of covariance C has its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star. About a
+    third of that is required, along columns and along rows separately, within the noise.
     """
     rows, cols = image.shape
     side = np.arange(-1, 2)

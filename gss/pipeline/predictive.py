@@ -1,5 +1,5 @@
-"""Predictive attitude determination: the rate that carries the last attitude onto the new measurements, and covariances in the
-forms of the other solvers (Huffman 2006 §6.1.2, §6.1.4–6.1.5)."""
+"""Predictive attitude determination (PAD): the angular rate that propagates the last attitude to the new measurements, and
+covariances in the forms of the other solvers (Huffman 2006 §6.1.2, §6.1.4–6.1.5)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from gss.pipeline.attitude import profile_matrix
 
 @dataclass(frozen=True)
 class Prediction:
-    """``rate_rad_s``: (3,) angular velocity of the camera in its own axes. ``quaternion``: cam_from_icrs at the new time.
-    ``covariance_rad2``: (3, 3) of its small rotation vector."""
+    """``rate_rad_s``: (3,) angular velocity of the camera in camera axes. ``quaternion``: cam_from_icrs at the new time.
+    ``covariance_rad2``: (3, 3) covariance of its small rotation vector."""
 
     rate_rad_s: Array
     quaternion: Array
@@ -27,10 +27,10 @@ class Prediction:
 def predict(
     quaternion: ArrayLike, observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike, interval_s: float
 ) -> Prediction:
-    """One step of PAD: the constant rate over ``interval_s`` that meets (n, 3) ``observed`` directions at its end best.
+    """Do one PAD step: find the constant rate over ``interval_s`` that best fits the (n, 3) ``observed`` directions at its end.
 
-    Eq. 6.13 with isotropic errors (its eq. 6.17 lacks a minus sign). The step is linear in the angle; what is left of second
-    order goes when the caller steps again from the answer with a tiny interval, or often enough.
+    Eq. 6.13 with isotropic errors (its eq. 6.17 lacks a minus sign). The step is linear in the angle; the second-order error is
+    removed if the caller steps again from the result with a very short interval, or steps often enough.
     """
     q = np.asarray(quaternion, float)
     b, r = np.asarray(observed, float).reshape(-1, 3), np.asarray(reference, float).reshape(-1, 3)
@@ -45,7 +45,7 @@ def predict(
     expected = r @ rotation.T
     weight = 1 / sigma**2
     information = np.sum(weight) * np.eye(3) - (weight[:, None] * expected).T @ expected
-    # A camera that turns by +θ sees its stars turn by −θ: observed − expected = expected × θ.
+    # If the camera rotates by +θ, the stars rotate by −θ in its frame: observed − expected = expected × θ.
     pull = np.sum(weight[:, None] * np.cross(b - expected, expected), axis=0)
     turn = np.linalg.solve(information, pull)
     return Prediction(
@@ -56,7 +56,7 @@ def predict(
 
 
 def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
-    """(3, 3) covariance as the SVD method gives it: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
+    """(3, 3) covariance of the SVD method: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
 
     With weights σ_tot²/σ² this is eq. 6.53's result up to terms of the residuals.
     """
@@ -68,7 +68,7 @@ def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: Ar
 
 
 def foam_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
-    """(3, 3) covariance as FOAM gives it: σ_tot² (κ1 + BBᵀ)/ζ (eq. 6.58, for the unit λ of small residuals)."""
+    """(3, 3) covariance of FOAM: σ_tot² (κ1 + BBᵀ)/ζ (eq. 6.58, with λ = 1 for small residuals)."""
     b, total = _weighted(observed, reference, sigma_rad)
     s1, s2, s3 = np.linalg.svd(b, compute_uv=False) * [1, 1, np.sign(np.linalg.det(b)) or 1.0]
     kappa = s2 * s3 + s3 * s1 + s1 * s2

@@ -1,8 +1,8 @@
-"""Where exactly a star is: least-squares fits of one Gaussian point-spread function to all stars of a frame at once.
+"""Star positions from least-squares fits of one Gaussian point-spread function to all stars of a frame at once.
 
-The function's covariance (pixel integration included) is shared by the frame, so a faint star borrows its shape from
-the bright ones and the error comes close to the Cramér–Rao bound. An elongated covariance makes the same fit serve
-trailed stars.
+The function's covariance (pixel integration included) is shared by the frame, so a faint star uses the shape measured on
+the bright ones and the error is close to the Cramér–Rao bound. With an elongated covariance the same fit works for trailed
+stars.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from gss.domain.angles import Array
 FIT_ROUNDS = 6
 MOMENT_ROUNDS = 14
 STEP_DONE_PX = 2e-4
-MODEL_FLOOR = 0.006  # of the width: what a real lens differs from a Gaussian
+MODEL_FLOOR = 0.006  # position error, as a share of the width, because a real lens is not Gaussian
 
 NARROWEST_PX = 0.05
 
 
 def widths_px(covariance: Array) -> tuple[float, float]:
-    """Standard deviations along the short and the long axis of a (2, 2) covariance, none under a twentieth of a pixel: noise
-    can measure less than nothing."""
+    """Standard deviations along the short and the long axis of a (2, 2) covariance, at least ``NARROWEST_PX``: noise can make
+    a measured variance negative."""
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, off = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
     low, high = (math.sqrt(max(v, NARROWEST_PX**2)) for v in (middle - off, middle + off))
@@ -36,7 +36,7 @@ def widths_px(covariance: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Stamps:
-    """Square cut-outs. ``value``: (n, k) pixels above the sky, ``dx`` ``dy``: (k,) offsets from the integer middles
+    """Square cut-outs. ``value``: (n, k) pixels above the sky, ``dx`` ``dy``: (k,) offsets from the integer centres
     ``col`` ``row`` (n,); ``use``: (n, k) False off the detector and where saturated."""
 
     col: NDArray[np.intp]
@@ -50,7 +50,7 @@ class Stamps:
 def cut_stamps(
     image: NDArray[Any], col: NDArray[np.intp], row: NDArray[np.intp], sky: Array, half: int, saturation: float
 ) -> Stamps:
-    """Cut (2·half+1)² pixels round each of n integer positions and take the sky (n,) away."""
+    """Cut (2·half+1)² pixels around each of n integer positions and subtract the sky (n,)."""
     side = np.arange(-half, half + 1)
     dy, dx = (a.ravel() for a in np.meshgrid(side, side, indexing="ij"))
     r, c = row[:, None] + dy, col[:, None] + dx
@@ -61,7 +61,7 @@ def cut_stamps(
 
 @dataclass(frozen=True)
 class Shapes:
-    """Adaptive second moments: middles (n,), covariance (n, 2, 2) in px², and whether the iteration settled."""
+    """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True where the iteration converged."""
 
     col: Array
     row: Array
@@ -70,7 +70,7 @@ class Shapes:
 
 
 def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> Shapes:
-    """Width and elongation of each star by moments under a Gaussian window that adapts to them (Bernstein & Jarvis 2002 §3)."""
+    """Measure each star's width and elongation by moments under an adaptive Gaussian window (Bernstein & Jarvis 2002 §3)."""
     n = len(stamps.col)
     x, y = np.zeros(n), np.zeros(n)
     xx, yy, xy = np.full(n, start_sigma_px**2), np.full(n, start_sigma_px**2), np.zeros(n)
@@ -107,8 +107,8 @@ Settle = Callable[[Stamps, Array, Array, Array, Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class PsfFit:
-    """Positions (n,), summed flux (n,), standard deviation of a position per axis (n,), and whether the
-    fit stayed at its star."""
+    """Positions (n,), total flux (n,), standard deviation of a position per axis (n,); ``good`` is True where the fit is finite
+    and stayed at its star."""
 
     col: Array
     row: Array
@@ -126,10 +126,10 @@ def fit_stars(
     e_per_dn: float = 0.0,
     settle: Settle | None = None,
 ) -> PsfFit:
-    """Gauss–Newton on position and flux of all n stars, each stamp on its own.
+    """Fit position and flux of n stars by Gauss–Newton, each stamp separately.
 
     ``covariance``: (2, 2) px² of the point-spread function. ``noise``: (n,) standard deviation of a sky pixel.
-    ``e_per_dn`` > 0 weighs pixels by their shot noise too. ``settle``: another :func:`settled`.
+    ``e_per_dn`` > 0 includes shot noise in the pixel weights. ``settle``: replacement for :func:`settled`.
     """
     inverse: Array = np.asarray(np.linalg.inv(covariance), float)
     half = float(stamps.dx.max())
@@ -141,7 +141,7 @@ def fit_stars(
 
 
 def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Offsets (n,) and (n,) from the middles at which no star moves any more, from a first guess of them."""
+    """Iterate from a first guess to the converged offsets (n,) and (n,) of the stars from the stamp centres."""
     for _ in range(FIT_ROUNDS):
         g, gx, gy = _model(stamps, x, y, inverse)
         wg, wx, wy = weight * g, weight * gx, weight * gy
@@ -188,7 +188,10 @@ def _finish(
 
 
 def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Take from each stamp the fitted models of other stars that reach into it; also says which stars that concerns."""
+    """Subtract from each stamp the fitted models of other stars that reach into it.
+
+    Returns the stamps and an (n,) mask of the stars with such neighbours.
+    """
     half = float(stamps.dx.max())
     reach = half + 2.5 * widths_px(covariance)[1]
     near = (np.abs(fit.col[:, None] - fit.col) < reach) & (np.abs(fit.row[:, None] - fit.row) < reach)

@@ -1,4 +1,4 @@
-"""Angular velocity from attitudes: the stellar gyro that Erlank 2013 §7.2 asks for."""
+"""Angular velocity from attitudes: the stellar gyro proposed in Erlank 2013 §7.2."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ HALF_TURN_RAD = 3.0
 
 @dataclass(frozen=True)
 class Rate:
-    """Mean angular velocity of the camera against ICRS between two images. ``vector_rad_s``: (3,) in the axes of the second
-    camera; ``covariance_rad2_s2``: (3, 3) of it, from the two attitudes' own, NaN where a chain gives none."""
+    """Mean angular velocity of the camera relative to ICRS between two images. ``vector_rad_s``: (3,) in the camera axes of the
+    second image; ``covariance_rad2_s2``: its (3, 3) covariance from those of the two attitudes, NaN if a chain gives none."""
 
     vector_rad_s: Array
     covariance_rad2_s2: Array
@@ -25,7 +25,7 @@ class Rate:
 
     @property
     def speed_rad_s(self) -> float:
-        """Length of the vector."""
+        """Magnitude of the angular velocity."""
         return float(np.linalg.norm(self.vector_rad_s))
 
     @property
@@ -36,10 +36,11 @@ class Rate:
 
 
 def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
-    """The constant turn that leads from one attitude to the other in ``interval_s``.
+    """Return the constant angular velocity that leads from one attitude to the other in ``interval_s``.
 
-    A camera that turns by the vector φ (right-handed, in its own axes) sees the sky turn by −φ:
-    second_from_first = exp(−[φ]×). Turns of more than about 170° between two images cannot be told from their opposite.
+    If the camera rotates by the vector φ (right-handed, camera axes), the sky rotates by −φ in its frame:
+    second_from_first = exp(−[φ]×). A rotation of more than about 170° between two images cannot be distinguished from the
+    opposite rotation and raises :class:`BadInput`, as does an interval that is not positive.
     """
     if not interval_s > 0:
         raise BadInput(

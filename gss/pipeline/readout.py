@@ -1,4 +1,4 @@
-"""What a detector makes of light: electrons, their noise, digital numbers. Everything random comes from the caller."""
+"""Detector read-out model: electrons, noise, digital numbers. The caller supplies the random generator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class HotPixel:
-    """A pixel with ``rate_e_s`` electrons per second of its own."""
+    """A pixel that adds ``rate_e_s`` electrons per second."""
 
     col: int
     row: int
@@ -27,7 +27,7 @@ class HotPixel:
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """What differs from pixel to pixel and stays: relative response, and offset in digital numbers. The seed is the chip."""
+    """Constant pixel-to-pixel differences: relative response, and offset in digital numbers. The seed identifies the chip."""
 
     seed: int
     response_sigma: float = 0.01
@@ -47,10 +47,10 @@ def expose(
     chip: Chip | None = None,
     dark_factor: float = 1.0,
 ) -> Image:
-    """What the detector reads out for (rows, columns) expected electrons of light.
+    """Return the image read out for (rows, columns) expected electrons of light.
 
-    Shot noise of light is Poisson. Dark current, sky, stray light and read-out, smooth or the same everywhere, are one
-    normal deviate: at their 15 e and more the difference is a skewness of a few hundredths.
+    Shot noise of light is Poisson. Dark current, sky, stray light and read-out noise are drawn as one normal deviate: at 15 e
+    and more it differs from Poisson only by a skewness of a few hundredths.
     """
     rows, columns = light_e.shape
     extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
@@ -84,7 +84,7 @@ def _smooth(
     dark_factor: float,
     shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
-    """(rows, columns) expected electrons of dark current, sky and veil, where they differ from pixel to pixel."""
+    """(rows, columns) expected electrons of dark current, sky and veil, if they vary over the detector."""
     even_e = (dark_factor * sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
     smooth_e = np.full(shape, even_e, np.float32)
     if own_dark_e_s is not None:
@@ -101,8 +101,8 @@ def _uneven(
     response: Array | NDArray[np.float32] | float,
     rng: np.random.Generator | None,
 ) -> NDArray[np.float32]:
-    """(rows, columns) electrons; a normal deviate of each pixel's own width, and Poisson light."""
-    # Nothing above the full well is told apart, and the generators stay in their range.
+    """(rows, columns) electrons: a normal deviate with a separate width for each pixel, plus Poisson light."""
+    # Values above the full well all read the same; the limit keeps the Poisson generator in its range.
     expected_e = (np.minimum(light_e, 2 * sensor.full_well_e) * response).ravel()
     lit = np.flatnonzero(expected_e > 1e-3)
     signal_e = smooth_e.ravel()
@@ -141,10 +141,10 @@ def _pattern(
 
 
 def _digitise(signal_e: NDArray[np.float32], offset_dn: NDArray[np.float32] | np.float32, sensor: Sensor) -> Image:
-    """Full well, gain, bias, rounding, converter range."""
+    """Convert electrons to digital numbers: full well, gain, bias, rounding, converter range."""
     dn = np.minimum(signal_e, np.float32(sensor.full_well_e), out=signal_e)
     dn *= np.float32(1.0 / sensor.gain_e_per_dn)
     dn += np.float32(sensor.bias_dn + 0.5) + offset_dn
-    # Truncation after adding a half is rounding for what is left: negative values are clipped to zero first.
+    # Truncation after adding 0.5 rounds correctly because negative values are clipped to zero first.
     np.clip(dn, 0, sensor.saturation_dn, out=dn)
     return dn.astype(np.uint8) if sensor.bits <= 8 else dn.astype(np.uint16)

@@ -1,4 +1,4 @@
-"""Attitude and camera geometry together, by robust least squares on every matched star of a frame."""
+"""Joint fit of attitude and camera geometry by robust least squares on every matched star of a frame."""
 
 from __future__ import annotations
 
@@ -15,23 +15,21 @@ from gss.pipeline.small import median
 
 ROUNDS = 8
 DONE = 1e-10
-ATTITUDE_DONE = (
-    1e-5  # after a step the error is a thousandth of it at most: what is left is below a milliarcsecond or so
-)
+ATTITUDE_DONE = 1e-5  # the error after a step is at most a thousandth of the step, i.e. about a milliarcsecond
 OUTLIER_SIGMA = 4.0
-CORNER_DISTORTION = 0.02  # of the radius: how far an unknown lens is expected to bend its corners, as one sigma
-ASPECT_SIGMA = 0.1  # pixels that are not square, of a camera that nobody knows
-CENTRE_SIGMA = 0.12  # of the frame's width: the optical axis off the middle
+CORNER_DISTORTION = 0.02  # prior sigma of an unknown lens's distortion at the corners, share of the radius
+ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's pixels
+CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, share of the frame's width
 STEP = 1e-6
-NOWHERE_PX = 1e9  # residual of a star that the camera cannot show
-MOST_RAD = 0.2  # of turn in one step
-BELIEF = 20.0  # degrees of freedom that the stated errors of centroids are worth
+NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
+MOST_RAD = 0.2  # largest rotation per axis in one step
+BELIEF = 20.0  # degrees of freedom equivalent to the centroids' stated errors
 
 
 @dataclass(frozen=True)
 class Refined:
     """Geometry and attitude after the fit. ``residual_px``: (n, 2) measured − predicted, ``weight``: (n,) 0 = outlier.
-    ``parameters``: what was fitted, and ``covariance``: (p, p) of all of it."""
+    ``parameters``: names of the fitted parameters, ``covariance``: (p, p) their covariance."""
 
     camera: Camera
     cam_from_icrs: Array
@@ -43,7 +41,7 @@ class Refined:
 
     @property
     def covariance_rad2(self) -> Array:
-        """(3, 3) of the rotation vector in the camera frame, the error of free camera parameters included."""
+        """(3, 3) covariance of the rotation vector in the camera frame, including the effect of free camera parameters."""
         return self.covariance[:3, :3]
 
 
@@ -57,12 +55,12 @@ def refine(
     fit_focal: bool = False,
     fit_lens: Sequence[str] = (),
 ) -> Refined:
-    """Fit attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` one common factor of both focal lengths,
-    with ``fit_lens`` the named coefficients (k1 k2 p1 p2) of a :class:`Brown` lens and the ``aspect`` of the two focal lengths and
-    the optical centre's ``col`` and ``row``, held near zero, near one and near the middle where the stars do not tell.
+    """Fit the attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` also one common factor of both focal lengths.
 
-    ``camera``'s distortion must be Brown when coefficients are fitted. Gauss–Newton with numeric derivatives, outliers beyond
-    4 robust sigmas weigh nothing.
+    ``fit_lens`` names further parameters: the coefficients k1 k2 p1 p2 of a :class:`Brown` lens, the ``aspect`` of the two focal
+    lengths, and the optical centre's ``col`` and ``row``. A prior keeps them near zero, near one and near the middle if the
+    stars do not determine them. ``camera``'s distortion must be Brown if coefficients are fitted. Gauss–Newton with numeric
+    derivatives; outliers beyond 4 robust sigmas have zero weight.
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
     prior = _prior(camera, names)
@@ -94,7 +92,7 @@ def refine(
 
 
 def _prior(camera: Camera, names: Sequence[str]) -> Array:
-    """(p,) information that a lens like most has on each parameter; none on attitude and focal length."""
+    """(p,) prior information (1/σ²) on each parameter for a typical lens; 0 for attitude and focal length."""
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
     sigma = {name: CORNER_DISTORTION * size for name, size in loose.items()} | {
@@ -106,7 +104,7 @@ def _prior(camera: Camera, names: Sequence[str]) -> Array:
 
 
 def value_of(camera: Camera, name: str) -> float:
-    """What a parameter of a lens is now; 0 for a perfect one."""
+    """Return the current value of a lens parameter; 0 for a perfect lens."""
     if name == "aspect":
         return float(np.log(camera.focal_row_px / camera.focal_col_px))
     if name == "col":
@@ -117,7 +115,7 @@ def value_of(camera: Camera, name: str) -> float:
 
 
 def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
-    """(n,) standard deviations per axis of where the fit puts (n, 3) stars: its attitude's and its lens's own error."""
+    """(n,) standard deviation per axis of the predicted positions of (n, 3) stars, from the error of all fitted parameters."""
     _, jacobian = _linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
     variance = ((jacobian @ fit.covariance) * jacobian).sum((1, 2))
     return np.asarray(np.sqrt(np.maximum(variance, 0) / 2))
@@ -145,8 +143,8 @@ def _linearised(
 
 
 def _turned(unit: Array, camera: Camera) -> tuple[Array, Array]:
-    """(n, 2) pixels of camera-frame vectors, and (n, 2, 3) how they move with a small turn about x, y, z: exact on the tangent
-    plane, and by differences through the distortion."""
+    """Return (n, 2) pixels of camera-frame vectors and (n, 2, 3) their derivatives by a small rotation about x, y, z: exact on
+    the tangent plane, and by finite differences through the distortion."""
     n = len(unit)
     z = np.where(unit[:, 2] > 1e-6, unit[:, 2], np.nan)
     x, y = unit[:, 0] / z, unit[:, 1] / z
@@ -187,7 +185,7 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
 
 
 def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool_]:
-    """Stars within 4 robust sigmas; all of them while there are too few to tell."""
+    """Mask of stars within 4 robust sigmas; all visible stars if there are too few to estimate the spread."""
     scaled = np.sqrt((residual * residual).sum(1) * weight)
     if len(scaled) <= parameters // 2 + 3:
         return np.asarray(scaled < 1e6)
@@ -196,8 +194,8 @@ def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool
 
 
 def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
-    """Inverse information, scaled to the residuals: fully where they are larger than the centroids' own errors say, and
-    where they are smaller only as far as many stars prove it."""
+    """Inverse information scaled by the residuals: fully if they are larger than the centroids' stated errors; if smaller,
+    the stated errors count as ``BELIEF`` degrees of freedom, so only many stars reduce the covariance."""
     freedom = 2 * int(good.sum()) - parameters
     if freedom <= 0:
         factor = 1.0

@@ -1,9 +1,9 @@
 """Image plane search and region growing (Jacobs 1995 §2.2, Erlank 2013 §4.1.1–2).
 
-The documents look at every third pixel of every third row and, from one above the threshold, grow over the four
-neighbours. Growing is finding a 4-connected component, so all components are labelled at once, those without a pixel
-on the search grid are left out, and the rest are put in the order in which the search would meet them: by their
-first grid pixel. A test holds this equal to the literal recursion.
+The documents search every third pixel of every third row and, from a pixel above the threshold, grow over the four
+neighbours. This finds a 4-connected component, so here all components are labelled at once, those without a pixel
+on the search grid are dropped, and the others are sorted in the order in which the search would find them: by their
+first grid pixel. A test checks that the result equals the literal recursion.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Blobs:
-    """m components in order of discovery. ``index``: flat pixel numbers, blob after blob, rising inside each;
-    ``start``: (m + 1,) where each begins. ``columns`` is the frame's width."""
+    """m components in order of discovery. ``index``: flat pixel indices, blob after blob, ascending within each;
+    ``start``: (m + 1,) where each blob begins in ``index``. ``columns`` is the frame's width."""
 
     index: NDArray[np.intp]
     start: NDArray[np.intp]
@@ -43,11 +43,11 @@ class Blobs:
 
     @property
     def owner(self) -> NDArray[np.intp]:
-        """Blob number of each pixel."""
+        """Blob index of each pixel."""
         return np.repeat(np.arange(len(self)), self.area_px)
 
     def take(self, which: NDArray[np.intp]) -> Blobs:
-        """The blobs of those numbers, in that order."""
+        """Return the blobs with these indices, in this order."""
         areas = self.area_px[which]
         start = np.concatenate([[0], np.cumsum(areas)])
         index = self.index[np.repeat(self.start[which] - start[:-1], areas) + np.arange(start[-1])]
@@ -56,8 +56,8 @@ class Blobs:
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """When a blob is no star and when the search stops. Areas are inclusive limits. ``edge``: blobs that touch the frame's
-    border, of which part may lie outside, are no stars (Jacobs 1995 §2.2.3)."""
+    """Limits on a star's area (inclusive) and on the length of the search. ``edge``: True to reject blobs that touch the
+    frame's border, because part of them may lie outside (Jacobs 1995 §2.2.3)."""
 
     min_area_px: int
     max_area_px: int
@@ -68,9 +68,9 @@ class SearchLimits:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search met before it stopped. ``blobs`` in order of discovery, ``rejected`` (m,) the reason or "",
-    ``accepted`` the blob numbers without one, ``invalid`` how many were too large, ``stopped`` why the search
-    ended early or ""."""
+    """Blobs found before the search stopped. ``blobs``: in order of discovery, ``rejected``: (m,) the reason or "",
+    ``accepted``: indices of the blobs that were not rejected, ``invalid``: number of too large blobs, ``stopped``: why the
+    search ended early, or ""."""
 
     blobs: Blobs
     rejected: tuple[str, ...]
@@ -80,8 +80,8 @@ class SearchResult:
 
 
 def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Kernels = NUMPY) -> Blobs:
-    """All 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` that the search grid touches; the same
-    to the bit with any ``loops``."""
+    """Find all 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` with a pixel on the search grid. The
+    result is bit-identical for any ``loops``."""
     if pixels.ndim != 2 or 0 in pixels.shape:
         raise BadInput("not a frame", expected="a (rows, columns) array of pixels", got=f"shape {pixels.shape}")
     columns = pixels.shape[1]
@@ -91,7 +91,7 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
     count, label = (loops.components or _label)(lit, columns)
     row, col = np.divmod(lit, columns)
     on_grid = np.flatnonzero((row % step_px == 0) & (col % step_px == 0))
-    # ``lit`` rises in raster order, so the first grid pixel of each label is where the search meets it.
+    # ``lit`` is in raster order, so the first grid pixel of each label is where the search would find it.
     met, first = np.unique(label[on_grid], return_index=True)
     rank = np.full(count, -1, np.intp)
     rank[met[np.argsort(first)]] = np.arange(len(met))
@@ -103,7 +103,8 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
 
 
 def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]:
-    """Component number of each lit pixel. Works on the lit pixels only, which in a star frame are very few."""
+    """Return the number of components and the component of each lit pixel. Works on the lit pixels only, which are few in a
+    star frame."""
     right = np.flatnonzero((np.diff(lit) == 1) & (lit[1:] % columns != 0))
     below = np.searchsorted(lit, lit + columns)
     above = np.flatnonzero((below < len(lit)) & (lit[np.minimum(below, len(lit) - 1)] == lit + columns))
@@ -117,8 +118,8 @@ def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]
 def search(
     pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: int = 3, loops: Kernels = NUMPY
 ) -> SearchResult:
-    """The plane search with its limits (Erlank 2013 §5.3.3): stops after more than ``max_invalid`` too large blobs, or at
-    ``max_accepted`` stars. Too small ones are dead pixels or too faint and do not count as invalid."""
+    """Search the image plane with limits (Erlank 2013 §5.3.3): stop after more than ``max_invalid`` too large blobs, or at
+    ``max_accepted`` stars. Too small blobs are dead pixels or faint stars and do not count as invalid."""
     blobs = find_blobs(pixels, threshold_dn, step_px, loops)
     area = blobs.area_px
     too_large, too_small = area > limits.max_area_px, area < limits.min_area_px
@@ -151,7 +152,7 @@ def _reason(area_px: int, at_edge: bool, limits: SearchLimits) -> str:
 
 
 def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_small: int) -> tuple[Region, ...]:
-    """The regions for the reader, in order of discovery; of the too small ones at most the first ``max_small``.
+    """Return the regions for display, in order of discovery; of the too small ones at most the first ``max_small``.
     ``sum_dn`` is above ``black_dn``."""
     blobs = found.blobs
     if not len(blobs):
@@ -173,7 +174,7 @@ def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_sma
 
 
 def grid_median_dn(pixels: Pixels, step_px: int = 3) -> float:
-    """Median of the search grid's pixels: the level of dark sky, robust against stars."""
+    """Median of the search grid's pixels: the dark-sky level, robust against stars."""
     sample = pixels[::step_px, ::step_px].ravel()
     if pixels.dtype == np.uint8:
         below = np.cumsum(np.bincount(sample, minlength=256))

@@ -1,7 +1,7 @@
-"""From stars to a frame, with the truth beside it: the eye of the simulator and of every statistical test.
+"""Render a star frame with its ground truth, for the simulator and the statistical tests.
 
-Light (electrons expected per pixel); what the detector does to it is ``readout``. A star's light is a Gaussian integrated
-over each pixel. Everything random comes from the caller's generator, so a seed names a frame.
+This module computes the light (expected electrons per pixel); ``readout`` models the detector. A star's light is a Gaussian
+integrated over each pixel. The caller supplies the random generator, so a frame is reproducible from its seed.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
-# A trail that leaves less than this in each of its overlapping spots is far below one electron in any pixel.
+# A trail with less light than this in each of its overlapping spots is far below one electron in any pixel.
 FAINTEST_STEP_E = 0.05
 
 
 @dataclass(frozen=True)
 class FalseStar:
-    """A star-like spot that is in no catalogue: a planet, debris, a reflection."""
+    """A star-like spot that is not in the catalogue: a planet, debris, a reflection."""
 
     col_px: float
     row_px: float
@@ -43,8 +43,8 @@ class FalseStar:
 
 @dataclass(frozen=True)
 class Lights:
-    """Points of light that are no catalogue stars and move with the sky: (m, 3) ICRS directions and (m,) magnitudes V.
-    Planets, and the Moon as many points; drawn like stars, blur included, and in no truth."""
+    """Point sources that are not catalogue stars but move with the sky: (m, 3) ICRS directions and (m,) V magnitudes.
+    Used for planets and, as many points, for the Moon; drawn like stars, blur included, but not listed in the truth."""
 
     icrs: Array
     v_mag: Array
@@ -52,7 +52,7 @@ class Lights:
 
 @dataclass(frozen=True)
 class Rendered:
-    """A frame, (rows, columns) of uint8 up to eight bits and uint16 above, and what is in it."""
+    """A (rows, columns) frame, uint8 for up to eight bits and uint16 above, and its ground truth."""
 
     pixels: Image
     truth: Truth
@@ -76,12 +76,13 @@ def render(
     chip: Chip | None = None,
     dark_factor: float = 1.0,
 ) -> Rendered:
-    """One exposure of the ``stars`` (their ``icrs`` as given, no propagation) at an attitude.
+    """Render one exposure of the ``stars`` (their ``icrs`` as given, no propagation) at an attitude.
 
-    ``rate_rad_s``: angular velocity of the camera against ICRS in camera axes; ``cam_from_icrs`` holds at mid-exposure.
-    Without ``noise`` the frame is the rounded expectation. Truth lists, brightest first, the stars whose mid-exposure
-    position lies on the detector, however faint, and behind the Earth too. ``lights``, ``veil``: what else shines;
-    ``chip``: the detector's own flaws; ``dark_factor`` multiplies its dark current (temperature).
+    ``rate_rad_s``: angular velocity of the camera relative to ICRS in camera axes; ``cam_from_icrs``: attitude at
+    mid-exposure. Without ``noise`` the frame is the rounded expectation. The truth lists, brightest first, the stars whose
+    mid-exposure position lies on the detector, including faint ones and those hidden by the Earth. ``lights``, ``veil``: other
+    light; ``chip``: detector defects; ``dark_factor`` multiplies the dark current (temperature). Raises :class:`BadInput` if
+    the exposure is not positive or the trails are too long to draw.
     """
     if not exposure_s > 0:
         raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s} s")
@@ -110,14 +111,14 @@ def render(
 def stars_near(
     stars: StarTable, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0, margin_rad: float = 0.0
 ) -> StarTable:
-    """The stars inside the cone round the detector's corners, widened. Keeps far stars, which a distortion
-    polynomial may fold back onto the detector, out of the picture."""
+    """Return the stars inside the cone around the detector's corners, widened by the margins. This excludes distant stars,
+    which a distortion polynomial may fold back onto the detector."""
     radius_rad = min(camera.half_diagonal_rad + 2 * margin_px * camera.pixel_rad + margin_rad, np.pi / 2 - 1e-3)
     return stars.take(np.flatnonzero(stars.icrs @ np.asarray(cam_from_icrs)[2] > np.cos(radius_rad)))
 
 
 def truth_of(stars: StarTable, camera: Camera, cam_from_icrs: Array) -> Truth:
-    """Where the given stars (already near the field) fall, undisturbed, brightest first."""
+    """Return the ground truth: noise-free positions of the given stars (already near the field), brightest first."""
     pixels = camera.project(stars.icrs @ np.asarray(cam_from_icrs).T)
     index = np.flatnonzero(camera.contains(pixels))
     index = index[np.argsort(stars.v_mag[index], kind="stable")]
@@ -153,7 +154,7 @@ def _expected_light(
 
 
 def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> float:
-    """The longest exposure whose trails :func:`render` draws at an angular velocity; infinite where the camera stands."""
+    """Longest exposure whose trails :func:`render` can draw at an angular velocity; infinite if the camera does not rotate."""
     step_px = BLUR_STEP_SIGMAS * sensor.psf_sigma_px
     sweep_px_s = float(np.linalg.norm(rate_rad_s)) * max(camera.focal_col_px, camera.focal_row_px)
     drawn_px = (MAX_BLUR_STEPS - 1) * step_px * np.cos(camera.half_diagonal_rad) ** 2
@@ -163,7 +164,7 @@ def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> fl
 def _paths(
     icrs: Array, camera: Camera, cam_from_icrs: Array, exposure_s: float, rate_rad_s: Array, step_px: float
 ) -> Array:
-    """(stars, steps, 2) pixel positions at the middles of equal parts of the exposure, close enough to look continuous."""
+    """(stars, steps, 2) pixel positions at the middles of equal parts of the exposure, dense enough for a continuous trail."""
     sweep_px = float(np.linalg.norm(rate_rad_s)) * exposure_s * max(camera.focal_col_px, camera.focal_row_px)
     if sweep_px < 1e-6:
         return camera.project(icrs @ np.asarray(cam_from_icrs).T)[:, None]
@@ -183,7 +184,7 @@ def _paths(
 
 
 def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: float) -> Array:
-    """(rows, columns) sum of Gaussian spots, each integrated over the pixels; ``pixels`` (n, 2) col, row; NaN is nowhere."""
+    """(rows, columns) sum of Gaussian spots integrated over the pixels; ``pixels``: (n, 2) col, row; NaN positions are skipped."""
     half = int(np.ceil(STAMP_SIGMAS * sigma_px))
     seen = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
     seen &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
@@ -192,7 +193,7 @@ def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: fl
     offsets = np.arange(2 * half + 1)
     across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], sigma_px)
     down = _pixel_shares(corner[:, 1:] + offsets - pixels[:, 1:], sigma_px) * electrons[:, None]
-    # Padded by a stamp on every side, so that no spot needs clipping.
+    # The image is padded by a stamp on every side, so that no spot needs clipping.
     pad = 2 * half + 2
     width = columns + 2 * pad
     first = (corner[:, 1] + pad) * width + corner[:, 0] + pad

@@ -1,4 +1,4 @@
-"""A result against truth: correct, imprecise, wrong or none."""
+"""Compare a result with the truth: correct, imprecise, wrong or none."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ ATTITUDE_PX = 5.0
 
 @dataclass(frozen=True)
 class Score:
-    """Verdict, attitude errors (NaN without attitude; ``about_rad`` signed, right-handed about the boresight), and how many
-    of the used matches are true and false."""
+    """Verdict, attitude errors (NaN without attitude; ``about_rad`` signed, right-handed about the boresight), and the numbers
+    of true (``matched``) and false matches among those used."""
 
     verdict: Verdict
     cross_rad: float
@@ -39,12 +39,12 @@ def assess(
     match_px: float = MATCH_PX,
     attitude_px: float = ATTITUDE_PX,
 ) -> Score:
-    """Verdict with its figures.
+    """Return the verdict with its attitude errors and match counts.
 
-    CORRECT: all matches true and the cross-boresight error below 3σ of the expected, which is the result's own covariance
-    unless ``expected_sigma_rad`` (per axis) is given. WRONG: a used match whose star's true place is more than ``match_px`` from
-    its centroid (or not in the frame), or a boresight more than ``attitude_px`` pixels off. IMPRECISE: between. A star
-    and its close companion may stand for each other: their places agree.
+    CORRECT: all matches are true and the cross-boresight error is below 3σ, from the result's covariance unless
+    ``expected_sigma_rad`` (per axis) is given. WRONG: the true position of a used match's star is more than ``match_px`` from
+    its centroid (or not in the frame), or the boresight is more than ``attitude_px`` pixels off. IMPRECISE: between. A star
+    matched as its close companion counts as true, because their positions agree.
     """
     if result.attitude is None:
         return Score(Verdict.NONE, float("nan"), float("nan"), 0, 0)
@@ -61,12 +61,12 @@ def assess(
 
 
 def score(result: SolveResult, truth: Truth, camera: Camera, *, expected_sigma_rad: float | None = None) -> Verdict:
-    """The verdict of :func:`assess`."""
+    """Return the verdict of :func:`assess`."""
     return assess(result, truth, camera, expected_sigma_rad=expected_sigma_rad).verdict
 
 
 def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[int, int]:
-    """True and false among the matches the attitude used."""
+    """Return the numbers of true and false matches among those the attitude used."""
     if result.matches is None or result.attitude is None:
         return 0, 0
     used = result.matches.weight > 0
@@ -80,7 +80,7 @@ def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[
 
 
 def true_places(truth: Truth, hip: NDArray[np.int32]) -> Array:
-    """(n, 2) true pixels of those stars, NaN where one is not in the frame."""
+    """(n, 2) true pixels of these stars, NaN for a star that is not in the frame."""
     place = {int(h): k for k, h in enumerate(truth.hip)}
     index = [place.get(int(h), -1) for h in hip]
     padded = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])
@@ -88,10 +88,10 @@ def true_places(truth: Truth, hip: NDArray[np.int32]) -> Array:
 
 
 def _places_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:
-    """(n, 2) where the true attitude puts the matched stars, NaN if that is on the detector.
+    """(n, 2) positions of the matched stars under the true attitude, NaN if on the detector.
 
-    Light of a star just outside reaches the detector, but truth does not list it. Its place follows from where the result
-    predicts it, ``predicted`` (n, 2), turned by the difference of the attitudes.
+    Light of a star just outside reaches the detector, but the truth does not list it. Its position is the one predicted by
+    the result, ``predicted`` (n, 2), rotated by the difference of the attitudes.
     """
     if result.attitude is None:
         return np.full_like(predicted, np.nan)

@@ -1,4 +1,4 @@
-"""The few small sums that every frame asks for many times, without the general forms' overhead on a dozen numbers."""
+"""Small numeric helpers called many times per frame, without the overhead of the general functions on a dozen numbers."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from gss.domain.angles import Array
 
 
 def median(values: Array) -> float:
-    """Of (n ≥ 1) finite numbers."""
+    """Return the median of (n ≥ 1) finite numbers."""
     ordered = np.sort(values)
     n = len(ordered)
     return float(ordered[n // 2]) if n % 2 else 0.5 * (float(ordered[n // 2 - 1]) + float(ordered[n // 2]))
 
 
 def turned(unit: Array, icrs: Array, weight: Array) -> Array:
-    """(3, 3) cam_from_icrs that brings (n, 3) stars nearest to measured directions of that (n,) weight: ``attitude.svd`` for
-    callers that know their directions to be sound and not all parallel."""
+    """Return the (3, 3) cam_from_icrs that best maps (n, 3) stars to measured directions with (n,) weights: ``attitude.svd``
+    without validation, for callers whose directions are finite and not all parallel."""
     u, _, vt = np.linalg.svd((weight[:, None] * unit).T @ icrs)
     if determinant(u) * determinant(vt) < 0:
         u[:, 2] *= -1
@@ -24,13 +24,13 @@ def turned(unit: Array, icrs: Array, weight: Array) -> Array:
 
 
 def determinant(matrix: Array) -> float:
-    """Of a (3, 3) matrix."""
+    """Return the determinant of a (3, 3) matrix."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def distances2(first: Array, second: Array) -> Array:
-    """(n, m) squared distances of (n, 2) and (m, 2) points."""
+    """(n, m) squared distances between (n, 2) and (m, 2) points."""
     across = first[:, None, 0] - second[:, 0]
     down = first[:, None, 1] - second[:, 1]
     return np.asarray(across * across + down * down)

@@ -1,8 +1,8 @@
-"""How fast a camera turned while it exposed: one angular velocity fitted to the trails of all its stars.
+"""Camera rotation during an exposure: one angular velocity fitted to the trails of all stars.
 
-A camera that turns by ω sees the direction u move with −ω × u; the trail of a star in pixels is therefore d = T M(u) ω with the
-known (2, 3) matrix M of its place. Each trail is a Gaussian drawn out along d; place, flux and the frame's common ω and
-width are fitted together to the pixels. A trail looks the same from either end: −ω fits as well as ω.
+If the camera rotates with ω, the direction u moves with −ω × u in its frame; the trail of a star in pixels is therefore
+d = T M(u) ω with the known (2, 3) matrix M at its position. Each trail is a Gaussian extended along d; positions, fluxes and
+the frame's common ω and width are fitted together to the pixels. A trail is symmetric, so −ω fits as well as ω.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ MAX_HALF_PX = 40
 FIT_ROUNDS = 20
 DONE = 0.01  # of a standard deviation
 STEP_RAD = 1e-5
-LEAST_SIGNIFICANT = 25.0  # χ² by which trails must fit better than standing stars before a rate is told
+LEAST_SIGNIFICANT = 25.0  # improvement in χ² of trails over untrailed stars required to report a rate
 PIXEL_VARIANCE_PX2 = 1 / 12
 
 
 @dataclass(frozen=True)
 class Trails:
-    """What the fit sees: (n, k) pixels above the sky and whether each counts, (k,) offsets from the middles (n,), variance of
-    a sky pixel (n,), and (n, 2, 3) trail in px per radian turned."""
+    """Input of the fit: (n, k) pixels above the sky and whether each is used, (k,) offsets from the centres (n,), variance of
+    a sky pixel (n,), and (n, 2, 3) trail in px per radian of rotation."""
 
     value: Array
     use: NDArray[np.bool_]
@@ -50,7 +50,7 @@ class Trails:
     per_rad: Array
 
     def take(self, which: NDArray[np.bool_]) -> Trails:
-        """The trails of a mask."""
+        """Return the trails selected by a mask."""
         return Trails(
             self.value[which],
             self.use[which],
@@ -75,10 +75,10 @@ def measure_turning(
     e_per_dn: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> Turning | None:
-    """Angular velocity from a (rows, columns) frame, None where no trail shows.
+    """Measure the angular velocity from a (rows, columns) frame; None if no significant trail is found.
 
-    ``covariance_px2``: (2, 2) of the frame's typical spot, trail included; ``psf_sigma_px``: of a standing star where the camera
-    knows it, else fitted with the rest.
+    ``covariance_px2``: (2, 2) of the frame's typical spot, trail included; ``psf_sigma_px``: width of an untrailed star if
+    known, used as the starting value; the width is fitted.
     """
     trails = _cut(image, centroids, background, camera, covariance_px2, saturation_dn)
     if trails is None:
@@ -87,7 +87,7 @@ def measure_turning(
     best = _best(trails, _starts(trails, width2), width2, e_per_dn)
     sound = _alike(trails, best, e_per_dn)
     if int(sound.sum()) < max(LEAST_TRAILS, MOST_ALIKE * len(sound)):
-        return None  # what was drawn out are not the trails of one turn
+        return None  # the elongated spots are not trails of one common rotation
     if not sound.all():
         trails = trails.take(sound)
         best = _best(trails, [best.turned_rad], best.width2, e_per_dn)
@@ -107,13 +107,13 @@ def measure_turning(
 
 
 def with_sign_of(turning: Turning, vector_rad_s: Array) -> Turning:
-    """The same rate, its sign settled by another measurement of it."""
+    """Return the rate with the sign of another measurement of it, which resolves the ± ambiguity."""
     sign = -1.0 if float(turning.vector_rad_s @ np.asarray(vector_rad_s)) < 0 else 1.0
     return Turning(sign * turning.vector_rad_s, turning.covariance_rad2_s2, turning.stars, True)
 
 
 def trail_per_rad(camera: Camera, pixels: Array) -> Array:
-    """(n, 2, 3) how far, px, a star at (n, 2) pixels moves per radian that the camera turns about its x, y, z."""
+    """(n, 2, 3) displacement in px of a star at (n, 2) pixels per radian of camera rotation about x, y, z."""
     unit = camera.unproject(pixels)
     columns = []
     for axis in np.eye(3):
@@ -134,7 +134,7 @@ def _cut(
     covariance: Array,
     saturation_dn: float,
 ) -> Trails | None:
-    """The brightest stars whose trails are whole, unclipped and alone."""
+    """Cut out the brightest stars whose trails are complete, unsaturated and isolated; None if there are too few."""
     longest = float(np.sqrt(np.linalg.eigvalsh(covariance)[1]))
     half = int(min(np.ceil(2.6 * longest) + 3, MAX_HALF_PX))
     col, row = np.rint(centroids.col_px).astype(np.intp), np.rint(centroids.row_px).astype(np.intp)
@@ -170,7 +170,7 @@ def _cut(
 
 
 def _starts(trails: Trails, width2: float) -> list[Array]:
-    """First guesses of the turn, rad: from second moments, with either sense of roll against the turn across it."""
+    """First guesses of the rotation, rad, from second moments, with either sign of roll relative to the cross-axis rotation."""
     weight = np.where(trails.value > BRIGHT_SIGMA * np.sqrt(trails.sky_variance)[:, None], trails.value, 0.0)
     weight[:, (trails.dx == 0) & (trails.dy == 0)] += 1e-6
     total = weight.sum(1)
@@ -206,7 +206,7 @@ def _starts(trails: Trails, width2: float) -> list[Array]:
 
 
 def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -> _Fitted:
-    """The best fit from the first of the guesses, the pure roll, and the two others that promise most."""
+    """Return the best fit from the first guess (pure roll) and from the ``PROMISING`` other guesses with the lowest χ²."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     looks = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
     tried = [0, *(int(k) + 1 for k in np.argsort(looks[1:])[:PROMISING])]
@@ -215,7 +215,7 @@ def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -
 
 
 def _alike(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
-    """Which trails the common turn explains as well as the others: no neighbour, defect or planet in them."""
+    """True for trails that the common rotation fits as well as the others, i.e. without a neighbour, defect or planet."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     for _ in range(2):
         model, _, _, variance = _linear(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance, e_per_dn)
@@ -225,7 +225,7 @@ def _alike(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Turn, χ², covariance of turn and width, width, and the trails' middles."""
+    """Rotation, χ², covariance of rotation and width, width, and the trails' centres."""
 
     turned_rad: Array
     chi2: float
@@ -236,7 +236,7 @@ class _Fitted:
 
 
 def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn: bool) -> _Fitted:
-    """Levenberg–Marquardt on the common turn and width; each trail's place and flux are eliminated star by star."""
+    """Fit the common rotation and width by Levenberg–Marquardt; each trail's position and flux are eliminated star by star."""
     x, y, w2 = trails.col.copy(), trails.row.copy(), width2
     shared = 4 if turn else 1
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
@@ -288,8 +288,8 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
 def _linear(
     trails: Trails, turned: Array, width2: float, x: Array, y: Array, variance: Array, e_per_dn: float
 ) -> tuple[Array, Array, float, Array]:
-    """Model (n, k) at the best fluxes, its slopes (n, k, 7) by flux, x, y, the three turns and the width, χ², and the
-    variance that the model itself expects."""
+    """Return the model (n, k) at the best fluxes, its derivatives (n, k, 7) by flux, x, y, the three rotations and the width,
+    χ², and the variance predicted by the model."""
     trail = trails.per_rad @ turned
     shape, by = drawn_out(trails.dx - x[:, None], trails.dy - y[:, None], trail, width2)
     weight = trails.use / variance

@@ -1,4 +1,4 @@
-"""What happened on the way: intermediates by name and, where the caller lends a clock, seconds per stage."""
+"""Trace of a chain's run: intermediate results by name and, if the caller supplies a clock, seconds per stage."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Clock = Callable[[], float]
 
 @dataclass
 class Trace:
-    """Collects while a chain runs. Without a clock there are no times and a run leaves nothing that differs from the next."""
+    """Collects intermediates while a chain runs. Without a clock no times are recorded, so that repeated runs are identical."""
 
     clock: Clock | None = None
     timing_s: dict[str, float] = field(default_factory=dict)
@@ -19,7 +19,7 @@ class Trace:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Times what is inside; a stage entered twice adds up."""
+        """Time the enclosed block; the times of a stage entered twice are added."""
         if self.clock is None:
             yield
             return
@@ -30,5 +30,5 @@ class Trace:
             self.timing_s[name] = self.timing_s.get(name, 0.0) + self.clock() - start_s
 
     def keep(self, name: str, value: object) -> None:
-        """Remembers an intermediate; the last of a name stays."""
+        """Store an intermediate result; a later one with the same name replaces it."""
         self.kept[name] = value

@@ -1,4 +1,4 @@
-"""The light of a star drawn out by the camera's turn, and how it changes with everything it depends on."""
+"""Image of a star trailed by the camera's rotation, and its derivatives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHORTEST_PX = 0.3  # a shorter trail in the middle of an iteration would have no
 
 
 def drawn_out(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
-    """Unit-flux Gaussian of variance ``width2`` moved along ``trail`` (n, 2), at (n, k) offsets, and its derivatives
+    """Return a unit-flux Gaussian of variance ``width2`` moved along ``trail`` (n, 2), at (n, k) offsets, and its derivatives
     (n, k, 5) by the offsets, the trail's two components and the variance."""
     length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), SHORTEST_PX)
     direction = np.where(

@@ -1,6 +1,6 @@
-"""Light that is no star: what bright bodies spread over the whole detector, and the Earth in the way.
+"""Diffuse light: stray light of bright bodies over the whole detector, and occultation by the Earth.
 
-Everything here changes slowly over the field, so it is computed on a coarse grid of directions and spread bilinearly.
+All of it varies slowly over the field, so it is computed on a coarse grid of directions and interpolated bilinearly.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from gss.domain.sensor import Baffle, Sensor
 Map = NDArray[np.float32]
 
 GRID_STEP_PX = 8
-# Falling off outside the limit: fit to Moniteq 1983 Table 5.3, 21° to 58°.
+# Exponent of the decrease outside the limit angle, fitted to Moniteq 1983 Table 5.3, 21° to 58°.
 OUTSIDE_POWER = 1.3
-# The Earth's stray light against the Sun's at the same angle: Moniteq 1983 Table 5.3.
+# The Earth's stray light relative to the Sun's at the same angle: Moniteq 1983 Table 5.3.
 EARTH_SHARE = 0.3
-# Share of a star's light that a lens scatters into a steradian at 1°, falling with the square of the angle: about one
-# per cent in all. Chosen.
+# Share of a star's light scattered by the lens per steradian at 1°, decreasing with the square of the angle: about one
+# per cent in total. An assumption.
 SCATTER_PER_SR = 1.0
 SCATTER_CORE_RAD = float(np.radians(0.3))
 EARTH_ALBEDO = 0.3
@@ -32,13 +32,13 @@ SUN_V_MAG = -26.74
 NIGHT_EARTH_V_SR = -5.0
 BLIND_E_S = 1e9
 STEEPEST = 20.0
-# Stray light grows e-fold over this much of the field towards its source. Chosen.
+# Angle across the field over which stray light increases e-fold towards its source. An assumption.
 SLOPE_RAD = float(np.radians(15.0))
 
 
 @dataclass(frozen=True)
 class Veil:
-    """(rows, columns) electrons per second that are not starlight; ``blocked``: where the Earth hides the sky, or None."""
+    """(rows, columns) electrons per second of diffuse light; ``blocked``: mask of pixels where the Earth hides the sky, or None."""
 
     e_s: Map
     blocked: NDArray[np.bool_] | None = None
@@ -46,20 +46,20 @@ class Veil:
 
 @dataclass(frozen=True)
 class Grid:
-    """Coarse directions (r, c, 3) in the camera frame and the (rows, r), (c, columns) weights that spread them."""
+    """Coarse directions (r, c, 3) in the camera frame and the (rows, r), (c, columns) interpolation weights."""
 
     unit_cam: Array
     down: Map
     across: Map
 
     def spread(self, coarse: Array) -> Map:
-        """(rows, columns) from (r, c)."""
+        """Interpolate an (r, c) map to (rows, columns)."""
         return np.asarray(self.down @ np.asarray(coarse, np.float32) @ self.across)
 
 
 @lru_cache(maxsize=8)
 def grid_of(camera: Camera) -> Grid:
-    """The grid of a camera."""
+    """Return the coarse grid of a camera."""
     cols = np.linspace(0, camera.columns - 1, max(2, camera.columns // GRID_STEP_PX))
     rows = np.linspace(0, camera.rows - 1, max(2, camera.rows // GRID_STEP_PX))
     places = np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2)
@@ -78,7 +78,7 @@ def _weights(nodes: Array, count: int) -> Map:
 
 
 def sun_stray(camera: Camera, baffle: Baffle, sun_cam: Array) -> Map:
-    """Stray light of the Sun in the direction (3,); a blinded detector everywhere when it shines on the lens."""
+    """Stray light of the Sun in the direction (3,), in e/s; ``BLIND_E_S`` everywhere if it shines on the lens."""
     angle_rad = np.arccos(np.clip(sun_cam[2], -1, 1))
     if angle_rad < baffle.blind_rad:
         return np.full((camera.rows, camera.columns), BLIND_E_S, np.float32)
@@ -86,16 +86,16 @@ def sun_stray(camera: Camera, baffle: Baffle, sun_cam: Array) -> Map:
 
 
 def earth_stray(camera: Camera, baffle: Baffle, nadir_cam: Array, earth_rad: float, lit: float) -> Map:
-    """Stray light of an Earth of angular radius ``earth_rad``, of which the share ``lit`` is in sunlight."""
+    """Stray light of the Earth with angular radius ``earth_rad``, of which the share ``lit`` is sunlit, in e/s."""
     return stray(camera, baffle, nadir_cam, earth_rad, baffle.earth_limit_rad, EARTH_SHARE * lit * baffle.reference_e_s)
 
 
 def stray(
     camera: Camera, baffle: Baffle, to_cam: Array, radius_rad: float, limit_rad: float, at_limit_e_s: float
 ) -> Map:
-    """Electrons per second by the angle from the boresight to the limb of a body of a radius.
+    """Electrons per second of stray light from a body, by the angle from the boresight to its limb.
 
-    The shade decides how much falls on the lens; scattered there, it is spread with a gentle slope over the field.
+    The baffle determines how much light reaches the lens; scattered there, it spreads over the field with a gentle gradient.
     """
     grid = grid_of(camera)
     off_axis_rad = float(np.arccos(np.clip(to_cam[2], -1, 1)))
@@ -109,7 +109,8 @@ def stray(
 
 
 def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad: float) -> Map:
-    """What the lens scatters of a bright body in or near the field; ``margin_rad``: how far outside it still does."""
+    """Light of a bright body in or near the field scattered by the lens, in e/s. Outside the field it decreases by e⁻³ over
+    ``margin_rad``."""
     grid = grid_of(camera)
     outside_rad = max(0.0, float(np.arccos(np.clip(to_cam[2], -1, 1))) - camera.half_diagonal_rad)
     angle2 = 2 * (1 - grid.unit_cam @ to_cam)
@@ -121,14 +122,15 @@ def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad
 def earth_disc(
     camera: Camera, sensor: Sensor, nadir_cam: Array, earth_rad: float, sun_cam: Array
 ) -> tuple[NDArray[np.bool_], Map]:
-    """Which pixels see the Earth, and its light there: sunlit ground of albedo 0.3 after Lambert, a faint glow at night.
+    """Return the mask of pixels that see the Earth, and its light there in e/s: a Lambertian surface of albedo 0.3 in sunlight,
+    a faint glow at night.
 
-    An observer at distance R/sin(earth_rad) from the centre; the terminator is that of the sphere, without atmosphere.
+    The observer is at distance R/sin(earth_rad) from the centre; the terminator is that of a sphere without atmosphere.
     """
     grid = grid_of(camera)
     along = grid.unit_cam @ nadir_cam
     seen = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
-    # In units of the Earth's radius: distance d = 1/sin ρ, nearer crossing of the ray with the sphere.
+    # In units of the Earth's radius: distance d = 1/sin ρ; ``reach`` is the nearer intersection of the ray with the sphere.
     distance = 1 / np.sin(earth_rad)
     reach = distance * along - np.sqrt(np.maximum(0.0, 1 - distance**2 * (1 - along**2)))
     normal = grid.unit_cam * reach[..., None] - distance * nadir_cam
