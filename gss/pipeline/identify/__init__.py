@@ -1,1 +1,1 @@
-"""Which catalogue star is which centroid."""
+"""Star identification: matching centroids with catalogue stars."""

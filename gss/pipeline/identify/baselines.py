@@ -1,7 +1,7 @@
-"""Candidate matrix of the n-vertex match: what the directory says about every baseline (Huffman 2006 §5.5.4, matrix C).
+"""Candidate matrix of the n-vertex match: the directory's candidates for every baseline (Huffman 2006 §5.5.4, matrix C).
 
-A baseline is a pair of imaged stars. Its candidates are kept in both directions, p → q and q → p, sorted by p then q: that is
-a column of the document's matrix S, in which a star may have several partners.
+A baseline is a pair of imaged stars. Its candidates are stored in both directions, p → q and q → p, sorted by p then q. This
+is a column of the document's matrix S, in which a star may have several partners.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gss.pipeline.identify.sin2_directory import Rows, Sin2Directory, sin2_inter
 
 @dataclass(frozen=True)
 class Column:
-    """Directed candidates of one baseline: ``key`` = p·stars + q, ascending, with ``partner`` q; row p's partners are
-    ``partner[start[p]:start[p + 1]]`` (start by search)."""
+    """Directed candidates of one baseline: ``key`` = p·stars + q, ascending, for star p and partner q. The partners of p are a
+    slice of the keys, found by binary search."""
 
     key: Rows
     stars: int
@@ -27,7 +27,7 @@ class Column:
         return np.stack(np.divmod(self.key, self.stars), axis=1)
 
     def partners(self, of: Rows) -> tuple[Rows, Rows]:
-        """For (n,) stars: indices into them, repeated, and the partner of each."""
+        """Return every partner of the (n,) stars ``of``, with the index into ``of`` it belongs to."""
         low = np.searchsorted(self.key, of * self.stars)
         high = np.searchsorted(self.key, (of + 1) * self.stars)
         count = high - low
@@ -36,7 +36,7 @@ class Column:
         return which, self.key[entry] % self.stars
 
     def holds(self, p: Rows, q: Rows) -> np.ndarray:
-        """Which of the (n,) pairs are candidates."""
+        """True for each of the (n,) pairs that is a candidate."""
         if not len(self.key):
             return np.zeros(len(p), bool)
         wanted = p * self.stars + q
@@ -46,8 +46,8 @@ class Column:
 
 @dataclass
 class Baselines:
-    """All baselines of n imaged stars; columns are filled when first asked for, and ``hits`` counts the directory entries met
-    by then. ``low``, ``high``: (n, n) slices of the directory."""
+    """All baselines of n imaged stars. Columns are computed on first use; ``hits`` counts the directory entries read so far.
+    ``low``, ``high``: (n, n) bounds of the slices of the directory."""
 
     directory: Sin2Directory
     low: Rows
@@ -68,7 +68,7 @@ class Baselines:
 
 
 def baselines(unit_cam: Array, tolerance_rad: Array, directory: Sin2Directory) -> Baselines:
-    """Of (n, 3) measured directions; ``tolerance_rad``: (n, n) allowed difference of the angle of each pair."""
+    """Build the baselines of (n, 3) measured directions; ``tolerance_rad``: (n, n) tolerance of the angle of each pair."""
     n = len(unit_cam)
     i, j = np.triu_indices(n, 1)
     low, high = np.zeros((n, n), np.intp), np.zeros((n, n), np.intp)

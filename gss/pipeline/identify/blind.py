@@ -1,4 +1,4 @@
-"""Where the camera looks and what its field of view is, from four-star figures; then proof and calibration on the frame itself."""
+"""Blind identification: pointing and field of view from four-star figures, then verification and calibration on the same frame."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from gss.pipeline.identify.verify import Sky
 from gss.pipeline.lens import fit_lens
 from gss.pipeline.refine import Refined
 
-FOV_STEP = 1.22  # between field-of-view hypotheses where perspective matters
+FOV_STEP = 1.22  # ratio between field-of-view hypotheses if perspective matters
 FLAT_FIELD_RAD = np.radians(13.0)  # below this all fields of view give the same figures
 SMALLEST_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
-MIN_SIGMA_PX = 0.03  # no lens is better known
+MIN_SIGMA_PX = 0.03  # no lens calibration is better than this
 STRONG_HITS = 3
 MOST_PROVED = 40
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
-MAX_UNSETTLED = 15  # proved places whose stars do not fit one by one: another try would do no better
+MAX_UNSETTLED = 15  # verified pointings without a lens that fits the single stars: more candidates would not help
 NO_LENS = (
     "a place on the sky was found, but no lens under which its stars fit one by one: "
     "pixels that are not square, or a middle far from the optical axis"
@@ -39,15 +39,15 @@ NO_LENS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """What a camera may be beside a field of view: ``aspect``, its focal length down over that across; where its optical axis
-    meets the frame, from the middle, in parts of the width."""
+    """Camera geometry other than the field of view: ``aspect``, the vertical over the horizontal focal length; ``right`` and
+    ``down``, the optical axis's offset from the frame's middle as a share of the width."""
 
     aspect: float = 1.0
     right: float = 0.0
     down: float = 0.0
 
     def camera(self, columns: int, rows: int, fov_rad: float) -> Camera:
-        """With a lens that can be fitted."""
+        """Return the camera with a lens that can be fitted."""
         plain = Camera.from_fov(columns, rows, fov_rad)
         return replace(
             plain,
@@ -59,7 +59,7 @@ class Guess:
 
 
 SQUARE = Guess()
-# Neighbours are so near that figures keep their codes, and the proof's fit does the rest.
+# The steps are small enough that figures keep their codes; the fit in the verification corrects the difference.
 ASPECTS = tuple(Guess(aspect=1.05 ** (sign * k)) for k in range(1, 7) for sign in (1, -1))
 CENTRES = tuple(
     Guess(right=float(off * np.cos(turn)), down=float(off * np.sin(turn)))
@@ -67,18 +67,18 @@ CENTRES = tuple(
     for turn in np.arange(8) * np.pi / 4
 )
 ALSO = ("aspect", "col", "row")
-MAX_ODD_CHECKS = 120  # proofs for all of them together
+MAX_ODD_CHECKS = 120  # limit on the verifications for all these guesses together
 WIDE_RAD = np.radians(30.0)
 FULLER_ROUNDS = 3
 LOOSE, BETTER, FAR_BETTER = 1.5, 0.9, 0.5
 THIN, THIN_AMONG = 0.5, 24
-ODD_BATCHES = 2  # figures of the brightest only: many cameras have to be tried
+ODD_BATCHES = 2  # only figures of the brightest stars, because many cameras have to be tried
 
 
 @dataclass(frozen=True)
 class BlindFound:
-    """``solved`` or None with the reason; ``hypotheses``: candidates put to the test. ``placed``: the place on the sky was
-    proved, even if no lens was found under which the stars fit one by one."""
+    """``solved``, or None with the ``reason``; ``hypotheses``: number of candidates tested. ``placed``: True if the pointing was
+    verified, even if no lens was found that fits the single stars."""
 
     solved: Solved | None
     hypotheses: int
@@ -98,11 +98,11 @@ def identify_blind(
 ) -> BlindFound:
     """Identify detections, brightest first, in a frame of (columns, rows) ``shape``.
 
-    A camera with square pixels and its axis in the middle is looked for first; with ``odd``, then pixels that are not square and
-    axes off the middle.
+    A camera with square pixels and a centred optical axis is tried first; with ``odd``, then non-square pixels and off-centre
+    axes.
 
-    ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` gives the dictionary of one size (the
-    caller keeps them). The answer names every star that can be named, not only those of the proof.
+    ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` returns the dictionary of one size (the
+    caller caches them). The result identifies every star that can be identified, not only those used in the verification.
     """
     n = len(spots.pixels)
     if n < 5:
@@ -123,7 +123,7 @@ def identify_blind(
 
 
 def _search(search: _BlindSearch, batches: list[NDArray[np.int32]], level: Callable[[float], Level]) -> BlindFound:
-    """All figures under all fields of view, within the budgets."""
+    """Test all figures under all fields of view, within the limits on the number of candidates."""
     for wanted in batches:
         for fov in _fov_hypotheses(*search.limits):
             solved = search.run(wanted, fov, level)
@@ -137,7 +137,7 @@ def _search(search: _BlindSearch, batches: list[NDArray[np.int32]], level: Calla
 
 
 class _BlindSearch:
-    """Counts what was tried and remembers the best that was refused."""
+    """State of a search: counts the candidates tested and keeps the best rejected one."""
 
     def __init__(
         self,
@@ -155,14 +155,14 @@ class _BlindSearch:
         self.guess, self.also = SQUARE, tuple[str, ...]()
 
     def suppose(self, guess: Guess) -> None:
-        """From now on look for another kind of camera; what was tried still counts."""
+        """Switch to another camera geometry; the candidates tested so far still count."""
         if not self.also:
             self.full = 0
         self.guess, self.also = guess, ALSO
         self.unsettled = 0
 
     def run(self, wanted: NDArray[np.int32], fov_rad: float, level: Callable[[float], Level]) -> Solved | None:
-        """Test the figures ``wanted`` under one field of view, large circles first: they are few and quickly built."""
+        """Test the figures ``wanted`` under one field of view, large circles first because they are few and quickly built."""
         columns, rows = self.shape
         ratio = min(1.0, rows / columns)
         window = _fov_window(fov_rad, self.limits)
@@ -214,7 +214,7 @@ class _BlindSearch:
         return None
 
     def _settle(self, solved: Solved) -> Solved | None:
-        """Lens and attitude from all stars that can be named; None where a strong lens has led the proof's fit astray."""
+        """Fit lens and attitude to all stars that can be identified; None if strong distortion led the first fit astray."""
         settled = self._name(solved, self.also)
         for _ in range(FULLER_ROUNDS):
             if settled is None or not self._is_loose(settled):
@@ -222,11 +222,12 @@ class _BlindSearch:
             fuller = self._name(settled, ALSO)
             if fuller is None or not _is_better(fuller, settled):
                 break
-            # A common camera is given up only for one that explains all, and far better: lenses have more terms than are fitted.
+            # A standard camera is replaced only by one that fits everything and far better, because real lenses have more terms
+            # than are fitted.
             if not self.also and (self._is_loose(fuller) or fuller.fit.rms_px > FAR_BETTER * settled.fit.rms_px):
                 break
             settled = fuller
-        # So free a camera must explain what is seen, or it explains anything.
+        # A camera with this many free parameters must fit all detections; otherwise it could fit any frame.
         return None if settled is not None and self.also and self._is_loose(settled) else settled
 
     def _name(self, solved: Solved, also: tuple[str, ...]) -> Solved | None:
@@ -240,21 +241,22 @@ class _BlindSearch:
         return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
 
     def _is_loose(self, settled: Solved) -> bool:
-        """Whether the camera does not explain what is seen: too few names, or places further off than their errors."""
+        """True if the camera does not explain the detections: too few are identified, or the residuals exceed their errors."""
         sigma_px = np.maximum(self.spots.sigma_px[settled.rows], MIN_SIGMA_PX)
         return self.is_thin(settled) or settled.fit.rms_px > LOOSE * float(np.median(sigma_px))
 
     def is_thin(self, settled: Solved) -> bool:
-        """Whether too few of the bright detections have a name for a camera that is right."""
+        """True if too few of the bright detections are identified for a correct camera."""
         among = min(len(self.pixels), THIN_AMONG)
         return int((settled.rows < among).sum()) < THIN * among
 
     def is_doubtful(self, settled: Solved) -> bool:
-        """Whether a wide field has so few names that its axis may be elsewhere; a narrow one would not show it."""
+        """True if so few stars of a wide field are identified that the optical axis may be off-centre. A narrow field is not
+        sensitive to that."""
         return settled.fit.camera.fov_rad[0] > WIDE_RAD and self.is_thin(settled)
 
     def why(self, prefix: str) -> str:
-        """Reason for a search that ended without an answer."""
+        """Return the reason why the search ended without a solution."""
         n, best = len(self.pixels), self.best
         if self.unsettled:
             return f"{prefix}{NO_LENS}"
@@ -267,13 +269,13 @@ class _BlindSearch:
 
 
 def _is_better(fuller: Solved, settled: Solved) -> bool:
-    """More names, or as many that fit clearly better."""
+    """True if ``fuller`` identifies more stars, or as many with clearly smaller residuals."""
     more = len(fuller.rows) - len(settled.rows)
     return more > 0 or (more == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:
-    """(q, 4) quadruples of detections, those of the brightest first; no quadruple twice."""
+    """Yield (q, 4) quadruples of detections, those of the brightest first, without repetition."""
     done = 0
     for top in BATCHES:
         top_here = min(top, n)
@@ -298,7 +300,7 @@ def _fov_hypotheses(low: float, high: float) -> list[float]:
 
 
 def _fov_window(fov: float, limits: tuple[float, float]) -> tuple[float, float]:
-    """Range of true fields of view that one hypothesis answers for."""
+    """Range of true fields of view covered by one hypothesis."""
     low, high = limits
     if fov < FLAT_FIELD_RAD:
         return low * 0.97, min(high, FLAT_FIELD_RAD) * 1.03

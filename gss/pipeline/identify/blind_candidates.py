@@ -1,4 +1,4 @@
-"""From figures to places on the sky: candidates of one dictionary level that other bright detections support."""
+"""Pointing candidates from figures: matches with one dictionary level that other bright detections support."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def look_up(
     pixels: Array,
     sky: Sky,
 ) -> tuple[list[Candidate], int]:
-    """Candidates of one level that at least one more star supports, and how many there were before that."""
+    """Return the candidates of one level that at least one more star supports, and the number before that test."""
     near = level.tree.query_ball_point(codes, CODE_RADIUS, return_sorted=False)
     count = np.fromiter((len(x) for x in near), np.intp, len(near))
     if not count.sum():
         return [], 0
     figure = np.repeat(np.arange(len(codes)), count)
     pattern = np.concatenate([np.asarray(x, np.intp) for x in near if x])
-    # Sizes at the hypothesised focal length against true ones give the focal length.
+    # The ratio of sizes at the hypothesised focal length to true sizes gives the focal length.
     factor = size[figure] / level.size_rad[pattern]
     low, high = (np.tan(camera.fov_rad[0] / 2) / np.tan(w / 2) for w in (window[1], window[0]))
     ok = (factor > low) & (factor < high)
@@ -64,7 +64,7 @@ def _probe(
     pixels: Array,
     sky: Sky,
 ) -> list[Candidate]:
-    """Put the other bright detections on the sky with each candidate's attitude and count those that meet a star."""
+    """Map the other bright detections to the sky with each candidate's attitude and count those that coincide with a star."""
     c = len(ids)
     probes = pixels[: min(PROBES, len(pixels))]
     focal = np.array([camera.focal_col_px, camera.focal_row_px]) * factor[:, None]

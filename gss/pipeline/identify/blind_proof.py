@@ -1,4 +1,4 @@
-"""The proof of a blind candidate: match and refine in turn, then ask how likely so many coincidences are by accident."""
+"""Verification of a blind candidate: match and refine alternately, then compute how likely the coincidences are by chance."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ WIDE_STARS = 20
 WIDE_LENS = ("k1", "k2", "p1", "p2")
 ENOUGH_FOR_MORE = 8
 MERGE_PX = 2.5
-BRIGHTNESS_GATE_MAG = 1.8  # no filter, colour or saturation makes a star differ more from its neighbours
+BRIGHTNESS_GATE_MAG = 1.8  # largest difference that filter, colour and saturation cause
 ACQUIRE = (0.003, 0.008)  # of the frame's width: a good lens, and one with strong distortion
-# Coincidences are counted within these parts of the acquisition radius and among so many of the brightest detections;
-# the best of all these counts is taken and pays for the others. Junk is mostly faint, and good lenses predict well.
+# Coincidences are counted within these fractions of the acquisition radius and among these numbers of the brightest detections.
+# The most significant count is used, with a correction for the number of counts. False detections are mostly faint, and good
+# lenses predict well.
 COUNT_WITHIN = (1.0, 0.5, 0.2)
 COUNT_AMONG = (8, 16, 40, 10_000)
 
@@ -48,10 +49,10 @@ def prove(
     hypotheses: float,
     also: tuple[str, ...] = (),
 ) -> Solved | None:
-    """Match and refine in turn from a narrow and from a wide acquisition radius; the more certain of the two.
+    """Match and refine alternately from a narrow and from a wide acquisition radius; return the more certain result.
 
-    ``also``: what of the camera is free beside focal length and lens, once enough stars are matched. The figure of the proof
-    rests on the first prediction, before any fit.
+    ``also``: camera parameters that are free in addition to focal length and lens once enough stars are matched. The
+    false-match probability uses the first prediction, before any fit.
     """
     results = [
         _prove(camera, cam_from_icrs, pixels, magnitude, sigma_px, sky, hypotheses, part * camera.columns, also)
@@ -62,12 +63,12 @@ def prove(
 
 
 def _is_wide(camera: Camera) -> bool:
-    """Whether decentring and higher orders of the lens show."""
+    """True if decentring and higher-order distortion are measurable."""
     return bool(camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD)
 
 
 def _visible(sky: Sky, camera: Camera, cam_from_icrs: Array, wanted: int) -> tuple[NDArray[np.intp], Array]:
-    """The brightest ``wanted`` stars in view and their pixels, without faint companions that melt into a brighter star."""
+    """Return the brightest ``wanted`` stars in view and their pixels, without faint companions blended with a brighter star."""
     rows, pixels = in_view(sky, camera, cam_from_icrs)
     rows, pixels = rows[:wanted], pixels[:wanted]
     keep = np.ones(len(rows), bool)
@@ -146,9 +147,10 @@ def _tail(
     camera: Camera,
     brightness: float,
 ) -> float:
-    """Chance that detections scattered at random meet the first prediction so often.
+    """Probability that randomly scattered detections coincide with the first prediction this often.
 
-    ``offset``: (m,) px of the matched detections ``rows`` before any fit could pull stars together. Four are used up by the figure.
+    ``offset``: (m,) px of the matched detections ``rows`` before any fit, which would reduce the offsets. Four detections are
+    not counted because the figure used them.
     """
     area_px2 = camera.columns * camera.rows
     tails = []
@@ -162,6 +164,6 @@ def _tail(
 
 
 def _plausible(fit: Refined) -> bool:
-    """A lens that bends its corners by more than a fifth is no fit but an accident."""
+    """True if the fit is plausible: distortion below a fifth at the corners and small residuals."""
     k1 = fit.camera.distortion.k1 if isinstance(fit.camera.distortion, Brown) else 0.0
     return abs(k1) * np.tan(min(fit.camera.half_diagonal_rad, 1.2)) ** 2 < 0.2 and fit.rms_px < 3.0

@@ -1,7 +1,7 @@
-"""Name everything else that was seen: once the attitude is proved, each remaining detection is compared with the whole catalogue.
+"""Identification of the remaining detections: once the attitude is verified, each is compared with the whole catalogue.
 
-A detection gets a name when exactly one star fits it in place and in brightness, no companion spoils it, and a star would
-be there by chance in less than one of some hundred cases. The proof of the attitude is not touched by this.
+A detection is identified if exactly one star fits its position and brightness, no companion disturbs it, and the probability
+of a chance coincidence is about 1 % or less. This does not affect the verification of the attitude.
 """
 
 from __future__ import annotations
@@ -28,25 +28,27 @@ GATE_SIGMA = 3.5
 LEAST_FOR_EXCESS = 8
 MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional normal deviate
 CHANCE_EXCESS = 1.3
-FLOOR_PX = 0.05  # lens calibration and proper motion that no error budget holds
+FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in the error budget
 MAX_GATE_PX = 4.0
-MAX_EXCESS_PX = 1.0  # matches that scatter more beyond their own errors were made by wide gates, not by stars
+MAX_EXCESS_PX = 1.0  # matches with more scatter beyond their errors result from wide gates, not from real stars
 BRIGHTNESS_SIGMA = 3.5
-PROVED_WINDOW_MAG = 1.8  # for stars of the identification: saturation and colour may dim or brighten them
+PROVED_WINDOW_MAG = (
+    1.8  # for stars of the verified identification, because saturation and colour change their brightness
+)
 CHANCE = 5e-4
-CROWDED = 0.05  # more stars than that in a gate: no place tells one from another
-OWN_SHARE = 0.65  # of the light at its place that must be a star's own
+CROWDED = 0.05  # with more expected stars per gate, the position does not identify a star
+OWN_SHARE = 0.65  # minimum share of the light at a star's position that comes from the star
 BLEND_REACH_SIGMA = 4.0
-COMPARABLE = 0.5  # of a star's light: a companion with which it can melt into one detection between the two
-FEW_PAIRS = 20_000  # so many distances are computed sooner than a tree is built
+COMPARABLE = 0.5  # flux ratio from which a companion can blend with a star into one detection between the two
+FEW_PAIRS = 20_000  # up to this number, computing all distances is faster than building a tree
 UNRESOLVED_SIGMA = 2.8
-RESOLVED = 0.28  # of the way to such a companion: nearer to the star than that, the detection is the star's own
+RESOLVED = 0.28  # fraction of the distance to such a companion within which a detection is the star itself
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Detections to name: (n, 2) pixels, their errors per axis, magnitudes of any zero point, and the point-spread
-    function's width, shared by all."""
+    """Detections to identify: (n, 2) pixels, their errors per axis, magnitudes with an arbitrary zero point, and the common
+    width of the point-spread function."""
 
     pixels: Array
     sigma_px: Array
@@ -55,13 +57,14 @@ class Spots:
 
     @property
     def magnitude_sigma(self) -> Array:
-        """(n,) photon and sky noise: a position known to a share of the width has a flux known to about that share."""
+        """(n,) magnitude error from photon and sky noise, taking the relative flux error as the position error over the width."""
         return np.asarray(1.0857 * np.minimum(self.sigma_px / self.psf_sigma_px, 0.5))
 
 
 @dataclass(frozen=True)
 class Named:
-    """Rows of the detections with the rows of the sky they are, the fit on all of them, and (m,) chance of each match."""
+    """Rows of the detections and the matching rows of the sky, the fit to all of them, and (m,) chance probability of each
+    match."""
 
     rows: Rows
     stars: Rows
@@ -71,9 +74,9 @@ class Named:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Stars that may show, as the frame should show them: rows of the sky, pixels, errors of these, brightness with
-    companions (V), (m, 2) displacement by them, the share of the light that is the star's own, and how far from its
-    place a detection may be and still be this star alone and not its blend with an equal."""
+    """Stars that may be detected, with their expected appearance: rows of the sky, pixels and their errors, V magnitude including
+    companions, (m, 2) displacement by companions, the share of the light that comes from the star, and how far from the star a
+    detection may be before it could be a blend with a comparable companion."""
 
     stars: Rows
     pixels: Array
@@ -85,11 +88,12 @@ class _Expected:
 
 
 def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named | None:
-    """Match all detections, given a proved ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
+    """Match all detections, given a verified ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
-    ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits attitude, and camera where it is free,
-    to all matches. Proved matches are judged like the others, but in a wider window of brightness. None where fewer than half of
-    them pass or all scatter: then the place on the sky may be right, but the geometry is not.
+    ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera if it is free,
+    to all matches. Verified matches are tested like the others, but with a wider brightness window. Returns None if there are
+    fewer matches than half of the verified ones, or the residuals are too large: then the pointing may be right, but the camera
+    geometry is not.
     """
     proved = np.full(len(spots.pixels), -1, np.intp)
     proved[rows] = stars
@@ -104,7 +108,7 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
         shift2 = (expected.shift_px[which] ** 2).sum(1)
         settled = _same(found, named.rows) and _same(expected.stars[which], named.stars)
         if settled and not excess and not shift2.any():
-            named = replace(named, chance=chance)  # the fit at hand is of these stars with these errors
+            named = replace(named, chance=chance)  # the current fit already used these stars with these errors
             break
         sigma = np.sqrt(spots.sigma_px[found] ** 2 + shift2 + excess**2)
         named = Named(found, expected.stars[which], refit(found, expected.stars[which], sigma), chance)
@@ -118,7 +122,7 @@ def _same(a: Rows, b: Rows) -> bool:
 
 
 def _excess_px(spots: Spots, named: Named) -> float:
-    """Scatter of the matches so far beyond their own errors, per axis: what the calibration leaves. 0 within chance."""
+    """Scatter of the current matches in excess of their errors, per axis, due to calibration errors. 0 if not significant."""
     good = named.fit.weight > 0
     if good.sum() < LEAST_FOR_EXCESS:
         return 0.0
@@ -128,7 +132,7 @@ def _excess_px(spots: Spots, named: Named) -> float:
 
 
 def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
-    """The catalogue down to the faintest detection, on the detector, with what companions do to each star."""
+    """Return the catalogue stars on the detector down to the faintest detection, with the effect of companions on each."""
     faintest = float((line.v_mag(spots.magnitude) + BRIGHTNESS_SIGMA * line.sigma(spots.magnitude)).max())
     brighter = int(np.searchsorted(sky.v_mag, min(faintest + 1.0, float(sky.v_mag[-1])), side="right"))
     part = Sky(sky.hip[:brighter], sky.icrs[:brighter], sky.v_mag[:brighter])
@@ -139,7 +143,7 @@ def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
     a, b = a[a != b], b[a != b]
     if len(a):
         offset = pixels[b] - pixels[a]
-        # How much a second Gaussian adds to the matched filter of the first, and where it draws its fitted middle.
+        # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
         overlap = own[b] * np.exp(-(offset**2).sum(1) / (4 * spots.psf_sigma_px**2))
         np.add.at(light, a, overlap)
         np.add.at(shift, a, overlap[:, None] * offset)
@@ -161,7 +165,7 @@ def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
 def _assign(
     spots: Spots, expected: _Expected, line: FluxLine, extra_px: float, proved: Rows, fit: Refined
 ) -> tuple[Rows, Rows, Array]:
-    """Unambiguous (spot, expected star) pairs, spots in ascending order, and the chance of each."""
+    """Return unambiguous (spot, expected star) pairs, spots in ascending order, and the chance probability of each."""
     e, s = _close(expected.pixels, spots.pixels, MAX_GATE_PX)
     moved2 = (expected.shift_px[e] ** 2).sum(1)
     variance = spots.sigma_px[s] ** 2 + expected.sigma_px[e] ** 2 + moved2 / 4 + extra_px**2
@@ -186,7 +190,7 @@ def _assign(
 
 
 def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
-    """Rows of (n, 2) and (m, 2) pixels that are near each other."""
+    """Rows of (n, 2) and (m, 2) pixels that are within ``within_px`` of each other."""
     if len(first) * len(second) <= FEW_PAIRS:
         a, b = np.nonzero(distances2(first, second) <= within_px**2)
         return a, b
@@ -196,8 +200,8 @@ def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
 
 
 def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, spots: int, fit: Refined) -> Array:
-    """(pairs,) probability that a detection which is no catalogue star meets one that fits: how many detections may be
-    such strangers, times the stars of that brightness in a gate of that size."""
+    """(pairs,) probability that a detection that is not a catalogue star fits one by chance: the estimated share of such
+    detections times the expected number of stars of that brightness in a gate of that size; 1 in crowded fields."""
     ranked = np.sort(expected.v_mag)
     v = expected.v_mag[e]
     among = np.searchsorted(ranked, v + window, side="right") - np.searchsorted(ranked, v - window)

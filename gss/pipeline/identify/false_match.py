@@ -1,8 +1,8 @@
-"""How likely an identification is an accident.
+"""Probability that an identification is accidental (a false match).
 
-The question is put before looking at the answer: of all the places tried on the sky, how many would show so many
-coincidences between predicted and detected stars if the detections were scattered at random? Positions give a
-binomial tail, brightness an independent second figure, and the number of places tried multiplies them.
+It is the expected number of pointings, of all those tried, that would show at least as many coincidences between predicted and
+detected stars if the detections were scattered at random. Positions give a binomial tail, brightness an independent second
+factor, and the product is multiplied by the number of pointings tried.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LEVELS = 30
 
 
 def binomial_tail(at_least: int, trials: int, chance: float) -> float:
-    """Probability of at least that many successes in independent trials."""
+    """Probability of at least ``at_least`` successes in independent trials."""
     if at_least <= 0:
         return 1.0
     if at_least > trials:
@@ -28,10 +28,10 @@ def binomial_tail(at_least: int, trials: int, chance: float) -> float:
 
 
 def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float) -> float:
-    """Probability that stars picked at random agree in relative brightness as well as these pairs do.
+    """Probability that randomly chosen stars agree in relative brightness as well as these pairs.
 
     ``spread_mag``: standard deviation of a random difference, from the catalogue in view and the detections. The zero
-    point is free. Never above 1, so poor photometry cannot spoil a good match, it only does not help.
+    point is free. Never above 1, so poor photometry does not help a good match but cannot harm it.
     """
     m = len(observed_mag)
     if m < 2 or not spread_mag > 0:
@@ -42,10 +42,10 @@ def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float
 
 
 def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> float:
-    """Chance of a coincidence count and a brightness agreement whose product is as small as here.
+    """Probability of a product of coincidence tail and brightness tail as small as the observed one.
 
-    For a discrete tail T_k and an independent uniform brightness figure, P(T·b ≤ x) ≤ x (1 + number of k with T_k > x),
-    because P(count = k) ≤ T_k. Fisher's x (1 − ln x) is the same for continuous figures, and needlessly dear here.
+    For a discrete tail T_k and an independent uniform brightness tail b, P(T·b ≤ x) ≤ x (1 + number of k with T_k > x),
+    because P(count = k) ≤ T_k. Fisher's x (1 − ln x) is the equivalent for continuous tails; it would be too pessimistic here.
     """
     met = max(at_least, 0)
     if met > trials:
@@ -61,5 +61,5 @@ def match_tail(at_least: int, trials: int, chance: float, brightness: float) -> 
 
 
 def false_match_probability(hypotheses: float, tail: float) -> float:
-    """Upper bound of the chance that any of the hypotheses tried would look this good by accident."""
+    """Upper bound of the probability that any of the hypotheses tried is this good by chance."""
     return float(min(1.0, max(hypotheses, 1.0) * tail))

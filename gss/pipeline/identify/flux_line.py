@@ -1,4 +1,4 @@
-"""What catalogue magnitude a flux stands for: a robust line through the stars already named."""
+"""Conversion of instrumental to catalogue magnitude: a robust line through the stars already identified."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.small import median
 
-SLOPE_SIGMA = 0.08  # a detector is linear; a photograph processed for the eye is less so
-SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # what colour and filter usually do, and how many stars that experience is worth
+SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1: a detector is linear, a processed photograph less so
+SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # prior scatter from colour and filter, and its weight in stars
 LEAST_SCATTER_MAG = 0.05
 ROUNDS = 8
-SETTLED_MAG = 1e-3  # a thirtieth of the narrowest window would not matter
+SETTLED_MAG = 1e-3  # convergence limit: even a thirtieth of the narrowest window would be negligible
 
 
 @dataclass(frozen=True)
 class FluxLine:
-    """V = ``level`` + ``slope`` · (m − ``middle``) for an instrumental magnitude m, with the scatter of single stars about it."""
+    """V = ``level`` + ``slope`` · (m − ``middle``) for an instrumental magnitude m; ``scatter``: of single stars about the line."""
 
     level: float
     slope: float
@@ -29,11 +29,11 @@ class FluxLine:
     scatter: float
 
     def v_mag(self, magnitude: Array) -> Array:
-        """Catalogue magnitudes of instrumental ones."""
+        """Convert instrumental to catalogue magnitudes."""
         return np.asarray(self.level + self.slope * (magnitude - self.middle))
 
     def sigma(self, magnitude: Array) -> Array:
-        """Standard deviation of a star about the line there: its own scatter and the line's error, photon noise not included."""
+        """Standard deviation of a star about the line: its scatter and the line's error, without photon noise."""
         away = self.slope_sigma * (magnitude - self.middle)
         return np.asarray(np.sqrt(self.scatter**2 + self.level_sigma**2 + away**2))
 
@@ -41,7 +41,8 @@ class FluxLine:
 def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
     """Fit (n ≥ 1) stars of instrumental ``magnitude`` with photon noise ``sigma`` to their catalogue magnitudes.
 
-    Cauchy weights, because saturated and blended stars lie far off on one side. The slope is held near 1 until stars say otherwise.
+    Uses Cauchy weights because saturated and blended stars are outliers on one side. A prior keeps the slope near 1 unless the
+    stars determine it.
     """
     middle = median(magnitude)
     away = magnitude - middle
@@ -53,7 +54,7 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
         total2 = scatter**2 + photons2
         weight = 1 / (total2 + residual * residual / 4)
         pull = weight * away
-        # Two unknowns: level and slope.
+        # Normal equations for two unknowns: level and slope.
         one, cross, lever = float(weight.sum()), float(pull.sum()), float(pull @ away) + prior
         left, right = float(weight @ residual), float(pull @ residual) + (1 - slope) * prior
         determinant = one * lever - cross * cross
@@ -66,7 +67,7 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
 
 
 def _scatter(residual: Array, photons2: float) -> float:
-    """Robust scatter beyond photon noise of that typical variance, drawn towards experience while there are few stars."""
+    """Robust scatter in excess of photon noise of variance ``photons2``, combined with the prior if there are few stars."""
     n = len(residual)
     seen = (1.4826 * median(np.abs(residual))) ** 2 - photons2
     mixed = (n * max(seen, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)

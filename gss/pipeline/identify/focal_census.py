@@ -1,8 +1,8 @@
-"""Whether the stars say that the focal length is another: a census of the whole field at focal lengths around the known one.
+"""Detection of a wrong focal length: count matching stars over the whole field at focal lengths around the known one.
 
-A camera whose focal length is not the one believed still matches the few stars in a corner whose distances are right within the
-tolerance. Their names may all be true and the boresight is wrong by the error of scale times their distance from the middle.
-At the right focal length many more stars of the bank lie on centroids, and that is counted here.
+With a wrong focal length, the few stars in one corner of the field can still match because their separations agree within the
+tolerance. All may be identified correctly while the boresight is off by the scale error times their distance from the middle.
+At the right focal length many more stars of the bank coincide with centroids; this module counts them.
 """
 
 from __future__ import annotations
@@ -17,28 +17,29 @@ from gss.pipeline.small import distances2, turned
 
 Rows = NDArray[np.intp]
 
-# Neighbours in the grid are half a pixel apart at 200 px from the middle; a list further off is hardly ever matched at all.
+# Adjacent scales differ by half a pixel at 200 px from the middle; with a larger error hardly any match succeeds.
 STEP, LARGEST = 0.0025, 0.03
-# A calibration may be off by one step: 1.5 px at 600 px is no false attitude.
+# A calibration error of one step is accepted: 1.5 px at 600 px does not make the attitude wrong.
 AS_KNOWN = (1 + STEP, 1 - STEP)
 OTHERS = tuple(round(1 + sign * k * STEP, 6) for k in range(2, round(LARGEST / STEP) + 1) for sign in (1, -1))
-# Where so much of what can be met is met, it does not lie in one corner.
+# If this share of the possible matches is found, they cannot all lie in one corner.
 PLENTY = 0.8
-# The first attitude rests on a few stars, perhaps a cluster: far from them look wider, as far as their own errors turn the field.
+# The first attitude comes from a few stars, perhaps close together: the search radius grows with the distance from them,
+# according to the attitude error.
 ROUNDS = 4
 WIDEST_PX = 30.0
 BESIDE_RAD = 0.05
-# A right list refused costs a frame, a wrong one answered costs everything: so much accident is allowed.
+# Probability of rejecting a correct solution by chance. It may be large: a rejection costs one frame, a false attitude far more.
 ACCIDENT = 1e-2
 
 
 def focal_objection(
     pixels: Array, matched: Rows, icrs_of_matched: Array, bank: Array, camera: Camera, radius_px: float
 ) -> str:
-    """Why the camera's focal length cannot be right, or "".
+    """Return why the camera's focal length cannot be right, or "".
 
-    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of those that have a name; ``icrs_of_matched``: (k, 3) their stars;
-    ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: how near its place a star counts as met.
+    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of the identified ones; ``icrs_of_matched``: (k, 3) their stars;
+    ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: largest distance of a match.
     """
     known_unit = camera.unproject(pixels)
     cam_from_icrs = turned(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
@@ -75,29 +76,30 @@ def focal_objection(
 
 
 def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
-    """(scales, n, 3) directions of the pixels with each focal length, all lenses inverted at once."""
+    """(scales, n, 3) directions of the pixels with each focal length, all distortions inverted in one call."""
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
     return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)
 
 
 def _without_furthest(pixels: Array) -> Rows:
-    """All rows but the one furthest from the middle of them: where one name is false, it is often that."""
+    """Return all rows except the one furthest from their median, which is often the false match if there is one."""
     off = np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)
     return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
 
 
 def plenty(met: int, in_view: int, centroids: int) -> bool:
-    """Whether so much of what can be met is met that no other focal length needs to be tried."""
+    """True if so many of the possible matches are found that no other focal length needs to be tried."""
     return met >= PLENTY * min(centroids, in_view)
 
 
 def _met(
     pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
 ) -> tuple[int, int]:
-    """How many stars lie on centroids, and how many are in view, at the attitude that most of them agree on.
+    """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the matches.
 
-    ``unit``: (n, 3) of the pixels with that camera. A round that names the same stars as the one before has settled.
+    ``unit``: (n, 3) directions of the pixels with that camera. The iteration has converged if a round matches the same stars as
+    the one before.
     """
     stars, spots, weight = icrs, rows, np.ones(len(rows))
     met, in_view, settled = 0, 0, False
@@ -121,7 +123,8 @@ def _met(
 
 
 def _lever(places: Array, fitted: Array, weight: Array, most: float) -> Array:
-    """(n,) by how much larger than one star's error the error of prediction is that far from the stars of the fit."""
+    """(n,) ratio of the prediction error at ``places`` to one star's error; it grows with the distance from the fitted stars and
+    is at most ``most``."""
     total = float(weight.sum())
     middle = weight @ fitted / total
     extent2 = float(weight @ ((fitted - middle) ** 2).sum(1))

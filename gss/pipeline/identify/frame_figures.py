@@ -1,7 +1,7 @@
 """Matching two frames of one camera without a catalogue: pair match and triangle match (Huffman 2006 §5.5.1–2).
 
-Both compare angles inside one frame with angles inside the other, so a turn in between does not matter. Answers are
-(m, 2) rows of (star of frame 1, star of frame 2), empty where there is none.
+Both compare angles within one frame with angles within the other, so a rotation between them does not matter. Results are
+(m, 2) rows of (star of frame 1, star of frame 2), empty if there is no match.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ def angle_matrix_rad(unit_cam: Array) -> Array:
 
 
 def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Array, tolerance_rad: float) -> Rows:
-    """Two stars by their distance (§5.5.1). ``before``, ``after``: (n, 3) and (m, 3) directions, brightest first.
+    """Match two stars by their separation (§5.5.1). ``before``, ``after``: (n, 3) and (m, 3) directions, brightest first.
 
-    Pairs are tried brightest first; one is taken when exactly one pair of the other frame is as long. Which star is which
-    follows from brightness, the document's last resort where no motion is known. Duplicate distances give nothing.
+    Pairs are tried brightest first; one is accepted if exactly one pair of the other frame has the same separation. The order
+    of the two stars follows from brightness, the document's fallback if the motion is unknown. Duplicate separations do not match.
     """
     here, there = angle_matrix_rad(before), angle_matrix_rad(after)
     a, b = np.triu_indices(len(after), 1)
@@ -42,7 +42,7 @@ def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Arra
 
 
 def triangle_match(before: Array, after: Array, tolerance_rad: float, most_figures: int = 500) -> Rows:
-    """Three stars by their three angles (§5.5.2): the first triad in the smart order with exactly one partner triad."""
+    """Match three stars by their three angles (§5.5.2): the first triad in the order of ``figures`` with exactly one partner."""
     here, there = angle_matrix_rad(before), angle_matrix_rad(after)
     for triad in figures(len(before), 3)[:most_figures]:
         partner = triad_partner(triad, before, after, here, there, tolerance_rad)
@@ -54,7 +54,7 @@ def triangle_match(before: Array, after: Array, tolerance_rad: float, most_figur
 def triad_partner(
     triad: tuple[int, ...], before: Array, after: Array, here: Array, there: Array, tolerance_rad: float
 ) -> Rows | None:
-    """(3,) stars of the other frame, or None unless exactly one triad of the same hand fits."""
+    """Return the (3,) matching stars of the other frame, or None unless exactly one triad of the same handedness fits."""
     sides = ((0, 1), (1, 2), (0, 2))
     alike = [np.abs(there - here[triad[p], triad[q]]) <= tolerance_rad for p, q in sides]
     for same in alike:
@@ -70,11 +70,11 @@ def triad_partner(
 
 
 def candidate_star_matrix(side_a: NDArray[np.bool_], side_b: NDArray[np.bool_], side_c: NDArray[np.bool_]) -> Rows:
-    """What is left of the document's candidate star matrix; columns are stars 1, 2, 3 of the triad, −1 an empty cell.
+    """Return the document's candidate star matrix after deletions; columns are stars 1, 2, 3 of the triad, −1 an empty cell.
 
-    Each (m, m) symmetric mask says which pairs of the other frame are as long as sides a = 12, b = 23, c = 13. Every hit is
-    written in both orders; rows with a star that occurs fewer than twice in its column are deleted until none does
-    (the document deletes once). Three rows are a match, more an ambiguity.
+    Each (m, m) symmetric mask marks the pairs of the other frame that are as long as sides a = 12, b = 23, c = 13. Every pair is
+    entered in both orders; rows with a star that occurs fewer than twice in its column are deleted repeatedly (the document
+    deletes once). Three remaining rows are a match, more are ambiguous.
     """
     rows = []
     for mask, (p, q) in zip((side_a, side_b, side_c), ((0, 1), (1, 2), (0, 2)), strict=True):

@@ -1,9 +1,9 @@
-"""Geometric voting (Kolomenkin 2008 as Erlank 2013 §4.3.3 and Algorithm 2 use it).
+"""Geometric voting (Kolomenkin 2008, as used in Erlank 2013 §4.3.3 and Algorithm 2).
 
-Each pair of imaged stars asks the distance table for catalogue pairs of its length; both imaged stars get a vote from both
-catalogue stars. The most voted name of each is then checked against the others: a verification vote for every pair whose
-assumed names are as far apart as the stars are. All counts are integers and ties go to the lower row number,
-so the same input gives the same answer on any machine.
+For each pair of imaged stars, the distance table gives the catalogue pairs of the same separation; each of the two catalogue
+stars votes for both imaged stars. The catalogue star with the most votes for each imaged star is then checked against the
+others: every pair whose assumed catalogue stars have the measured separation gives a verification vote. All counts are integers
+and ties go to the lower row, so the same input gives the same result on any machine.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Ballot:
-    """First round. ``row``: (n,) most voted catalogue row of each imaged star, −1 where none got a vote;
-    ``votes``: (n,) how many; ``hits``: table entries met by all pairs together."""
+    """Result of the first round. ``row``: (n,) catalogue row with the most votes for each imaged star, −1 without votes;
+    ``votes``: (n,) their number; ``hits``: number of table entries read for all pairs."""
 
     row: Rows
     votes: Rows
@@ -40,7 +40,7 @@ class Pairs:
 
 
 def pairs_of(unit_cam: Array) -> Pairs:
-    """Pairs of (n, 3) unit vectors. Chords instead of eq. 4.3.1's arccosine, which is coarse at small angles."""
+    """Return all pairs of (n, 3) unit vectors. Uses chords, because eq. 4.3.1's arccosine is inaccurate at small angles."""
     i, j = np.triu_indices(len(unit_cam), 1)
     return Pairs(i, j, _angle_rad(unit_cam[i] - unit_cam[j]))
 
@@ -51,13 +51,13 @@ def _angle_rad(chord: Array) -> Array:
 
 
 def reduced_table(table: DistanceTable, allowed: Mask) -> DistanceTable:
-    """The pairs of which both stars are in the reduced catalogue (Erlank 2013 §4.3.4)."""
+    """Return the pairs whose two stars are both in the reduced catalogue (Erlank 2013 §4.3.4)."""
     keep = np.flatnonzero(allowed[table.first] & allowed[table.second])
     return DistanceTable(table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, table.max_rad)
 
 
 def vote(pairs: Pairs, stars: int, table: DistanceTable, rows: int, tolerance_rad: float) -> Ballot:
-    """First round of ``stars`` imaged stars over a catalogue of ``rows`` stars, by binary search in the table."""
+    """Run the first round for ``stars`` imaged stars and a catalogue of ``rows`` stars, by binary search in the table."""
     low = np.searchsorted(table.distance_rad, pairs.distance_rad - tolerance_rad, side="left")
     high = np.searchsorted(table.distance_rad, pairs.distance_rad + tolerance_rad, side="right")
     count = high - low
@@ -73,8 +73,8 @@ def vote(pairs: Pairs, stars: int, table: DistanceTable, rows: int, tolerance_ra
 
 
 def agreement(pairs: Pairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
-    """(n, n) symmetric 0/1: the assumed names of the two stars are as far apart as the stars are. Two stars with one
-    name never agree."""
+    """(n, n) symmetric 0/1 matrix: 1 if the assumed catalogue stars of two imaged stars have the measured separation. Two imaged
+    stars with the same catalogue star never agree."""
     agree = np.zeros((len(row), len(row)), np.int64)
     a, b = row[pairs.i], row[pairs.j]
     known = np.flatnonzero((a >= 0) & (b >= 0) & (a != b))
@@ -86,22 +86,22 @@ def agreement(pairs: Pairs, row: Rows, catalogue: OnboardCatalogue, tolerance_ra
 
 
 def cluster(verification: NDArray[np.int64], margin: int) -> Rows:
-    """Stars whose verification votes are within ``margin`` of the most (Kolomenkin; Erlank 2013 §4.3.3 takes one)."""
+    """Stars whose verification votes are within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3 uses one)."""
     most = int(verification.max(initial=0))
     return np.flatnonzero(verification >= max(1, most - margin))
 
 
 def mutually_consistent(agree: NDArray[np.int64], chosen: Rows) -> Rows:
-    """The part of ``chosen`` in which every pair agrees: the star that disagrees most is left out until none does.
+    """Return a subset of ``chosen`` in which every pair agrees, removing the star that disagrees most until none does.
 
-    Not in the document: there a false star that gets near the most votes by accident goes into the attitude.
+    This is not in the document, where a false star that gets nearly the most votes by chance is used for the attitude.
     """
     chosen = chosen.copy()
     while len(chosen) > 1:
         friends = agree[np.ix_(chosen, chosen)].sum(axis=1)
         if friends.min() == len(chosen) - 1:
             break
-        # Ties: the one with fewer votes over all; then the later, fainter one.
+        # Ties are resolved by fewer votes in total, then by the later, fainter star.
         total = agree[chosen].sum(axis=1)
         worst = np.lexsort((-np.arange(len(chosen)), total, friends))[0]
         chosen = np.delete(chosen, worst)

@@ -1,4 +1,4 @@
-"""Pairs of catalogue stars by angular distance, found without a search: the k-vector (Mortari & Neta 2000)."""
+"""Pairs of catalogue stars by angular distance, with search-free range look-up: the k-vector (Mortari & Neta 2000)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gss.domain.errors import BadInput
 class PairTable:
     """Pairs ``first``, ``second`` (rows of the star list) with ascending ``distance_rad``, and the k-vector over them.
 
-    ``below[k]`` counts the distances ≤ ``start_rad + k·step_rad``, so any range is two look-ups and a short trim.
+    ``below[k]`` counts the distances ≤ ``start_rad + k·step_rad``, so any range takes two look-ups and a short correction.
     """
 
     first: NDArray[np.int32]
@@ -30,18 +30,18 @@ class PairTable:
         return len(self.distance_rad)
 
     def ranges(self, low_rad: Array, high_rad: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """For each of n intervals the slice [from, to) of the table that holds exactly the distances inside it."""
+        """Return, for each of n intervals, the slice [from, to) of the table that contains exactly the distances inside it."""
         return self._count(low_rad, strict=True), self._count(high_rad, strict=False)
 
     def _count(self, value_rad: Array, *, strict: bool) -> NDArray[np.intp]:
-        """Distances < value (strict) or ≤ value."""
+        """Count the distances < value (strict) or ≤ value."""
         value = np.atleast_1d(np.asarray(value_rad, float))
         k = np.clip(np.floor((value - self.start_rad) / self.step_rad), 0, len(self.below) - 1).astype(np.intp)
         at = self.below[k].copy()
         n = len(self.distance_rad)
         if not n:
             return np.zeros(len(value), np.intp)
-        # The line's bin holds about one distance: these loops end after a step or two.
+        # A bin contains about one distance, so these loops end after a step or two.
         while True:
             d = self.distance_rad[np.minimum(at, n - 1)]
             up = (at < n) & ((d < value) if strict else (d <= value))
@@ -57,7 +57,7 @@ class PairTable:
 
 
 def pair_table(icrs: Array, min_rad: float, max_rad: float) -> PairTable:
-    """Table of all pairs of (n, 3) unit vectors whose distance lies in [min_rad, max_rad]."""
+    """Build the table of all pairs of (n, 3) unit vectors whose distance lies in [min_rad, max_rad]."""
     if not 0 <= min_rad < max_rad <= np.pi:
         raise BadInput(
             "pair distances are impossible", expected="0 ≤ min < max ≤ π", got=f"{min_rad:g}, {max_rad:g} rad"
@@ -78,7 +78,7 @@ def pair_table(icrs: Array, min_rad: float, max_rad: float) -> PairTable:
 
 
 def _close_pairs(icrs: Array, max_rad: float) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Row numbers, first < second, of pairs within ``max_rad``."""
+    """Row indices, first < second, of pairs within ``max_rad``."""
     n = len(icrs)
     if n <= 1500:
         cosine = icrs @ icrs.T

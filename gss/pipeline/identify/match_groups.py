@@ -1,10 +1,10 @@
-"""Van Bezooijen's match groups as Sunsat uses them (Jacobs 1995 §3.3, app. D.2).
+"""Van Bezooijen's match groups as used by Sunsat (Jacobs 1995 §3.3, app. D.2).
 
-Every pair of observed stars asks the distance table for guide pairs of its length whose magnitudes fit. A *match* is an
-observed star with a guide star; two matches are joined if their pair was found. Each match is the kernel of a group, and
-its confidence is how many observed stars are joined to it. Small groups fall (ICLim), the rest are split until every pair
-inside is joined: what is left of a group are its complete parts, found here as the cliques of the graph of matches. The
-largest that is no mirror image wins; each failure lowers ICLim by one, down to three stars.
+For every pair of observed stars, the distance table gives the guide pairs of the same separation whose magnitudes fit. A *match*
+is an observed star with a guide star; two matches are joined if their pair was found. Each match is the kernel of a group, and
+its confidence is the number of observed stars joined to it. Small groups are dropped (ICLim), the others are split until every
+pair inside is joined. The resulting complete subgroups are found here as the cliques of the graph of matches. The largest
+one that is not a mirror image wins; each failure lowers ICLim by one, down to three stars.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from gss.domain.stars import DistanceTable
 
 Rows = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-# Parts of one split constellation are off one another by a few tolerances, other places of the sky by thousands.
+# Parts of one split constellation differ by a few tolerances, unrelated parts of the sky by thousands.
 SPLIT_TOLERANCES = 4.0
 
 
 @dataclass(frozen=True)
 class GroupLimits:
-    """Tolerances of eqs. 3.1 and 3.2, the smallest group, and the most steps of splitting."""
+    """Tolerances of eqs. 3.1 and 3.2, the smallest group size, and the maximum number of splitting steps (``budget``)."""
 
     distance_rad: float
     magnitude_mag: float
@@ -35,8 +35,8 @@ class GroupLimits:
 
 @dataclass(frozen=True)
 class Group:
-    """Observed stars and their guide stars, (k,) each. ``misfit_rad``: summed differences of all distances, the document's
-    quality of a group."""
+    """Observed stars and their guide stars, (k,) each. ``misfit_rad``: sum of the differences of all distances, the document's
+    quality measure of a group."""
 
     observed: Rows
     guide: Rows
@@ -48,8 +48,8 @@ class Group:
 
 @dataclass(frozen=True)
 class Grouping:
-    """``group`` the winner or None with a ``reason``. ``largest``: all groups of that size, best first. ``pairs``: matching
-    star pairs, ``operations``: table entries and splitting steps."""
+    """``group``: the winner, or None with a ``reason``. ``largest``: all groups of the largest size, best first. ``pairs``: number
+    of matching star pairs, ``operations``: number of table entries read and splitting steps."""
 
     group: Group | None
     largest: tuple[Group, ...]
@@ -60,7 +60,7 @@ class Grouping:
 
 @dataclass(frozen=True)
 class Guides:
-    """The guide stars: (n, 3) unit vectors, (n,) magnitudes, and their distance table in float64."""
+    """Guide stars: (n, 3) unit vectors, (n,) magnitudes, and their distance table in float64."""
 
     unit: Array
     v_mag: Array
@@ -77,24 +77,24 @@ class _Graph:
     b: Rows
 
     def confidence(self) -> Rows:
-        """Distinct observed stars joined to each match."""
+        """Number of distinct observed stars joined to each match."""
         bits = np.zeros(len(self.observed), np.int64)
         np.bitwise_or.at(bits, self.a, np.int64(1) << self.observed[self.b].astype(np.int64))
         return np.bitwise_count(bits).astype(np.intp)
 
     def keep(self, nodes: Flags) -> _Graph:
-        """Without some matches, in all groups where they were (§3.3.2)."""
+        """Return the graph with only the matches ``nodes``; the others are removed from all their groups (§3.3.2)."""
         number = np.cumsum(nodes) - 1
         joins = nodes[self.a] & nodes[self.b]
         return _Graph(self.observed[nodes], self.guide[nodes], number[self.a[joins]], number[self.b[joins]])
 
 
 def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> Grouping:
-    """Best group for (n, 3) observed unit vectors with (n,) magnitudes; NaN directions or magnitudes take no part.
+    """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes; NaN directions or magnitudes are ignored.
 
-    Two largest groups without two matches in common are two answers, which is none (§3.3.5), unless they are parts of one
-    constellation; of those that agree the better quality counts. The mirror test uses vectors, since eq. 3.3's right
-    ascensions fail at the poles.
+    If two largest groups do not have two matches in common, the result is ambiguous and rejected (§3.3.5), unless they are parts
+    of one constellation; of groups that agree, the one with the better quality is used. The mirror test uses vectors because
+    eq. 3.3's right ascensions fail at the poles.
     """
     graph, entries = _joined_matches(unit, v_mag, guides, limits)
     pairs = len(graph.a) // 2
@@ -144,12 +144,12 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
 
 
 def _angle_rad(a: Array, b: Array) -> Array:
-    """By the chord: eq. C.7's arccosine loses 1e-8 rad where stars are close."""
+    """Angle from the chord, because eq. C.7's arccosine loses 1e-8 rad for close stars."""
     return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=-1), 1.0)))
 
 
 def _pruned(graph: _Graph, least: int) -> _Graph:
-    """Only groups of at least that confidence, again and again until none falls."""
+    """Remove groups below the confidence ``least`` repeatedly until none is removed."""
     while len(graph.observed):
         strong = graph.confidence() >= least
         if strong.all():
@@ -188,7 +188,7 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
 
 
 def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
-    """A set of matches with its quality."""
+    """Return a set of matches as a group with its quality."""
     observed, guide = match
     i, j = np.triu_indices(len(observed), 1)
     seen = _angle_rad(unit[observed[i]], unit[observed[j]])
@@ -197,7 +197,7 @@ def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
 
 
 def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
-    """Are the observed stars the mirror image of the guide stars (§3.3.3)? Judged by the largest triangle round the kernel."""
+    """True if the observed stars are the mirror image of the guide stars (§3.3.3), tested on the largest triangle at the kernel."""
     o, g = unit[group.observed], guide_unit[group.guide]
     i, j = np.triu_indices(len(o) - 1, 1)
     seen = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
@@ -207,13 +207,13 @@ def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
 
 
 def ranked(groups: list[Group]) -> tuple[Group, ...]:
-    """The largest groups, best quality first."""
+    """Return the largest groups, best quality first."""
     most = max(len(g) for g in groups)
     return tuple(sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad))
 
 
 def winner(groups: list[Group], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[Group | None, str]:
-    """The best of the largest groups, or None and why there are two answers."""
+    """Return the best of the largest groups, or None and the reason if the result is ambiguous."""
     largest = ranked(groups)
     best = largest[0]
     if all(_one_answer(best, other, unit, guides, limits) for other in largest[1:]):
@@ -222,8 +222,8 @@ def winner(groups: list[Group], unit: Array, guides: Guides, limits: GroupLimits
 
 
 def _one_answer(one: Group, other: Group, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
-    """Two matches in common (§3.3.5), or, where high sigma stars split a constellation into parts that share fewer: all
-    distances between the two are nearly right."""
+    """True if both groups give the same answer: they have two matches in common (§3.3.5), or all distances between the two are
+    nearly right (stars with a large error can split a constellation into parts that share fewer matches)."""
     first = dict(zip(one.observed.tolist(), one.guide.tolist(), strict=True))
     if sum(first.get(o) == g for o, g in zip(other.observed.tolist(), other.guide.tolist(), strict=True)) > 1:
         return True

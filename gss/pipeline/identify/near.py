@@ -1,4 +1,4 @@
-"""Assisted and tracking: the attitude is roughly known, so few catalogue stars can be each star, and pairs decide at once."""
+"""Identification with a prior attitude (assisted and tracking modes): each detection has few candidates, and pairs select them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 TOLERANCE_SIGMA = 3.5
-ACCEPT = 1e-4  # looser than without a hint: the answer must also lie where the caller says
+ACCEPT = 1e-4  # less strict than without a hint, because the result must also agree with the hint
 MAX_STARS = 40
 MAX_CANDIDATES = 700
 TRIES = 6
@@ -32,7 +32,7 @@ class Hint:
 
 
 def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept: float = ACCEPT) -> Found:
-    """Identify with a prior. Candidates are (star seen, catalogue star) within the radius; consistent pairs vote."""
+    """Identify with a prior attitude. Candidates are (detection, catalogue star) pairs within the radius; consistent pairs vote."""
     n = min(len(field), MAX_STARS)
     if n < 3:
         return Found(None, 0, f"{counted(len(field))} found: at least 3 are needed near a known attitude")
@@ -60,7 +60,7 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
             agree[p, q] = agree[q, p] = False
             continue
         side, others = field.unit[seen[q]] - field.unit[seen[p]], field.unit[seen[members]] - field.unit[seen[p]]
-        # Twice the area, squared.
+        # Square of twice the triangle's area.
         area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
         evidence = verify(field, sky, camera, rows=seen[trio], stars=local[known[trio]], hypotheses=max(hypotheses, 1))
@@ -81,7 +81,7 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
 
 
 def _agreement(field: Field, seen: Rows, unit: Array, expected: Array, known: Rows) -> Mask:
-    """(k, k) which two candidates keep their distance and are of different stars."""
+    """(k, k) mask of candidate pairs with the right separation and different stars."""
     variance = field.sigma_rad[seen] ** 2
     tolerance = TOLERANCE_SIGMA * np.sqrt(variance[:, None] + variance)
     a, b = _distances(np.stack([unit, expected]))
@@ -90,7 +90,7 @@ def _agreement(field: Field, seen: Rows, unit: Array, expected: Array, known: Ro
 
 def _distances(unit: Array) -> Array:
     """(…, k, k) angles between (…, k, 3) directions."""
-    # The chord from the Gram matrix loses digits only far below any centroid error.
+    # The rounding error of the chord from the Gram matrix is far below any centroid error.
     half2 = 0.5 - 0.5 * (unit @ unit.swapaxes(-1, -2))
     return np.asarray(2 * np.arcsin(np.sqrt(np.minimum(np.maximum(half2, 0.0), 1.0))))
 

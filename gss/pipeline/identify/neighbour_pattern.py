@@ -1,8 +1,8 @@
 """Blind search for a pattern of linked neighbours (Moniteq 1983 §6.1, Fig. 6.1 step 3).
 
-Two spots are a hypothesis when some link of the star list is as long as they are apart and both ends are as bright as the
-spots. Such a pair places the whole picture on the sky; the other spots then lie on stars, or not. The brightest spots are
-asked first, because they have the fewest candidates, and the number of hypotheses is counted and limited.
+Two spots give a hypothesis if some link of the star list has their separation and both ends have the spots' brightness. The
+hypothesis defines an attitude, and the other spots that coincide with stars support it. The brightest spots are tried
+first because they have the fewest candidates, and the number of hypotheses is counted and limited.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ MOST_AMPLIFIED = 3.0
 
 @dataclass(frozen=True)
 class PairHypotheses:
-    """h hypotheses: spot ``i`` is star ``a`` and spot ``j`` is star ``b``; ``checks``: links looked at, ``left_out``: not tried."""
+    """h hypotheses: spot ``i`` is star ``a`` and spot ``j`` is star ``b``; ``checks``: number of links examined, ``left_out``:
+    number of hypotheses not tried."""
 
     i: Index
     j: Index
@@ -38,7 +39,8 @@ class PairHypotheses:
 
 
 def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
-    """(…) whether a spot is as bright as a star; unknown magnitudes fit, and a ``saturated`` spot may be a brighter star."""
+    """(…) True where a spot and a star are equally bright; unknown magnitudes fit, and a ``saturated`` spot may be a brighter
+    star."""
     too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
     return np.asarray(~too_bright & (~too_faint | saturated))
 
@@ -54,7 +56,7 @@ def pair_hypotheses(
     error_mag: float,
     most: int,
 ) -> PairHypotheses:
-    """Pairs of (n, 3) spots, brightest first, on links of ``allowed`` stars, at most ``most``."""
+    """Return at most ``most`` hypotheses that match pairs of (n, 3) spots, brightest first, with links of ``allowed`` stars."""
     i, j = np.triu_indices(len(unit_cam), 1)
     # Pairs of the brightest spots first: 01, 02, 12, 03 …
     order = np.lexsort((i, j))
@@ -80,13 +82,13 @@ def pair_hypotheses(
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
-    """(h, 3, 3) attitudes that lay the middle and the direction of each pair of spots on those of its stars."""
+    """(h, 3, 3) attitudes that align the midpoint and direction of each pair of spots with those of its stars."""
     here, there = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
     return np.asarray(np.einsum("hka,hkb->hab", here, there))
 
 
 def _axes(p: Array, q: Array) -> Array:
-    """(h, 3, 3) rows: middle, across, along."""
+    """(h, 3, 3) rows: midpoint, across, along."""
     middle = p + q
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     across = np.cross(p, q)
@@ -106,9 +108,9 @@ def supporters(
     tolerance_rad: float,
     error_mag: float,
 ) -> NDArray[np.intp]:
-    """(h,) how many spots lie on a star of fitting brightness when the sky is laid as each hypothesis says.
+    """(h,) number of spots that coincide with a star of similar brightness at the attitude of each hypothesis.
 
-    A close pair turns the picture loosely: the tolerance grows with the distance from its middle, up to three times.
+    A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to three times.
     """
     count = np.zeros(len(h), np.intp)
     for begin in range(0, len(h), CHUNK):

@@ -1,8 +1,8 @@
-"""Four-star figures that look the same at any scale, position and roll: the dictionary of the blind solver.
+"""Dictionary of the blind solver: four-star figures with codes that do not depend on scale, position or roll.
 
-Each figure is written relative to its two widest stars, A at 0 and B at 1 of the complex plane; the places of the
+Each figure is expressed relative to its two widest stars, A at 0 and B at 1 of the complex plane; the positions of the
 other two are the code (the idea of Lang et al. 2010, astrometry.net; built here from the star table in memory).
-A mirrored figure has another code, so a mirrored image is not recognised by accident.
+A mirrored figure has a different code, so a mirrored image is not identified by accident.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ OTHERS = np.array([[k for k in range(4) if k not in pair] for pair in PAIRS.toli
 
 @dataclass(frozen=True)
 class Level:
-    """Figures of one size. ``radius_rad``: of the circle they were drawn from. ``stars``: (p, 4) rows of the sky in the
-    order A, B, C, D; ``size_rad``: (p,) distance A–B; ``tree`` over (p, 4) codes; ``bright``: tree over the circle's stars."""
+    """Figures of one size. ``radius_rad``: radius of the circle they were taken from. ``stars``: (p, 4) rows of the sky in the
+    order A, B, C, D; ``size_rad``: (p,) distance A–B; ``tree``: over (p, 4) codes; ``bright``: tree over the circle's stars."""
 
     radius_rad: float
     stars: NDArray[np.int32]
@@ -38,16 +38,16 @@ class Level:
 
 
 def radii_rad(lowest_fov_rad: float, highest_fov_rad: float) -> list[float]:
-    """Circle radii that serve fields between the two (shorter sides)."""
+    """Circle radii suitable for fields of view in this range (shorter side)."""
     low, high = 0.2 * lowest_fov_rad, max(0.45 * highest_fov_rad, 0.2 * lowest_fov_rad * 1.01)
     count = int(np.ceil(np.log(high / low) / np.log(LEVEL_RATIO))) + 1
-    # The grid is the same for all requests, so a caller can keep levels.
+    # The grid is the same for all calls, so that a caller can cache levels.
     first = int(np.floor(np.log(low) / np.log(LEVEL_RATIO)))
     return [float(LEVEL_RATIO ** (first + k)) for k in range(count + 1)]
 
 
 def build_level(sky: Sky, radius_rad: float) -> Level:
-    """All figures of a star that is among the eight brightest of its circle with three of the others of them."""
+    """Build all figures of a star that is among the eight brightest of its circle with three of the other seven."""
     share = (1 - np.cos(radius_rad)) / 2
     count = int(min(len(sky), max(STARS_PER_CIRCLE / share, 60)))
     unit = sky.icrs[:count]
@@ -82,7 +82,7 @@ def _quads(
 def codes_of(unit: Array, ids: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32], Array]:
     """Codes (p, 4), the ids (p, 4) reordered A B C D, and sizes (p,) of (p, 4, 3) unit vectors.
 
-    The figure lies in the plane tangent at its own middle, seen from inside the sphere as a camera sees it.
+    The figure is projected on the tangent plane at its centre, seen from inside the sphere as by a camera.
     """
     middle = unit.mean(axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)

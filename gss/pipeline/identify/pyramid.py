@@ -1,6 +1,7 @@
-"""Lost in space with a known camera: pairs from the k-vector, supported by third and fourth stars, proved on the whole field.
+"""Lost-in-space identification with a known camera: pairs from the k-vector, supported by third and fourth stars, verified on
+the whole field.
 
-After Mortari, Samaan, Bruccoleri & Junkins 2004 (pyramid), with two changes: all third stars of a pair are looked at
+After Mortari, Samaan, Bruccoleri & Junkins 2004 (pyramid), with two changes: all third stars of a pair are examined
 together, and a candidate is accepted by its false-match probability instead of by its fourth star alone.
 """
 
@@ -20,16 +21,16 @@ from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
 TOLERANCE_SIGMA = 3.5
 ACCEPT = 1e-6
 MAX_STARS = 120
-LEAST_MATCHED = 4  # three stars never prove themselves against a whole sky, whatever the figure says
+LEAST_MATCHED = 4  # three stars are not sufficient evidence over the whole sky, whatever their false-match probability
 MAX_JOINED_ROWS = 3_000_000
 ROWS_AT_ONCE = 4_000_000
-ROWS_PER_PAIR = 600  # what one join costs however small it is
+ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
 COLLINEAR = 4.0
 
 
 @dataclass(frozen=True)
 class Found:
-    """The accepted evidence, or None and why not. ``hypotheses``: places on the sky that were tried."""
+    """The accepted evidence, or None and the reason. ``hypotheses``: number of pointings tried."""
 
     evidence: Evidence | None
     hypotheses: int
@@ -39,7 +40,7 @@ class Found:
 def identify_lost(
     field: Field, sky: Sky, table: PairTable, camera: Camera, *, scale_error: float = 0.0, accept: float = ACCEPT
 ) -> Found:
-    """Identify a field with no idea of where the camera looks.
+    """Identify a field without prior attitude.
 
     ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
     """
@@ -70,12 +71,12 @@ def identify_lost(
 
 
 def counted(stars: int) -> str:
-    """ "1 star", "5 stars"."""
+    """Return the count with its noun: "1 star", "5 stars"."""
     return f"{stars} star{'' if stars == 1 else 's'}"
 
 
 def _pair_order(n: int) -> Iterator[tuple[int, int]]:
-    """Pairs (i, j), i < j, bright ones first, so mixed that one false star spoils only its own share."""
+    """Yield pairs (i, j), i < j, bright ones first, in an order that spreads the pairs of any one (false) star."""
     for total in range(1, 2 * n - 2):
         for i in range(max(0, total - n + 1), (total + 1) // 2):
             yield i, total - i
@@ -96,12 +97,12 @@ def _too_long(search: _Search, best: Evidence | None) -> str:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(3, …) cross product; numpy's own takes longer over its axes than over a dozen vectors."""
+    """(3, …) cross product; numpy's version has more overhead than the work on a dozen vectors."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 class _Search:
-    """Candidate lists of one field: built once per anchor star, joined once per pair."""
+    """Candidate lists of one field, built once per anchor star and joined once per pair."""
 
     def __init__(self, field: Field, sky: Sky, table: PairTable, n: int, scale_error: float) -> None:
         self.sky, self.table, self.n = sky, table, n
@@ -121,7 +122,7 @@ class _Search:
         self.joined_rows = 0
 
     def _anchor(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
-        """Everything that fits pairs with star i, by the catalogue star that i would be: (offsets, other star, partner)."""
+        """Return all candidates of the pairs with star i, grouped by the catalogue star of i: (offsets, other star, partner)."""
         if i not in self.anchors:
             lists = [(k, slice(self.start[i, k], self.stop[i, k])) for k in range(self.n) if k != i]
             first = np.concatenate([self.table.first[s] for _, s in lists])
@@ -148,12 +149,12 @@ class _Search:
         rows = int(count.sum())
         self.joined_rows += rows + ROWS_PER_PAIR
         if rows > ROWS_AT_ONCE:
-            return []  # so unspecific that it proves nothing, and its join would take gigabytes
+            return []  # too unspecific to be evidence, and its join would take gigabytes
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
         k, c = anchor_k.take(pos), anchor_c.take(pos)
         off = -self.cos_middle[j].take(k)
-        for axis in self.xyz:  # one coordinate after the other: a gather of whole vectors takes several times as long
+        for axis in self.xyz:  # by coordinate, because indexing whole vectors takes several times as long
             off += axis[b].take(h) * axis.take(c)
         fits = np.flatnonzero(np.abs(off) <= self.cos_half[j].take(k))
         h, k, c = h[fits], k[fits], c[fits]
@@ -175,7 +176,7 @@ class _Search:
         u, icrs = self.unit, self.sky.icrs
         seen = u[k] @ _cross(u[i], u[j])
         known = (_cross(icrs[a[h]].T, icrs[b[h]].T) * icrs[c].T).sum(0)
-        # Nearly collinear triangles have no reliable handedness; the whole field decides on them later.
+        # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
         flat = (
             COLLINEAR
             * self.tolerance[i, j]

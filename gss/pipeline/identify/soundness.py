@@ -1,7 +1,7 @@
-"""What an identification must show beyond its number of stars: separate stars, one handedness, errors as small as they should be.
+"""Plausibility tests of an identification beyond its number of stars: separate stars, handedness, size of the residuals.
 
-Close companions stand or fall together, a pattern that is its own mirror image fits a mirrored frame, and stars that were met by
-accident fill the tolerance evenly instead of crowding in its middle.
+Close companions match together, so they count as one; a pattern that is its own mirror image also fits a mirrored frame; and
+the residuals of accidental matches fill the tolerance evenly instead of concentrating at zero.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.attitude import profile_matrix
 
-# Even over a disc of radius T each axis has T/2; measured stars stay far below.
+# Residuals distributed evenly over a disc of radius T have an rms of T/2 per axis; those of real stars are far smaller.
 EVEN_SHARE = 1 / 3
 SIGMAS = 2.0
 
 
 def separate_stars(unit: Array, radius_rad: float) -> int:
-    """How many of (n, 3) directions are further than ``radius_rad`` from every one counted before."""
+    """Number of (n, 3) directions that are further than ``radius_rad`` from every one counted before."""
     counted: list[Array] = []
     for direction in unit:
         if all(np.linalg.norm(direction - other) > radius_rad for other in counted):
@@ -26,7 +26,7 @@ def separate_stars(unit: Array, radius_rad: float) -> int:
 
 
 def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) -> bool:
-    """Whether the mirror image of the (n, 3) measured directions fits the stars worse than the tolerance."""
+    """True if the mirror image of the (n, 3) measured directions does not fit the stars within the tolerance."""
     u, _, vt = np.linalg.svd(profile_matrix(measured_cam, reference_icrs))
     mirrored = u @ np.diag([1.0, 1.0, -np.sign(np.linalg.det(u) * np.linalg.det(vt))]) @ vt
     miss_rad = np.linalg.norm(reference_icrs @ mirrored.T - measured_cam, axis=1)
@@ -34,7 +34,7 @@ def is_handed(measured_cam: Array, reference_icrs: Array, tolerance_rad: float) 
 
 
 def errors_objection(miss_rad: Array, sigma_rad: Array, tolerance_rad: float, pixel_rad: float) -> str:
-    """Why the (n,) residuals are too large to be errors of measurement, or ""."""
+    """Return why the (n,) residuals are too large to be measurement errors, or ""."""
     per_axis_rad = float(np.sqrt(np.mean(miss_rad**2) / 2))
     limit_rad = max(EVEN_SHARE * tolerance_rad, SIGMAS * float(np.sqrt(np.mean(sigma_rad**2))))
     if per_axis_rad <= limit_rad:

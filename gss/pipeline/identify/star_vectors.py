@@ -1,8 +1,8 @@
-"""Star vectors (Baldini as Jacobs 1995 §3.2.2, app. D.1 tell it): the alternative to match groups that needs no distance table.
+"""Star vectors (Baldini, as described in Jacobs 1995 §3.2.2, app. D.1): an alternative to match groups without distance table.
 
-The vector of an observed star holds all guide stars of its magnitude. Neighbouring vectors strike out of each other what
-has no partner at the right distance, until nothing falls; what is left is put together star by star, tracing back where
-nothing fits. Fast and simple, and one false star ruins it: only constellations of *all* observed stars are found.
+The vector of an observed star contains all guide stars of its magnitude. Guide stars without a partner at the right distance
+in the neighbouring vector are removed until nothing changes; the remaining ones are combined star by star with backtracking.
+Fast and simple, but a single false star makes it fail: only constellations of *all* observed stars are found.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Flags = NDArray[np.bool_]
 def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags, limits: GroupLimits) -> Grouping:
     """As :func:`gss.pipeline.identify.match_groups.match_groups`, over the guide stars that are ``allowed``.
 
-    ``pairs``: guide pairs that fit the first two observed stars. ``operations``: distances looked at.
+    ``pairs``: guide pairs that fit the first two observed stars. ``operations``: number of distances compared.
     """
     n = len(unit)
     if n < limits.min_group or not np.isfinite(unit).all():
@@ -52,8 +52,8 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
 
 
 def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, limits: GroupLimits) -> Flags:
-    """(len(a), len(b)) which guide stars are as far apart as observed stars i and j; cosines, since all are 0.25° and more
-    apart."""
+    """(len(a), len(b)) mask of guide pairs with the separation of observed stars i and j. Cosines are accurate enough because
+    all stars are at least 0.25° apart."""
     apart = float(separation_rad(unit[i], unit[j]))
     cosine = guides.unit[a] @ guides.unit[b].T
     near, far = np.cos(max(0.0, apart - limits.distance_rad)), np.cos(apart + limits.distance_rad)
@@ -61,7 +61,8 @@ def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, lim
 
 
 def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> int:
-    """Shortens the vectors in place, each against the next round the ring, until none changes; distances looked at."""
+    """Shorten the vectors in place, each against the next in a ring, until none changes. Returns the number of distances
+    compared."""
     n, looked, still = len(vectors), 0, 0
     i = 0
     while still < n:
@@ -76,7 +77,7 @@ def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupL
 
 
 def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[list[Rows], int]:
-    """All choices of one guide star per vector whose distances all fit, and the steps it took; stops above the budget."""
+    """Return all choices of one guide star per vector whose distances all fit, and the number of steps; stops at the budget."""
     n = len(vectors)
     if any(len(v) == 0 for v in vectors):
         return [], 0

@@ -1,4 +1,4 @@
-"""Pyramid match as Huffman 2006 §5.5.4 describes Mortari's: a unique triangle first, then a fourth star that confirms it."""
+"""Mortari's pyramid match as described in Huffman 2006 §5.5.4: a unique triangle, confirmed by a fourth star."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Pyramid:
 
 
 def pyramids(unit_cam: Array, icrs: Array, baselines: Baselines, most_figures: int) -> Iterator[Pyramid]:
-    """Unique triangles that some fourth star confirms, in the order they are found, over at most ``most_figures`` triangles."""
+    """Yield the unique triangles confirmed by a fourth star, testing at most ``most_figures`` triangles."""
     n = len(unit_cam)
     for count, triad in enumerate(figures(n, 3)):
         if count >= most_figures:

@@ -1,7 +1,7 @@
-"""What one triplet says by itself: three stars, and so an attitude.
+"""Attitude from a single triplet of stars.
 
-Not in Liebe 1992, whose candidates must support each other. In a field of ten stars often only one lies far enough from the rim
-to have a triplet; its two neighbours are then looked for in the star list at their distances from the candidate.
+Not in Liebe 1992, whose candidates must support each other. In a field of ten stars often only one is far enough from the edge
+to have a triplet; its two neighbours are then searched in the star list at their distances from the candidate.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ Index = NDArray[np.intp]
 
 
 def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolerance_rad: float) -> list[Array]:
-    """(3, 3) attitudes that lay a measured triplet, (3, 3) rows star, nearest, second nearest, on ``candidate`` and two of its
-    neighbours in (m, 3) ``icrs`` with all three distances and the same sense of rotation."""
+    """Return the (3, 3) attitudes that map a measured triplet, (3, 3) rows star, nearest, second nearest, to ``candidate`` and two
+    of its neighbours in (m, 3) ``icrs`` with the same three distances and handedness."""
     star, first, second = triplet_cam
     distance = separation_rad(icrs[candidate], icrs)
     near = np.flatnonzero(np.abs(distance - separation_rad(star, first)) <= tolerance_rad)
@@ -26,7 +26,7 @@ def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolera
     apart = np.abs(separation_rad(icrs[i], icrs[j]) - separation_rad(first, second))
     sense = np.linalg.det(triplet_cam)
     volume = np.cross(icrs[i], icrs[j]) @ icrs[candidate]
-    # Nearly straight triplets have no sense that errors of position could not turn round.
+    # The handedness of nearly collinear triplets is not significant, because position errors can reverse it.
     open_rad3 = tolerance_rad * float(separation_rad(star, second))
     right = (volume * sense > 0) | (np.abs(volume) < open_rad3)
     keep = np.flatnonzero((apart <= tolerance_rad) & (i != j) & (i != candidate) & (j != candidate) & right)

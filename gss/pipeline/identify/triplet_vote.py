@@ -1,4 +1,4 @@
-"""Names for stars by their triangular features and a vote among the candidates (Liebe 1992, "Initial estimate")."""
+"""Identification by triangle features and a vote among the candidates (Liebe 1992, "Initial estimate")."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ OUTLINE_PER_SIDE = 64
 
 @dataclass(frozen=True)
 class TripletVote:
-    """``row``: (n,) chosen star per measured one, −1 without. ``votes``: (n,) other measured stars that support it.
-    ``triplet``: (t, 3) measured star, nearest, second nearest. ``which``, ``candidate``: (c,) references met, as row of
-    ``triplet`` and row of the star list, best supported first. ``comparisons``: distances compared."""
+    """``row``: (n,) star-list row of each measured star, −1 if none. ``votes``: (n,) number of other measured stars that support
+    it. ``triplet``: (t, 3) measured star, nearest, second nearest. ``which``, ``candidate``: (c,) matching references as row of
+    ``triplet`` and row of the star list, best supported first. ``comparisons``: number of distances compared."""
 
     row: Index
     votes: Index
@@ -36,8 +36,8 @@ def rim_distance_rad(unit_cam: Array, camera: Camera) -> Array:
 
 
 def triplets_in_image(unit_cam: Array, camera: Camera) -> tuple[Index, Index, Index]:
-    """(star, nearest, second nearest) of (n, 3) measured directions. A star that is closer to the rim than to its second
-    neighbour is left out: a nearer neighbour may be outside the picture."""
+    """(star, nearest, second nearest) of (n, 3) measured directions. A star that is closer to the edge than to its second
+    neighbour is omitted, because a nearer neighbour may be outside the frame."""
     none = np.empty(0, np.intp)
     if len(unit_cam) < 3:
         return none, none, none
@@ -51,8 +51,8 @@ def triplets_in_image(unit_cam: Array, camera: Camera) -> tuple[Index, Index, In
 def vote(
     unit_cam: Array, camera: Camera, table: TripletTable, icrs: Array, allowed: NDArray[np.bool_], tolerance_rad: float
 ) -> TripletVote:
-    """Candidates from the data base, those of ``allowed`` rows, and among them the ones whose distances from each other are
-    those measured, within ``tolerance_rad``. The candidate with most support leads; it and its supporters are the answer.
+    """Find candidates of ``allowed`` rows in the triplet table and let those vote for each other whose distances equal the
+    measured ones within ``tolerance_rad``. The result is the best supported candidate and its supporters.
     """
     n = len(unit_cam)
     row, votes, none = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.empty(0, np.intp)
@@ -65,7 +65,7 @@ def vote(
     which, candidate = which[keep], found[keep].astype(np.intp)
     centroid = star[which]
     agree = agreement_of_candidates(unit_cam, centroid, icrs, candidate, tolerance_rad)
-    # One supporter per measured star, however many of its candidates agree.
+    # Each measured star counts as one supporter, even if several of its candidates agree.
     support = np.zeros((len(centroid), n), bool)
     a, b = np.nonzero(agree)
     support[a, centroid[b]] = True
@@ -80,7 +80,7 @@ def vote(
 def agreement_of_candidates(
     unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
 ) -> NDArray[np.bool_]:
-    """(c, c) pairs of candidates for different stars whose distance is the measured one."""
+    """(c, c) mask of candidate pairs for different stars whose distance is the measured one."""
     here, there = unit_cam[centroid], icrs[candidate]
     off = np.abs(separation_rad(here[:, None], here[None]) - separation_rad(there[:, None], there[None]))
     other = (centroid[:, None] != centroid) & (candidate[:, None] != candidate)
@@ -88,7 +88,7 @@ def agreement_of_candidates(
 
 
 def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
-    """The best supported candidate and, best first, every one that agrees with all taken before."""
+    """Return the best supported candidate and, best first, every candidate that agrees with all chosen before it."""
     if not len(count) or not count.max():
         return np.empty(0, np.intp)
     leader = int(np.argmax(count))

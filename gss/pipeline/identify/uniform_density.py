@@ -1,7 +1,7 @@
-"""Which stars of a bank the pair directory needs: the few brightest of every field (Huffman 2006 §5.5.4, eight).
+"""Selection of bank stars for the pair directory: the few brightest of every field (Huffman 2006 §5.5.4, eight).
 
-The processor's own, coarse version: circles instead of frames, on an even lattice of pointings. The ground's, with real
-frames in 1° steps and a report of the coverage, is ``gss.catalogue_tools.selection.uniform_density``.
+This is the on-board, coarse version: circles instead of frames, on an even lattice of pointings. The ground version, with real
+frames in 1° steps and a coverage report, is ``gss.catalogue_tools.selection.uniform_density``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ GOLDEN_RAD = np.pi * (3 - 5**0.5)
 
 
 def lattice(spacing_rad: float) -> Array:
-    """(n, 3) directions spread evenly over the sphere, about ``spacing_rad`` apart (Fibonacci spiral)."""
+    """(n, 3) directions distributed evenly over the sphere, about ``spacing_rad`` apart (Fibonacci spiral)."""
     n = max(12, int(np.ceil(4 * np.pi / spacing_rad**2)))
     z = 1 - (2 * np.arange(n) + 1) / n
     flat, turn = np.sqrt(1 - z * z), GOLDEN_RAD * np.arange(n)
@@ -24,7 +24,8 @@ def lattice(spacing_rad: float) -> Array:
 
 
 def brightest_per_field(icrs: Array, order: NDArray[np.intp], radius_rad: float, count: int) -> NDArray[np.bool_]:
-    """(n,) which stars are among the ``count`` brightest of some circle of ``radius_rad``. ``order``: (n,) brightest first."""
+    """(n,) mask of stars among the ``count`` brightest of at least one circle of ``radius_rad``. ``order``: (n,) indices,
+    brightest first."""
     chosen = np.zeros(len(order), bool)
     if not len(order):
         return chosen

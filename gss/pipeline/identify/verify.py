@@ -1,4 +1,4 @@
-"""The proof of an identification: predict the whole field from it, and see how much of that is there."""
+"""Verification of an identification: predict the whole field from it and count the matching detections."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _EYE = np.eye(3)
 
 @dataclass(frozen=True)
 class Sky:
-    """The stars a camera can show, brightest first: (n,) Hipparcos numbers, (n, 3) ICRS unit vectors, (n,) V."""
+    """The stars a camera can image, brightest first: (n,) Hipparcos numbers, (n, 3) ICRS unit vectors, (n,) V magnitudes."""
 
     hip: NDArray[np.int32]
     icrs: Array
@@ -36,8 +36,8 @@ class Sky:
 
 @dataclass(frozen=True)
 class Field:
-    """What one frame shows, brightest first: rows in Centroids, (n, 2) pixels, (n, 3) camera vectors, their errors, and
-    magnitudes of any zero point."""
+    """Detections of one frame, brightest first: rows in Centroids, (n, 2) pixels, (n, 3) camera vectors, their errors, and
+    magnitudes with an arbitrary zero point."""
 
     centroid: NDArray[np.intp]
     pixels: Array
@@ -51,12 +51,12 @@ class Field:
 
     @cached_property
     def typical_sigma_px(self) -> float:
-        """Median error of a place."""
+        """Median position error."""
         return median(self.sigma_px) if len(self) else 0.1
 
 
 def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> Field:
-    """Centroids as a camera of known geometry sees them. Positions outside the distortion's domain are left out."""
+    """Convert centroids to a field with the geometry of a known camera. Positions outside the distortion's domain are dropped."""
     pixels = centroids.pixels
     sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
     n = len(pixels)
@@ -74,7 +74,8 @@ def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -
 
 @dataclass(frozen=True)
 class Evidence:
-    """A verified hypothesis: rows of the field with the rows of the sky they are, attitude, and how it could be wrong."""
+    """A verified hypothesis: rows of the field and the matching rows of the sky, attitude, number of predicted stars and
+    false-match probability."""
 
     rows: NDArray[np.intp]
     stars: NDArray[np.intp]
@@ -84,7 +85,7 @@ class Evidence:
 
 
 def in_view(sky: Sky, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0) -> tuple[NDArray[np.intp], Array]:
-    """Rows of the sky on the detector, and their (m, 2) pixels."""
+    """Return the rows of the sky on the detector, and their (m, 2) pixels."""
     near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > _reach_cosine(camera))
     pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
     inside = camera.contains(pixels, -margin_px)
@@ -93,7 +94,7 @@ def in_view(sky: Sky, camera: Camera, cam_from_icrs: Array, margin_px: float = 0
 
 @lru_cache(maxsize=64)
 def _reach_cosine(camera: Camera) -> float:
-    """Cosine of the angle beyond which nothing is on the detector; kept, because the corners cost a Newton iteration."""
+    """Cosine of the angle beyond which nothing is on the detector; cached because the corners need a Newton iteration."""
     return float(np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
 
 
@@ -119,10 +120,10 @@ def verify(
     hypotheses: float,
     calibration_px: float = 0.0,
 ) -> Evidence | None:
-    """Predict and count, starting from a few identified stars; None where that does not even hold together.
+    """Verify a hypothesis of a few identified stars by prediction and counting; None if it is not even consistent.
 
-    Two stars fix the hypothesis; each further match is evidence. The chance of a coincidence uses the radius of the
-    first prediction, before any fit could pull stars together.
+    Two stars define the hypothesis; each further match is evidence. The probability of a coincidence uses the radius of the
+    first prediction, before any fit, which would reduce the offsets.
     """
     first_seen, first, first_radius = np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0)
     for round_ in range(ROUNDS):
@@ -152,14 +153,14 @@ def verify(
 def _first_offset(
     seen: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
 ) -> Array:
-    """(m,) how far from its first prediction each match lies, in acceptance radii; infinite where there was none."""
+    """(m,) distance of each match from its first prediction, in acceptance radii; infinite if it was not predicted."""
     at = np.minimum(np.searchsorted(seen, stars), len(seen) - 1)
     off = places[at] - pixels
     return np.asarray(np.where(seen[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
 
 
 def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float) -> Array:
-    """Acceptance radius of each predicted star, px: centroid error and what the attitude's own error adds there."""
+    """Acceptance radius of each predicted star, px, from the centroid error and the attitude error at its position."""
     total = float(weights.sum())
     information = (total + 1e-12 * 2 * total) * _EYE - (used * weights[:, None]).T @ used
     covariance = np.linalg.inv(information)
@@ -171,10 +172,11 @@ def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Arr
 
 
 def _tail(offset: Array, radius: Array, detections: int, camera: Camera, brightness: float) -> float:
-    """Chance that detections scattered at random meet the first prediction so well.
+    """Probability that randomly scattered detections agree this well with the first prediction.
 
     ``offset``: (m,) distances of the matches from it, in acceptance radii; ``radius``: (p,) px of all predicted stars. Two
-    matches are the hypothesis itself. The full radius and half of it are looked at, and both are paid for.
+    matches are not counted because they define the hypothesis. The full and half the radius are both tested, and the result is
+    corrected for the two tests.
     """
     area_px2 = np.pi * float(np.sort(radius * radius)[2:].sum())
     tails = []
