@@ -1,1 +1,1 @@
-"""What a night's attitudes say of the sensor: accuracy, rates, sensitivity, noise, and what is wrong with the data."""
+"""Sensor performance from a night's attitudes: accuracy, rates, sensitivity, noise, and problems with the data."""

@@ -1,4 +1,5 @@
-"""Noise equivalent angle against integration time (Moniteq 1983 §4.4: noise falls as light grows, until something else rules)."""
+"""Noise equivalent angle against integration time (Moniteq 1983 §4.4: noise falls with more light until another error
+dominates)."""
 
 from __future__ import annotations
 
@@ -18,9 +19,9 @@ FEWEST_TIMES = 2
 
 @dataclass(frozen=True)
 class NeaCurve:
-    """Per integration time, growing: ``exposure_s`` (k,), ``across_rad`` and ``about_rad`` (k,) from frame to frame with their
-    relative σ ``relative_sigma`` (k,), ``frames``, ``matches`` (mean). ``exponent`` ± ``exponent_sigma``: across ∝ tᵉ; −0.5 where
-    light's own noise rules, −1 where the read-out's does, 0 where neither."""
+    """Per integration time, ascending: ``exposure_s`` (k,), ``across_rad`` and ``about_rad`` (k,) frame-to-frame noise with its
+    relative σ ``relative_sigma`` (k,), ``frames``, ``matches`` (mean). ``exponent`` ± ``exponent_sigma``: across ∝ tᵉ; −0.5 if
+    photon noise dominates, −1 if read-out noise dominates, 0 if neither."""
 
     exposure_s: Array
     across_rad: Array
@@ -34,8 +35,8 @@ class NeaCurve:
 
 
 def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
-    """From runs of a fixed camera by exposure time in seconds. Runs too short to tell are left out and named. BadInput with
-    fewer than two times."""
+    """Compute the curve from runs of an Earth-fixed camera, keyed by exposure time in seconds. Runs that cannot be analysed are
+    omitted with a warning. Raises BadInput with fewer than two usable times."""
     rows: list[tuple[float, float, float, float, int, float]] = []
     said: list[Advice] = []
     for exposure_s in sorted(runs):

@@ -1,4 +1,4 @@
-"""How faint a star is still found: the share of catalogue stars in the field that were detected, against magnitude."""
+"""Detection limit: the share of catalogue stars in the field that were detected, against magnitude."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """``mag_50`` ± ``sigma_50``: where half of the stars are found; ``mag_90``: nine of ten; ``width_mag``: from 50 to 90 %.
-    ``ceiling``: share found of bright stars, under 1 where something hides stars at any magnitude. Per bin: ``edges_mag``
+    """``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected; ``mag_90``: nine of ten; ``width_mag``: from
+    50 to 90 %. ``ceiling``: detected share of bright stars, below 1 if stars are lost at any magnitude. Per bin: ``edges_mag``
     (k+1,), ``stars``, ``found``, and the 95 % interval ``low``, ``high`` of the share."""
 
     mag_50: float
@@ -39,8 +39,8 @@ class Sensitivity:
 
 
 def detection_limit(v_mag: Array, found: NDArray[np.bool_]) -> Sensitivity:
-    """From (n,) catalogue magnitudes of stars on the detector and whether each was found: a logistic curve under a ceiling, by
-    maximum likelihood. BadInput with fewer than thirty stars, or where all or none were found."""
+    """Fit a logistic curve with a ceiling by maximum likelihood to (n,) catalogue magnitudes of stars on the detector and whether
+    each was detected. Raises BadInput with fewer than thirty stars, or if all or none were detected."""
     v, hit = np.asarray(v_mag, float), np.asarray(found, bool)
     if len(v) < FEWEST or hit.all() or not hit.any():
         raise BadInput(
@@ -74,7 +74,7 @@ def detection_limit(v_mag: Array, found: NDArray[np.bool_]) -> Sensitivity:
 
 
 def _logistic(v: Array, hit: NDArray[np.bool_], ceiling: float) -> tuple[float, float, Array]:
-    """Level and slope of p = ceiling / (1 + exp(−(level + slope·(V − mean)))), by Fisher scoring; covariance for V itself."""
+    """Fit level and slope of p = ceiling / (1 + exp(−(level + slope·(V − mean)))) by Fisher scoring; the covariance refers to V."""
     middle = float(v.mean())
     design = np.column_stack([np.ones(len(v)), v - middle])
     beta = np.array([0.0, -2.0])
@@ -96,7 +96,7 @@ def _logistic(v: Array, hit: NDArray[np.bool_], ceiling: float) -> tuple[float, 
 
 
 def _at(level: float, slope: float, share: float) -> float:
-    """Magnitude where the curve below the ceiling has this share."""
+    """Magnitude at which the curve reaches this share of the ceiling."""
     if not 0 < share < 1:
         return float("nan")
     return float((np.log(share / (1 - share)) - level) / slope)

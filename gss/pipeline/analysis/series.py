@@ -1,4 +1,4 @@
-"""A run of attitudes over time, and the turns between them."""
+"""Time series of attitudes and the rotations between them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from gss.pipeline.calibration.advice import Advice
 
 FEWEST = 5
 GAP_TIMES = 3.0
-"""A step this many times the usual one is a gap."""
+"""A time step longer than this multiple of the median step is a gap."""
 POOR_SHARE = 0.8
 
 
 @dataclass(frozen=True)
 class AttitudeSeries:
-    """n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN where there is no attitude;
-    ``covariance_rad2`` (n, 3, 3) in the camera's axes, NaN where a chain gives none; ``centroids``, ``matches`` (n,) counts;
-    ``residual_px`` (n,) rms, NaN where unknown."""
+    """n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN without an attitude;
+    ``covariance_rad2`` (n, 3, 3) in camera axes, NaN if a chain gives none; ``centroids``, ``matches`` (n,) counts;
+    ``residual_px`` (n,) rms, NaN if unknown."""
 
     times_s: Array
     quaternion: Array
@@ -50,16 +50,16 @@ class AttitudeSeries:
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """(n,) where there is an attitude."""
+        """(n,) True for frames with an attitude."""
         return np.asarray(np.isfinite(self.quaternion).all(axis=1))
 
     def only(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> AttitudeSeries:
-        """The frames of a mask or of an index array."""
+        """Return the frames selected by a mask or an index array."""
         return AttitudeSeries(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -> AttitudeSeries:
-    """From results in any order of time; None: the frame could not be run at all."""
+    """Build a series from results in any order; None stands for a frame that could not be processed."""
     n = len(results)
     quaternion, covariance = np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan)
     centroids, matches, residual = np.zeros(n, np.intp), np.zeros(n, np.intp), np.full(n, np.nan)
@@ -77,7 +77,7 @@ def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -
 
 
 def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
-    """The solved frames; BadInput where there are too few, or the clock does not run forward."""
+    """Return the solved frames. Raises BadInput if there are too few or their times are not ascending."""
     good = series.only(series.solved)
     if len(good) < FEWEST:
         raise BadInput(
@@ -97,7 +97,7 @@ def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
 
 
 def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
-    """What is odd about the run: gaps, frames without an attitude, a clock that jumped against the motion."""
+    """Return warnings about the run: gaps, and too many frames without an attitude."""
     found: list[Advice] = []
     steps = np.diff(series.times_s)
     usual = float(np.median(steps)) if len(steps) else 0.0

@@ -1,4 +1,4 @@
-"""Rates measured from frame to frame against the rate that was commanded (Erlank 2013 §6.2)."""
+"""Comparison of rates measured from frame to frame with the commanded rate (Erlank 2013 §6.2)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ LARGEST_TURN_RAD = 3.0
 OFF_SIGMAS = 5.0
 OFF_SHARE = 0.02
 FAR_OFF_SHARE = 0.2
-FEWEST_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for axes at random
+FEWEST_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for random axes
 OVER_CLAIM = 10.0
 
 
 @dataclass(frozen=True)
 class SlewTest:
-    """``times_s`` (m,) middles of the intervals; ``rate_rad_s`` (m, 3) in the camera's axes, ``speed_rad_s`` (m,) its length.
-    ``commanded_rad_s``: the speed that was asked for. ``mean_speed_rad_s`` ± ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector;
+    """``times_s`` (m,) midpoints of the intervals; ``rate_rad_s`` (m, 3) in camera axes, ``speed_rad_s`` (m,) its magnitude.
+    ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ± ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector;
     ``sigma_rad_s`` (3,): scatter along that axis, and two across it; ``claimed_rad_s``: rms σ of one rate from the attitudes'
-    own covariances."""
+    covariances."""
 
     times_s: Array
     rate_rad_s: Array
@@ -43,12 +43,12 @@ class SlewTest:
 
     @property
     def ratio(self) -> float:
-        """Measured over commanded speed."""
+        """Ratio of measured to commanded speed."""
         return self.mean_speed_rad_s / self.commanded_rad_s
 
 
 def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
-    """A run at a steady ``commanded_rad_s`` > 0. BadInput with fewer than five attitudes."""
+    """Analyse a run at a constant rate ``commanded_rad_s`` > 0. Raises BadInput with fewer than five attitudes."""
     if not (np.isfinite(commanded_rad_s) and commanded_rad_s > 0):
         got = f"{np.degrees(commanded_rad_s):g}°/s"
         raise BadInput("a slew has a rate", expected="above 0°/s", got=got, hint="a fixed test takes none")
@@ -124,7 +124,7 @@ def _said(found: float, sigma: float, commanded: float, axis: Array, rate: Array
 
 
 def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
-    """Signs that the attitudes are of no steady turn at all."""
+    """Return warnings if the attitudes are not those of a constant rotation."""
     said: list[Advice] = []
     speed = np.linalg.norm(rate, axis=1)
     moving = rate[speed > 0] / speed[speed > 0, None]

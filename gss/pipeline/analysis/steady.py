@@ -1,7 +1,7 @@
-"""Attitudes of a camera that turns steadily, or not at all: the turn is fitted, what is left is noise (Erlank 2013 §6.1).
+"""Accuracy of a camera at a constant rate or at rest: the rotation is fitted, the residuals are noise (Erlank 2013 §6.1).
 
-Fixed to the Earth the camera turns with it, once in a sidereal day about the celestial pole; fixed to the sky it does not
-turn. Both are the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in the camera's own axes.
+A camera fixed to the Earth rotates once per sidereal day about the celestial pole; a camera fixed to the sky does not rotate.
+Both use the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in camera axes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
 SIDEREAL_RAD_S = 7.2921158553e-5
-"""Turn of the Earth against the stars; precession is 10⁻⁷ of it."""
+"""Rotation rate of the Earth relative to the stars; precession is 10⁻⁷ of it."""
 STRAY_SIGMAS = 5.0
 ROUNDS = 6
 FREEDOM = 6
@@ -30,14 +30,14 @@ CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
 SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
 WANDER = 1.5
-"""Scatter over the whole run this many times that from frame to frame is more than noise."""
+"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, it is not only noise."""
 
 
 @dataclass(frozen=True)
 class AxisFigures:
-    """One angle. ``sigma_rad``: of the deviations from the steady turn, with its 95 % interval ``low_rad``, ``high_rad``
-    (frames taken as independent); ``noise_rad``: from frame to frame only, NEA; ``claimed_rad``: rms of the chain's own σ, NaN
-    without; ``drift_rad_s``, ``drift_sigma_rad_s``: of the fitted line."""
+    """Figures of one angle. ``sigma_rad``: of the deviations from the constant rotation, with its 95 % interval ``low_rad``,
+    ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``: rms of the σ reported by
+    the chain, NaN if none; ``drift_rad_s``, ``drift_sigma_rad_s``: of the fitted line."""
 
     name: str
     sigma_rad: float
@@ -51,9 +51,9 @@ class AxisFigures:
 
 @dataclass(frozen=True)
 class SteadyTest:
-    """``body``: camera axes, ``sky``: as Erlank 2013 Table 6.1 has them. ``rate_icrs_rad_s`` (3,) fitted turn of the camera and
-    ``rate_sigma_rad_s`` per axis; ``expected_icrs_rad_s``: what it should be. ``deviation_rad`` (n, 3) camera axes and
-    ``sky_deviation_rad`` (n, 3), rows of NaN where a frame has no attitude; ``strays``: (n,) left out of the figures."""
+    """``body``: figures in camera axes, ``sky``: in the axes of Erlank 2013 Table 6.1. ``rate_icrs_rad_s`` (3,) fitted rate of the
+    camera and ``rate_sigma_rad_s`` per axis; ``expected_icrs_rad_s``: expected rate. ``deviation_rad`` (n, 3) in camera axes and
+    ``sky_deviation_rad`` (n, 3), rows of NaN without an attitude; ``strays``: (n,) outliers excluded from the figures."""
 
     body: tuple[AxisFigures, ...]
     sky: tuple[AxisFigures, ...]
@@ -70,18 +70,19 @@ class SteadyTest:
 
     @property
     def rate_ratio(self) -> float:
-        """Fitted speed over the expected one, NaN where none is expected."""
+        """Ratio of fitted to expected speed, NaN if the expected speed is zero."""
         expected = float(np.linalg.norm(self.expected_icrs_rad_s))
         return float(np.linalg.norm(self.rate_icrs_rad_s)) / expected if expected > 0 else float("nan")
 
 
 def earth_fixed(series: AttitudeSeries) -> SteadyTest:
-    """A camera fixed to the Earth: it should turn by 15.041″ a second about the pole. BadInput with fewer than five attitudes."""
+    """Analyse a camera fixed to the Earth, which rotates by 15.041″/s about the pole. Raises BadInput with fewer than five
+    attitudes."""
     return _steady(series, np.array([0.0, 0.0, SIDEREAL_RAD_S]), "the Earth")
 
 
 def celestial_fixed(series: AttitudeSeries) -> SteadyTest:
-    """A camera held on the sky by a telescope's drive: it should not turn at all."""
+    """Analyse a camera on a tracking telescope mount, which should not rotate relative to the sky."""
     return _steady(series, np.zeros(3), "the sky")
 
 
@@ -121,7 +122,7 @@ def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTes
 
 
 def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """(start quaternion at time 0, rate in camera axes, frames kept): Gauss–Newton with strays left out in turn."""
+    """Return (quaternion at time 0, rate in camera axes, mask of frames used), by Gauss–Newton with iterative outlier rejection."""
     k = len(at_s) // 2
     start, keep = quaternion[k], np.ones(len(at_s), bool)
     steps = turn_between(quaternion[:-1], quaternion[1:]) / np.diff(at_s)[:, None]
@@ -142,7 +143,7 @@ def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_
 
 
 def _design(start: Array, rate: Array, at_s: Array, model: Array) -> Array:
-    """(n, 3, 6) change of the deviations with the start's turn and the rate, by differences."""
+    """(n, 3, 6) derivatives of the deviations by the initial rotation and the rate, from finite differences."""
     columns = []
     for p in range(FREEDOM):
         step: Array = np.zeros(3)
@@ -172,7 +173,8 @@ def _sigma(deviation: Array) -> Array:
 def axis_figures(
     names: tuple[str, ...], deviation: Array, keep: NDArray[np.bool_], at_s: Array, claimed: Array, drift: Array
 ) -> tuple[AxisFigures, ...]:
-    """Figures of (n, 3) deviations at times ``at_s``, of the frames kept; ``claimed`` and ``drift``: (3,) as in the record."""
+    """Compute the figures of (n, 3) deviations at times ``at_s`` for the frames in ``keep``; ``claimed`` and ``drift``: (3,) as in
+    :class:`AxisFigures`."""
     good = deviation[keep]
     sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
     # Twice the inverse of the incomplete gamma function is the quantile of χ².
@@ -231,7 +233,7 @@ def _said(
 
 
 def _jumps(times_s: Array, deviation: Array) -> int:
-    """Steps between two levels: the medians of the five frames before and after differ by far more than the noise."""
+    """Count steps between two levels, where the medians of the five frames before and after differ by far more than the noise."""
     half = 5
     if len(times_s) < 4 * half:
         return 0

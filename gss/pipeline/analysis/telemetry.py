@@ -1,7 +1,7 @@
-"""Performance from attitudes alone, as telemetry has them: no frames, no stars, any smooth motion.
+"""Performance from telemetered attitudes alone, without frames or stars, for any smooth motion.
 
-Each attitude is compared with the middle of its two neighbours. A steady turn leaves nothing there, and white noise of σ leaves
-σ·√1.5, so noise is measured on a satellite that moves, as long as it does not shake.
+Each attitude is compared with the midpoint of its two neighbours. A constant rotation gives zero, and white noise of σ gives
+σ·√1.5, so the noise can be measured on a moving satellite unless it vibrates.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ MIDDLE_VARIANCE = 1.5
 
 @dataclass(frozen=True)
 class TelemetryFigures:
-    """``noise_rad`` (3,) σ of one attitude per camera axis, robust; ``claimed_rad`` (3,) rms of its own σ, NaN without.
-    ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours' middle. ``rate_rad_s`` (m,) speed of the turn. ``availability``:
+    """``noise_rad`` (3,) robust σ of one attitude per camera axis; ``claimed_rad`` (3,) rms of its reported σ, NaN if none.
+    ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours' midpoint. ``rate_rad_s`` (m,) angular speed. ``availability``:
     share of frames with an attitude; ``longest_outage_s``; ``mean_matches``."""
 
     noise_rad: Array
@@ -39,7 +39,7 @@ class TelemetryFigures:
 
 
 def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
-    """From consecutive attitudes. BadInput with fewer than five, or where no three follow each other evenly."""
+    """Compute the figures from consecutive attitudes. Raises BadInput with fewer than five, or if no three are equally spaced."""
     good = usable(series, "statistics")
     steps = np.diff(good.times_s)
     usual = float(np.median(steps))

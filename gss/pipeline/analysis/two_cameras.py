@@ -1,4 +1,4 @@
-"""Two cameras on one body: how one sits to the other, and whether it stays so."""
+"""Relative mounting of two cameras on one body, and its stability."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from gss.pipeline.analysis.steady import AxisFigures, axis_figures
 from gss.pipeline.calibration.advice import Advice
 
 APART_S = 0.05
-"""Frames count as taken together when their times agree to this, or to a fortieth of the usual step."""
+"""Frames are simultaneous if their times agree to this, or to a fortieth of the median step."""
 AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """``second_from_first`` (4,): mean mounting. ``times_s`` (m,), ``deviation_rad`` (m, 3) in the second camera's axes;
-    ``axes``: their figures. ``claimed_rad`` in them: from both cameras' covariances. ``chi``: rms over claimed, 1 where the
-    covariances are honest."""
+    """``second_from_first`` (4,): mean relative mounting. ``times_s`` (m,), ``deviation_rad`` (m, 3) in the second camera's axes;
+    ``axes``: their figures, with ``claimed_rad`` from both cameras' covariances. ``chi``: ratio of measured to claimed rms, 1 if
+    the covariances are realistic."""
 
     second_from_first: Array
     times_s: Array
@@ -34,7 +34,7 @@ class Consistency:
 
 
 def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
-    """From frames that both cameras took at the same times. BadInput with fewer than five pairs."""
+    """Compare frames that both cameras took at the same times. Raises BadInput with fewer than five pairs."""
     a, b = _together(first.only(first.solved), second.only(second.solved))
     mounting = quaternion_product(b.quaternion, quaternion_inverse(a.quaternion))
     mean = mounting[len(mounting) // 2]

@@ -1,1 +1,1 @@
-"""Following stars from frame to frame."""
+"""Star tracking from frame to frame."""

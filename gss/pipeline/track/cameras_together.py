@@ -1,4 +1,4 @@
-"""One attitude of the body from several cameras: one sensor gives two angles well, two at right angles give all three
+"""Body attitude from several cameras: one camera measures two angles well, two at right angles measure all three
 (Moniteq 1983 §6.2)."""
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gss.pipeline.track.differential import differential_attitude
 
 @dataclass(frozen=True)
 class CameraView:
-    """Matched stars of one camera: (n, 3) measured in its frame, (n, 3) in ICRS, (n,) standard deviation per axis, and the mounting
-    ``body_from_cam`` (3, 3)."""
+    """Matched stars of one camera: (n, 3) measured in the camera frame, (n, 3) in ICRS, (n,) standard deviation per axis, and the
+    (3, 3) mounting ``body_from_cam``."""
 
     measured_cam: Array
     reference_icrs: Array
@@ -34,9 +34,9 @@ class BodyAttitude:
 
 
 def body_attitude(views: Sequence[CameraView], body_from_icrs: Array | None = None) -> BodyAttitude | None:
-    """Least squares over the stars of all cameras, weighted by 1/σ²; None where they leave an axis open.
+    """Fit the body attitude to the stars of all cameras, weighted by 1/σ²; None if they do not determine all three axes.
 
-    ``body_from_icrs`` is the reference attitude of the differential method; without it a closed solution comes first.
+    ``body_from_icrs``: reference attitude of the differential method; without it, a closed-form solution is computed first.
     """
     used = [v for v in views if len(v.measured_cam)]
     if sum(len(v.measured_cam) for v in used) < 2:

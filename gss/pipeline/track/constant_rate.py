@@ -1,5 +1,5 @@
-"""Where the camera will point if it goes on turning as it did, and what several estimates say together (Liebe 1992,
-"Algorithms" and "Predictional estimate"). Frames are taken at equal steps of time."""
+"""Attitude prediction at a constant rate, and combination of several attitude estimates (Liebe 1992, "Algorithms" and
+"Predictional estimate"). Frames are assumed to be equally spaced in time."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ def vector_from_rotation_rad(rotation: Array) -> Array:
 
 
 def extrapolate(last: Array, before: Array) -> Array:
-    """(3, 3) attitude of the next frame from the (4,) quaternions of the last two: the same turn again."""
+    """(3, 3) attitude of the next frame from the (4,) quaternions of the last two, repeating the rotation between them."""
     now, then = matrix_from_quaternion(last), matrix_from_quaternion(before)
     return np.asarray((now @ then.T) @ now)
 
 
 def average_estimates(quaternions: Sequence[Array], weights: Sequence[float] | None = None) -> Array:
-    """(4,) quaternion of the newest of n attitudes, newest first, smoothed by a constant rate through all.
+    """(4,) quaternion of the newest of n attitudes (newest first), smoothed by fitting a constant rate to all.
 
-    The document accumulates averages of successive estimates. Averaging alone lags behind a turning satellite, so a straight
-    line is laid through the small rotations against the newest one, and its value there is the answer. One or two
-    attitudes give the newest; a line through n gives the newest with about 2/√n of one estimate's error, and for a satellite at
-    rest :func:`mean_attitude` gives 1/√n.
+    The document accumulates averages of successive estimates. Averaging lags behind a rotating satellite, so a straight
+    line is fitted to the small rotations relative to the newest attitude and evaluated there. One or two attitudes
+    return the newest unchanged; a line through n has about 2/√n of one estimate's error. For a satellite at rest,
+    :func:`mean_attitude` achieves 1/√n.
     """
     newest = matrix_from_quaternion(quaternions[0])
     if len(quaternions) < 3:
@@ -43,7 +43,7 @@ def average_estimates(quaternions: Sequence[Array], weights: Sequence[float] | N
 
 
 def mean_attitude(quaternions: Sequence[Array], weights: Sequence[float] | None = None) -> Array:
-    """(4,) quaternion in the middle of n attitudes of a camera at rest: largest eigenvector of Σ w q qᵀ."""
+    """(4,) mean quaternion of n attitudes of a camera at rest: eigenvector of Σ w q qᵀ with the largest eigenvalue."""
     q = np.stack([np.asarray(x, float) / np.linalg.norm(x) for x in quaternions])
     w = np.ones(len(q)) if weights is None else np.asarray(weights, float)
     middle = np.linalg.eigh((w[:, None] * q).T @ q)[1][:, -1]

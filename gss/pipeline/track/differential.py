@@ -1,9 +1,9 @@
 """Differential correction of a known attitude: small angles from small deviations, repeated (Moniteq 1983 §6.2; Liebe 1992,
 "Predictional estimate").
 
-For a small rotation w a predicted direction p moves by w × p. The components of that across p against those of the deviation
-are two equations per star; the least squares answer is turned into an exact rotation and the deviations are taken anew,
-because the documents' linear form alone leaves 63″ at an excursion of 1°.
+For a small rotation w, a predicted direction p moves by w × p. Equating its components perpendicular to p with those of the
+deviation gives two equations per star. The least-squares solution is converted to an exact rotation and the deviations are
+computed again, because the documents' linear form alone leaves an error of 63″ for a correction of 1°.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CONVERGED_RAD = 1e-12
 
 
 def small_rotation_rad(predicted_cam: Array, measured_cam: Array, weights: Array) -> Array | None:
-    """(3,) rotation vector that takes (n, 3) predicted towards measured directions; None where an axis stays free."""
+    """(3,) rotation vector from (n, 3) predicted to measured directions; None if the stars do not determine all three axes."""
     normal = _information(predicted_cam, weights)
     if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
         return None
@@ -34,8 +34,8 @@ def _information(unit: Array, weights: Array) -> Array:
 def differential_attitude(
     measured_cam: Array, reference_icrs: Array, cam_from_icrs: Array, weights: Array | None = None, steps: int = STEPS
 ) -> Array | None:
-    """(3, 3) cam_from_icrs from n pairs of unit vectors and an attitude near it. None: the stars leave an axis free, or the
-    corrections do not settle. ``steps`` = 1 is the documents' single linear solution."""
+    """(3, 3) cam_from_icrs from n pairs of unit vectors and a nearby attitude. None if the stars do not determine all three axes
+    or the corrections do not converge. ``steps`` = 1 is the documents' single linear solution."""
     attitude = np.asarray(cam_from_icrs, float)
     w = np.ones(len(measured_cam)) if weights is None else np.asarray(weights, float)
     if len(measured_cam) < 2:

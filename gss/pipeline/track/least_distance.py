@@ -11,10 +11,10 @@ Index = NDArray[np.intp]
 
 
 def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:
-    """Rows of (n, 3) measured and (m, 3) predicted directions that belong together, none used twice.
+    """Pair (n, 3) measured with (m, 3) predicted directions; return their rows, none used twice.
 
-    The closest pair of all is taken first, then the closest of what is left, up to ``radius_rad``. Ties go to the lower
-    rows. The document takes any two stars from the two images with the least distance.
+    The closest pair is chosen first, then the closest of the remaining stars, up to ``radius_rad``. Ties go to the lower
+    rows. The document pairs any two stars of the two images with the least distance.
     """
     none = np.empty(0, np.intp)
     if not len(unit_cam) or not len(predicted_cam):

@@ -1,8 +1,8 @@
-"""Which stars are in the new field, found by walking from those of the last one (Moniteq 1983 §6.1, Fig. 6.1 step 2b).
+"""Find the stars in the new field by following links from the stars of the last field (Moniteq 1983 §6.1, Fig. 6.1 step 2b).
 
-Along the links of a convex hull the way to any place goes downhill: from each star some neighbour is closer to it, and the
-stars inside a circle hang together. So the walk goes to the field's middle and spreads from there, and looks at a hundred stars
-where a search through the list looks at all.
+On the links of a convex hull, every star has a neighbour that is closer to a given point, and the stars inside a circle are
+connected. The walk therefore goes to the field's centre and spreads from there. It examines about a hundred stars, whereas a
+linear search examines the whole list.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Walk:
-    """``rows`` of the stars in the field, ascending; ``checks``: stars whose place was looked at."""
+    """``rows`` of the stars in the field, ascending; ``checks``: number of stars examined."""
 
     rows: Index
     checks: int
 
 
 def walk(links: NeighbourLinks, icrs: Array, known: Index, centre_icrs: Array, radius_rad: float) -> Walk:
-    """The stars within ``radius_rad`` of a direction, from the ``known`` rows of the field before. Without any, or in a net
-    too small to be one, the list is searched."""
+    """Find the stars within ``radius_rad`` of a direction, starting from the ``known`` rows of the previous field. Without known
+    stars, or if the list is too small for links, use a linear search."""
     if not len(known):
         return linear_search(icrs, centre_icrs, radius_rad)
     least = float(np.cos(radius_rad))
@@ -48,7 +48,7 @@ def walk(links: NeighbourLinks, icrs: Array, known: Index, centre_icrs: Array, r
 
 
 def _downhill(links: NeighbourLinks, icrs: Array, centre: Array, row: int, cosine: dict[int, float]) -> int:
-    """From ``row`` to the star nearest the centre; every star looked at is entered in ``cosine``."""
+    """Walk from ``row`` to the star nearest the centre; the cosine of every star examined is stored in ``cosine``."""
     while True:
         near = links.of(row).tolist()
         for other in near:
@@ -61,5 +61,5 @@ def _downhill(links: NeighbourLinks, icrs: Array, centre: Array, row: int, cosin
 
 
 def linear_search(icrs: Array, centre_icrs: Array, radius_rad: float) -> Walk:
-    """The stars in the field by looking at all (Fig. 6.1 step 2a)."""
+    """Find the stars in the field by examining all (Fig. 6.1 step 2a)."""
     return Walk(np.flatnonzero(icrs @ centre_icrs >= np.cos(radius_rad)), len(icrs))

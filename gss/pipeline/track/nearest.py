@@ -1,4 +1,4 @@
-"""CubeStar's tracking: each centroid takes the catalogue star predicted within 0.3° of it (Erlank 2013 §4.5)."""
+"""CubeStar's tracking: each centroid is matched with the catalogue star predicted within 0.3° of it (Erlank 2013 §4.5)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from gss.pipeline.identify.geometric_voting import Mask, Rows
 
 
 def match_nearest(unit_cam: Array, predicted_cam: Array, allowed: Mask, radius_rad: float) -> Rows:
-    """(n,) catalogue row per centroid, or −1.
+    """Return the (n,) catalogue row of each centroid, or −1.
 
     ``unit_cam``: (n, 3) measured directions; ``predicted_cam``: (m, 3) catalogue directions at the previous attitude.
-    The document compares with every star of the reduced list and calls a match under 0.3° unambiguous; where two
-    qualify after all, the nearest is taken.
+    The document compares with every star of the reduced list and considers a match under 0.3° unambiguous; if two stars
+    qualify, the nearest is used.
     """
     row = np.full(len(unit_cam), -1, np.intp)
     rows = np.flatnonzero(allowed)

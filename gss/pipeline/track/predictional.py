@@ -1,5 +1,5 @@
-"""The predictional estimate: stars predicted from a coarse attitude, matched by least distance, the attitude corrected until
-both images lie on each other (Liebe 1992, "Predictional estimate", Figs. 15 to 17)."""
+"""Predictional estimate: predict stars from a coarse attitude, match by least distance, and correct the attitude until both
+images coincide (Liebe 1992, "Predictional estimate", Figs. 15 to 17)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Fit:
-    """``cam_from_icrs`` (3, 3), and which measured star is which row of the list. ``compared``: distances looked at."""
+    """``cam_from_icrs`` (3, 3); ``measured`` and ``row``: matched measured stars and list rows. ``compared``: number of distances
+    compared."""
 
     cam_from_icrs: Array
     measured: Index
@@ -30,10 +31,10 @@ class Fit:
 def predictional_fit(
     unit_cam: Array, icrs: Array, rows: Index, cam_from_icrs: Array, radii_rad: Sequence[float], view_rad: float
 ) -> Fit | None:
-    """Fit of (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the boresight.
+    """Fit (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the boresight.
 
-    ``radii_rad`` shrink from how well the attitude is known to how well a star is measured; the last is repeated until the
-    pairs stay the same. None: fewer than two pairs, or no settled attitude.
+    ``radii_rad`` decrease from the error of the attitude to the error of a star's position; the last one is repeated until the
+    pairs no longer change. None if there are fewer than two pairs or the attitude does not converge.
     """
     attitude, compared = np.asarray(cam_from_icrs, float), 0
     before: tuple[bytes, bytes] | None = None
@@ -53,7 +54,7 @@ def predictional_fit(
 
 
 def shrinking_radii_rad(coarse_rad: float, fine_rad: float) -> tuple[float, ...]:
-    """From the coarse radius to the fine one by halves."""
+    """Return the radii from coarse to fine, each half of the previous."""
     radii = [coarse_rad]
     while radii[-1] > fine_rad:
         radii.append(max(fine_rad, radii[-1] / 2))

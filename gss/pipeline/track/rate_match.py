@@ -1,7 +1,7 @@
-"""Rate match: predicted and measured stars that are each other's nearest (Huffman 2006 §5.5.3, §8.1.2).
+"""Rate match: predicted and measured stars that are mutual nearest neighbours (Huffman 2006 §5.5.3, §8.1.2).
 
-The rate is taken as constant: the turn of the last interval happens once more. The document searches forward (frame 1's
-stars in frame 2) and backward; agreeing both ways is being each other's nearest.
+The rate is assumed constant, so the rotation of the last interval is repeated. The document searches forward (frame 1's
+stars in frame 2) and backward; agreement in both directions means mutual nearest neighbours.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ Rows = NDArray[np.intp]
 
 
 def constant_rate(latest: Array, earlier: Array) -> Array:
-    """(3, 3) attitude one interval after quaternion ``latest`` (4,), which came one interval after ``earlier`` (4,)."""
+    """(3, 3) attitude one interval after quaternion ``latest`` (4,), which is one interval after ``earlier`` (4,)."""
     now = matrix_from_quaternion(latest)
     return np.asarray(now @ matrix_from_quaternion(earlier).T @ now)
 
 
 def turned(unit_cam: Array, relative: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
-    """(n, 3) directions after the turn ``relative`` (3, 3), new camera from old, and which of them are still in the frame."""
+    """Return (n, 3) directions rotated by ``relative`` (3, 3), new camera from old, and a mask of those still in the frame."""
     moved = np.asarray(unit_cam, float) @ np.asarray(relative).T
     return moved, camera.contains(camera.project(moved))
 
 
 def mutual_nearest(predicted: Array, measured: Array, radius_rad: float) -> Rows:
-    """(m, 2) rows (predicted, measured) of (n, 3) directions within ``radius_rad`` of which each is the other's nearest."""
+    """(m, 2) rows (predicted, measured) of (n, 3) directions that are mutual nearest neighbours within ``radius_rad``."""
     if not len(predicted) or not len(measured):
         return np.empty((0, 2), np.intp)
     chord = np.linalg.norm(predicted[:, None] - measured[None], axis=2)

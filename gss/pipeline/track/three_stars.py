@@ -1,4 +1,5 @@
-"""Three stars that keep their distances, out of a few reference stars with several candidates each (Jacobs 1995 §4.1.4)."""
+"""Identification of three stars by their distances, from a few reference stars with several candidates each (Jacobs 1995
+§4.1.4)."""
 
 from __future__ import annotations
 
@@ -11,14 +12,14 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 
 Rows = NDArray[np.intp]
-# With the seventh reference star the first four are given up (§4.1.4.1).
+# When the seventh reference star is added, the first four are dropped (§4.1.4.1).
 MOST_GROUPS, GIVEN_UP = 7, 4
 STARS, PAIR = 3, 2
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """A reference star and the observed stars that may be it: the column of the document's Tables 4-1 and 4-2."""
+    """A reference star and the observed stars that may match it: a column of the document's Tables 4-1 and 4-2."""
 
     reference: int
     observed: Rows
@@ -26,10 +27,10 @@ class Candidates:
 
 @dataclass
 class ThreeStars:
-    """Columns are added one by one; each time all sets of three with the new column are tested.
+    """Search for three fitting stars. Columns are added one by one; all sets of three with the new column are tested.
 
-    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``found``: (observed, reference) of the set,
-    ``pair`` the first two that fit, for the case that no three do. ``operations``: distances compared.
+    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``found``: (observed, reference) of the three stars,
+    ``pair``: the first two that fit, used if no three do. ``operations``: number of distances compared.
     """
 
     unit_cam: Array
@@ -41,7 +42,7 @@ class ThreeStars:
     operations: int = 0
 
     def add(self, new: Candidates) -> bool:
-        """True once three stars fit."""
+        """Add a column and return True if three stars have been found."""
         if self.found or not len(new.observed):
             return bool(self.found)
         if len(self.columns) + 1 == MOST_GROUPS:
@@ -57,7 +58,7 @@ class ThreeStars:
         return bool(self.found)
 
     def _fit(self, columns: tuple[Candidates, ...]) -> list[tuple[int, int]]:
-        """First choice of one candidate per column whose distances all fit, depth first."""
+        """Return the first choice of one candidate per column whose distances all fit, by depth-first search."""
 
         def grow(chosen: list[tuple[int, int]]) -> list[tuple[int, int]]:
             if len(chosen) == len(columns):
@@ -86,8 +87,8 @@ def _angle_rad(a: Array, b: Array) -> float:
 
 
 def by_boxes(pixels: Array, columns: int, rows: int) -> Rows:
-    """Order in which (n, 2) expected stars are looked for: the first of each of nine boxes, then the second of each, and so
-    on (Fig. 4-4, 4-5). Boxes are numbered along the rows; inside one the given order holds."""
+    """Order in which (n, 2) expected stars are searched: the first of each of nine boxes, then the second of each, and so
+    on (Fig. 4-4, 4-5). Boxes are numbered along the rows; within a box the given order is kept."""
     col = np.clip(np.floor((pixels[:, 0] + 0.5) * 3 / columns), 0, 2).astype(np.intp)
     row = np.clip(np.floor((pixels[:, 1] + 0.5) * 3 / rows), 0, 2).astype(np.intp)
     box = 3 * row + col
