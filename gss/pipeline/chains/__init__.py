@@ -1,1 +1,1 @@
-"""One file per system: its stages, its order, its limits."""
+"""Processing chains, one module per system: its stages, their order and its limits."""

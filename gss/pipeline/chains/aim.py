@@ -1,8 +1,8 @@
 """The chain of the AIM smart camera (Moniteq 1983): coarse mask, mean locator, linked neighbours, differential attitude.
 
-Its normal way is to know roughly where it points and to verify the stars expected there. Without that a field of 3.45° holds too
-few stars for the whole sky as often as not, which the document's own statistics say (§2.1) and the reason of such a frame
-repeats. What the document leaves open, and what we add against false attitudes: ``aim_parameters.SOURCES``.
+It normally knows its approximate attitude and verifies the stars expected there. For a search over the whole sky, a field of
+3.45° has too few stars in about half the cases, according to the document's own statistics (§2.1); the reason text of such a
+frame says so. For what the document leaves open and the tests added against false attitudes, see ``aim_parameters.SOURCES``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from gss.pipeline.identify.soundness import errors_objection, is_handed, separat
 from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
 
-# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs a pixel. The report has no execution times; per operation ours.
+# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The report has no execution times; those per operation are
+# estimates.
 PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
 DENSITY_RADIUS_RAD = float(np.radians(5.0))
 LOOSE, COMPANION = 2.0, 6.0
@@ -41,9 +42,9 @@ def calculate_attitude(
     parameters: AimParameters,
     hint: Hint | None = None,
 ) -> Solution:
-    """Differential small-angle attitude, iterated (Moniteq 1983 §6.2), and the checks that keep a false one from leaving the
-    chain: residuals, the hint, and the false-match bound. One camera leaves the angle about its axis weak; the
-    covariance says how weak, and two cameras go together in :mod:`gss.pipeline.track.cameras_together`."""
+    """Compute the attitude by iterated differential correction (Moniteq 1983 §6.2) and reject false ones by residuals, hint and
+    false-match bound. A single camera determines the angle about its axis poorly, as the covariance shows; see
+    :mod:`gss.pipeline.track.cameras_together` for two cameras."""
     chosen, nan = matching.selected, float("nan")
     if matching.reason or matching.cam_from_icrs is None:
         return Solution(None, None, nan, matching.reason)
@@ -74,7 +75,7 @@ def _objection(
     sigma_rad: Array,
     probability: float,
 ) -> str:
-    """Why this attitude should not be believed, or ""."""
+    """Return why this attitude should be rejected, or ""."""
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ attitude.T - matching.unit_cam[chosen], axis=1)
@@ -108,8 +109,8 @@ def _may_be_mirrored(
     parameters: AimParameters,
     hint: Hint | None,
 ) -> str:
-    """Why the stars may be those of a mirrored frame, or "". Two stars always may; in tracking a mirrored pair seldom lies as the
-    pair did that was expected, hence no large turn is believed to two."""
+    """Return why the frame may be mirrored, or "". Two stars alone have no handedness; in tracking, a mirrored pair rarely has the
+    orientation of the expected one, so two stars must not imply a large rotation from the hint."""
     unit = matching.unit_cam[matching.selected]
     if len(unit) > PAIR or matching.mode is not Mode.TRACKING or hint is None or hint.quaternion is None:
         handed = is_handed(unit, reference, parameters.tolerance_rad)
@@ -132,11 +133,11 @@ def false_match_probability(
 ) -> float:
     """Bound on the expected number of accidental identifications with as many stars as this one.
 
-    Every pair of linked stars tried is a way to place the picture; a star counts as met within twice the tolerance, because a
-    close pair turns the picture loosely. The density is that of the sky round the field (Moniteq 1983 §2.1 makes the same
-    estimate with the mean density of the sky).
+    Every pair of linked stars tried is a hypothesis; a star counts as matched within twice the tolerance, because a close pair
+    determines the roll poorly. The star density is that of the sky around the field (Moniteq 1983 §2.1 makes the same estimate
+    with the mean density of the sky).
     """
-    # Companions within reach of each other's tolerance are one proof.
+    # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * parameters.tolerance_rad)
     near = int(np.count_nonzero(catalogue.icrs @ attitude[2] >= np.cos(DENSITY_RADIUS_RAD)))
     per_sr = max(near, k) / (2 * np.pi * (1 - np.cos(DENSITY_RADIUS_RAD)))
@@ -171,7 +172,7 @@ class AimChain:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
-        """Expected stars while they are found; then a part of the sky; when that fails too, all of it (Fig. 6.1)."""
+        """Return the next mode: expected stars while they are found, then part of the sky, then all of it (Fig. 6.1)."""
         return next_mode(mode, solved)
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:

@@ -20,7 +20,7 @@ from gss.pipeline.mean_locator import mean_locations_px
 from gss.pipeline.regions import Blobs, Pixels, SearchLimits, region_records, search
 from gss.pipeline.track.search_and_track import VERIFIED_ENOUGH
 
-# What a flat-topped star's place is worth, measured on rendered frames.
+# Position error of a saturated (flat-topped) star, measured on rendered frames.
 SATURATED_PX = 0.15
 OUTSIDE = "outside the predicted windows"
 WHOLE_IMAGE = "guidance error: fewer than two predicted windows hold a star, whole image searched"
@@ -29,10 +29,10 @@ WHOLE_IMAGE = "guidance error: fewer than two predicted windows hold a star, who
 def find_centroids(
     pixels: Pixels, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters, mode: Mode, hint: Hint | None
 ) -> Detection:
-    """Spots of the coarse image, each located in its window.
+    """Find the spots of the coarse image and locate each in its window.
 
-    In tracking only those in the windows round predicted stars; where fewer than two of these hold one, guidance has failed
-    and the whole image is used, as the blind search on the same picture does (Fig. 6.1 step 3).
+    In tracking, only spots in the windows around predicted stars are kept. If there are fewer than two, guidance has failed
+    and the whole image is used, as in the blind search on the same frame (Fig. 6.1 step 3).
     """
     p = parameters
     dark_dn = dark_mean_dn(pixels, p.noise_dn)
@@ -71,14 +71,14 @@ def find_centroids(
 
 
 def faintest_dn(catalogue: AimCatalogue, parameters: AimParameters) -> float:
-    """Light of a star fainter than the list by half the error of magnitudes: it has no name there."""
+    """Flux below which a star is not in the list: fainter than its limit by half the magnitude error."""
     limit_mag = catalogue.limit_mag + parameters.magnitude_error / 2
     return float(parameters.dn_at_mag_0 * parameters.light_share * 10 ** (-0.4 * limit_mag))
 
 
 def locate(pixels: Pixels, blobs: Blobs, dark_dn: float, parameters: AimParameters) -> Centroids:
-    """The mean locator with its dark mean and linear bias correction, in a window on each blob's brightest pixel, with four by
-    four pixels on the brighter side of it. ``sigma_px`` is the noise model's third term and the star's shot noise."""
+    """Apply the mean locator with dark mean and linear bias correction, in a window on each blob's brightest pixel (a 4 x 4 window
+    is placed towards the brighter side). ``sigma_px`` includes the noise model's third term and the star's shot noise."""
     p, n = parameters, len(blobs)
     if not n:
         return Centroids.from_pixels(np.empty((0, 2)))

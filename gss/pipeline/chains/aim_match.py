@@ -1,4 +1,4 @@
-"""Names for centroids as the AIM smart camera finds them: expected stars verified, or a blind search (Moniteq 1983 §6.1)."""
+"""Star identification of the AIM smart camera: verification of expected stars, or blind search (Moniteq 1983 §6.1)."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ FITTED = 12
 
 @dataclass(frozen=True)
 class AimCatalogue:
-    """A bank as AIM uses it: star list, unit vectors at full width (n, 3), links to neighbours and their lengths, a tree for
-    nearest stars, and the magnitude down to which the list is whole."""
+    """A bank prepared for AIM: star list, unit vectors in full precision (n, 3), links to neighbours and their lengths, a tree for
+    nearest stars, and the magnitude to which the list is complete."""
 
     stars: OnboardCatalogue
     icrs: Array
@@ -55,7 +55,7 @@ class AimCatalogue:
 
 
 def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
-    """The bank with its net of neighbours: its own where it has one."""
+    """Prepare the bank, using its own neighbour links if it has them."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     links = neighbour_links(icrs) if catalogue.tables.links is None else catalogue.tables.links
@@ -66,8 +66,8 @@ def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue
 
 @dataclass(frozen=True)
 class Expected:
-    """Stars expected in the field: ``rows``, where they are in the predicted camera frame (n, 3), and how many places were
-    looked at."""
+    """Stars expected in the field: ``rows``, their directions in the predicted camera frame (n, 3), and ``checks``, the number of
+    stars examined."""
 
     rows: Index
     predicted_cam: Array
@@ -76,7 +76,7 @@ class Expected:
 
 
 def expected_stars(catalogue: AimCatalogue, camera: Camera, hint: Hint, parameters: AimParameters) -> Expected:
-    """The stars of the field predicted from the last attitudes, found along the links from those of the field before (step 2b)."""
+    """Find the stars of the field predicted from the last attitudes, following the links from the previous field (step 2b)."""
     if hint.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
     last = matrix_from_quaternion(hint.quaternion)
@@ -92,9 +92,9 @@ def expected_stars(catalogue: AimCatalogue, camera: Camera, hint: Hint, paramete
 
 @dataclass(frozen=True)
 class Matching:
-    """MATCH_STARS. ``mode``: the search that gave the result. Per centroid, (n,): ``row`` or −1. ``selected``: centroids for
-    the attitude, empty with a ``reason``; ``cam_from_icrs`` the attitude near which they fit. ``guidance_error``: Fig.
-    6.1's flag. ``hypotheses``: pairs of linked stars tried; ``checks``: stars and links looked at."""
+    """Result of MATCH_STARS. ``mode``: search that gave the result. Per centroid, (n,): ``row`` or −1. ``selected``: centroids for
+    the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. ``guidance_error``: flag of Fig.
+    6.1. ``hypotheses``: number of linked pairs tried; ``checks``: number of stars and links examined."""
 
     mode: Mode
     unit_cam: Array
@@ -113,7 +113,7 @@ class Matching:
 
     @property
     def operations(self) -> int:
-        """Stars and links looked at, and pairs tried against all spots."""
+        """Number of stars and links examined, plus pairs tried against all spots."""
         return self.checks + self.hypotheses * len(self.row)
 
     @property
@@ -124,7 +124,7 @@ class Matching:
 
 @dataclass(frozen=True)
 class _Spots:
-    """What is known of the centroids that have a direction."""
+    """Centroids with a direction: index, unit vector, magnitude and saturation."""
 
     index: Index
     unit: Array
@@ -140,7 +140,7 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: Hint | None = None,
 ) -> Matching:
-    """Names for centroids: verification of expected stars in tracking, blind search otherwise and after a guidance error."""
+    """Identify centroids: verify expected stars in tracking; use a blind search otherwise and after a guidance error."""
     _check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
     spots = _spots(centroids, unit, parameters)
@@ -170,7 +170,7 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
 
 
 def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spots:
-    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     flux = np.maximum(centroids.flux_dn[good], 1e-9) / (parameters.dn_at_mag_0 * parameters.light_share)
     saturated = centroids.peak_dn[good] >= 0.97 * parameters.saturation_dn
@@ -180,7 +180,7 @@ def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spo
 def _verify(
     spots: _Spots, expected: Expected, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
-    """Stars present at their predicted places, as bright as they should be, and as far from each other (step 2e)."""
+    """Verify the stars found at their predicted positions with the expected brightness and separations (step 2e)."""
     chord = np.linalg.norm(spots.unit[:, None] - expected.predicted_cam[None], axis=2)
     near = chord <= 2 * np.sin(parameters.capture_rad / 2)
     star_mag = catalogue.stars.v_mag[expected.rows].astype(float)
@@ -198,7 +198,7 @@ def _verify(
 def _fit(
     spots: _Spots, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
-    """Predicted image at that attitude, differential corrections, and only stars as bright as their spots."""
+    """Match the image predicted at that attitude, correct differentially, and keep only stars with their spots' brightness."""
     rows = np.flatnonzero(catalogue.icrs @ attitude[2] >= np.cos(camera.half_diagonal_rad + parameters.capture_rad))
     radii = (2 * parameters.tolerance_rad, parameters.tolerance_rad)
     fit = predictional_fit(spots.unit, catalogue.icrs, rows, attitude, radii, camera.half_diagonal_rad)
@@ -221,7 +221,7 @@ def _blind(
     mode: Mode,
     hint: Hint | None,
 ) -> tuple[Fit | None, PairHypotheses]:
-    """The best pattern of linked stars, and the pairs that were tried (step 3)."""
+    """Return the best pattern of linked stars, and the pairs that were tried (step 3)."""
     allowed = np.ones(len(catalogue), bool)
     if mode is not Mode.LOST_IN_SPACE and hint is not None:
         boresight = np.asarray(hint.boresight_icrs, float)

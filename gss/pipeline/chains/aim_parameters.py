@@ -1,4 +1,4 @@
-"""The constants of the AIM smart camera's chain, where each comes from, and their values for a camera."""
+"""Constants of the AIM smart camera's chain, their sources, and their values for a camera."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class AimParameters:
-    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's dark mean."""
+    """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's dark mean."""
 
     threshold_dn: float
     dn_at_mag_0: float
@@ -88,7 +88,7 @@ class AimParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Fewest verified stars for an attitude."""
+        """Minimum number of verified stars for an attitude."""
         if self.acceptance == "document":
             return DOCUMENT_VERIFIED
         if mode is Mode.TRACKING:
@@ -97,7 +97,7 @@ class AimParameters:
 
     @property
     def proves(self) -> bool:
-        """Whether the chain checks what it found."""
+        """True if the chain verifies its result."""
         return self.acceptance == "proved"
 
 
@@ -109,7 +109,7 @@ FAINTEST_AREA_PX = 3.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None, window_px: int = 3) -> AimParameters:
-    """Parameters for a camera: errors of positions in pixels, the corrector from the width of its stars."""
+    """Return the parameters for a camera: position errors scale with the pixel, the bias corrector with the width of its stars."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -130,7 +130,7 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None, 
 
 
 def light_share(ratio: float, window_px: int) -> float:
-    """Mean share of a star's light in the window, for stars within half a pixel of its middle."""
+    """Mean share of a star's light in the window, for stars within half a pixel of its centre."""
     offset = np.linspace(-0.5, 0.5, 101)
     return float(np.mean(column_shares(offset, ratio, window_px).sum(axis=-1)) ** 2)
 

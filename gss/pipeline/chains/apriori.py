@@ -1,6 +1,6 @@
-"""What a sensor may take for granted before it looks: the a-priori attitude of an orbit, and which hint each mode uses.
+"""Prior knowledge of a sensor: the a-priori attitude from an orbit, and the hint for each mode.
 
-Firmware and ground choose the hint here and nowhere else, so that a replay starts from the same numbers.
+Firmware and ground both choose the hint here, so that a replay starts from the same numbers.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DEFAULT_RADIUS_RAD = float(np.radians(5.0))
 
 @dataclass(frozen=True)
 class KnownOrbit:
-    """A circular orbit: Ω, i, argument of latitude ω′ at ``epoch_s`` of the device's clock, height (Jacobs 1995 §1.4)."""
+    """A circular orbit: Ω, i, argument of latitude ω′ at ``epoch_s`` of the device clock, altitude (Jacobs 1995 §1.4)."""
 
     raan_rad: float
     inclination_rad: float
@@ -37,18 +37,18 @@ class KnownOrbit:
 
     @property
     def speed_m_s(self) -> float:
-        """Round the Earth."""
+        """Orbital speed around the Earth."""
         return self.rate_rad_s * (EARTH_RADIUS_M + self.altitude_m)
 
     def elements_at(self, at_s: float) -> OrbitElements:
-        """Elements at a device time."""
+        """Return the elements at a device time."""
         latitude_rad = (self.latitude_rad + self.rate_rad_s * (at_s - self.epoch_s)) % (2 * np.pi)
         return OrbitElements(self.raan_rad, self.inclination_rad, float(latitude_rad))
 
 
 @dataclass(frozen=True)
 class Apriori:
-    """Roll, pitch and yaw against the orbit as another sensor gives them, and the radius that surely holds the truth."""
+    """Roll, pitch and yaw relative to the orbit frame, from another sensor, and the radius of their maximum error."""
 
     roll_rad: float
     pitch_rad: float
@@ -62,16 +62,16 @@ class Apriori:
 
 
 def apriori_hint(orbit: KnownOrbit, angles_rad: tuple[float, float, float], at_s: float) -> Hint:
-    """The attitude that roll, pitch and yaw against that orbit mean at a device time, for a camera that is mounted as
+    """Return the attitude for roll, pitch and yaw relative to the orbit frame at a device time, for a camera mounted like
     Sunsat's (``BODY_FROM_CAM``, Jacobs 1995 §1.3)."""
     return Hint.from_quaternion(quaternion_from_matrix(cam_from_icrs_of(orbit.elements_at(at_s), *angles_rad)))
 
 
 @dataclass(frozen=True)
 class Known:
-    """What is known when a frame is to be matched. ``quaternion``: of the last attitude, ``earlier``: of those in a row
-    before it, newest first. ``commanded``: SET_ATTITUDE_HINT until an attitude is found. ``orbit`` and ``apriori`` count
-    together only."""
+    """Prior knowledge for matching a frame. ``quaternion``: last attitude, ``earlier``: consecutive attitudes before it, newest
+    first. ``commanded``: from SET_ATTITUDE_HINT, until an attitude is found. ``orbit`` and ``apriori`` are only used
+    together."""
 
     quaternion: Array | None = None
     earlier: tuple[Array, ...] = ()
@@ -82,11 +82,11 @@ class Known:
 
     @property
     def has_apriori(self) -> bool:
-        """Is there an a-priori attitude for any time?"""
+        """True if an a-priori attitude can be computed."""
         return self.orbit is not None and self.apriori is not None
 
     def usable(self, wanted: Mode) -> Mode:
-        """The wanted mode as far as there is the knowledge for it."""
+        """Return the wanted mode, or the next weaker mode for which the prior knowledge is sufficient."""
         if wanted is Mode.TRACKING and self.quaternion is None:
             wanted = Mode.ASSISTED
         if wanted is Mode.ASSISTED and self.commanded is None and self.quaternion is None and not self.has_apriori:
@@ -94,8 +94,8 @@ class Known:
         return wanted
 
     def hint(self, mode: Mode, at_s: float) -> Hint | None:
-        """Tracking goes on from the last attitude; assisted takes the commanded hint, else the a-priori attitude at that device
-        time, else the last attitude."""
+        """Return the hint for a mode: in tracking the last attitude; in assisted mode the commanded hint, else the a-priori
+        attitude at that device time, else the last attitude; None when lost in space."""
         if mode is Mode.LOST_IN_SPACE:
             return None
         last = None if self.quaternion is None else Hint.from_quaternion(self.quaternion, self.earlier)
@@ -108,13 +108,14 @@ class Known:
         return last
 
     def radius_rad(self, mode: Mode) -> float:
-        """How far the hint of an assisted iteration may be from the truth."""
+        """Maximum error of the hint in an assisted iteration."""
         if self.commanded is None and self.apriori is not None and self.orbit is not None and mode is Mode.ASSISTED:
             return self.apriori.radius_rad
         return self.commanded_radius_rad
 
     def after(self, quaternion: Array | None) -> Known:
-        """Knowledge after an iteration: a found attitude takes the commanded hint away, none breaks the row of earlier ones."""
+        """Return the knowledge after an iteration: a new attitude clears the commanded hint; without one (None), ``earlier`` is
+        cleared."""
         if quaternion is None:
             return Known(self.quaternion, (), self.commanded, self.commanded_radius_rad, self.orbit, self.apriori)
         before = () if self.quaternion is None else (self.quaternion, *self.earlier)

@@ -1,10 +1,9 @@
 """The chain of CubeStar (Erlank 2013 ch. 4–5): plane search, 5x5 centroids, geometric voting, QUEST.
 
-The same functions run in the simulator's firmware and on the ground, and :func:`solve` composes exactly the single steps
-that the device offers as commands. Nothing depends on time; the same frame, bank and parameters give the same bits.
-
-What the document leaves open, and what we add against false attitudes, is said for each parameter in
-``cubestar_parameters.SOURCES``.
+The same functions run in the simulator's firmware and on the ground, and :func:`solve` combines exactly the steps
+that the device offers as commands. Nothing depends on time; the same frame, bank and parameters give bit-identical results.
+``cubestar_parameters.SOURCES`` documents, for each parameter, what the document leaves open and the tests added against
+false attitudes.
 """
 
 from __future__ import annotations
@@ -59,11 +58,12 @@ __all__ = [
 
 
 def find_centroids(pixels: Pixels, parameters: CubestarParameters, *, fast: bool | None = None) -> Detection:
-    """Stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
+    """Find the stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
 
-    The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Foreign frames do not come that way: the
-    median of the search grid stands in for it, in the threshold as in the centroid's weights.
-    ``fast``: see :func:`gss.pipeline.kernels.kernels`; the answer is the same to the bit.
+    The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Frames of other cameras lack this
+    correction, so the median of the search grid is used as black level, both for the threshold and for the centroid weights.
+
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`; the result is bit-identical.
     """
     p = parameters
     black_dn = grid_median_dn(pixels, p.search_step_px)
@@ -88,9 +88,8 @@ def calculate_attitude(
     parameters: CubestarParameters,
     hint: Hint | None = None,
 ) -> Solution:
-    """QUEST over the selected stars with their verification votes as weights (Erlank 2013 §4.4, §5.3.4), and the checks
-    that keep a false attitude from leaving the chain: residuals, the hint, the false-match bound, handedness and the focal
-    length."""
+    """Compute the attitude by QUEST over the selected stars, weighted by their verification votes (Erlank 2013 §4.4, §5.3.4), and
+    reject false attitudes by residuals, hint, false-match bound, handedness and focal length."""
     chosen = matching.selected
     if matching.reason:
         return Solution(None, None, float("nan"), matching.reason)
@@ -129,7 +128,7 @@ def _unsound(
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
 ) -> str:
-    """Why the named stars may belong to a mirrored frame or another focal length, or ""."""
+    """Return why the frame may be mirrored or have another focal length, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
     reference = bank[matching.row[chosen]]
     if not is_handed(matching.unit_cam[chosen], reference, parameters.tolerance_rad):
@@ -140,13 +139,13 @@ def _unsound(
 
 
 def hint_error_rad(camera: Camera, parameters: CubestarParameters) -> float:
-    """How far the boresight may be from the hint: what D_max leaves beyond the field's half diagonal (Erlank 2013 §4.3.4)."""
+    """Maximum angle of the boresight from the hint: D_max minus the field's half diagonal (Erlank 2013 §4.3.4)."""
     return max(parameters.assisted_radius_rad - _field_of(camera)[0], HINT_ERROR_RAD)
 
 
 @lru_cache(maxsize=16)
 def _field_of(camera: Camera) -> tuple[float, float]:
-    """Half diagonal, rad, and solid angle, sr, of the field; the same for every frame of a camera."""
+    """Half diagonal, rad, and solid angle, sr, of the field of view; cached because they are the same for every frame."""
     fov_h, fov_v = camera.fov_rad
     return camera.half_diagonal_rad, float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))
 
@@ -173,8 +172,8 @@ def false_match_probability(
 ) -> float:
     """Bound on the expected number of accidental identifications with as many stars as this one.
 
-    Every table entry met is two ways to place a pair of centroids on the sky. A hint divides them by the share of boresights
-    it allows; in tracking they are the pairs near predicted stars.
+    Every matching table entry gives two hypotheses for a pair of centroids. A hint reduces their number to the share of
+    boresights that it allows; in tracking, the hypotheses are the pairs near predicted stars.
     """
     n, k = len(matching.row), len(matching.selected)
     projected = camera.project(catalogue.icrs.astype(float) @ cam_from_icrs.T)
@@ -203,7 +202,7 @@ def solve(
     trace: Trace | None = None,
     fast: bool | None = None,
 ) -> SolveResult:
-    """One frame from pixels to attitude: find_centroids, match_stars, calculate_attitude."""
+    """Process one frame from pixels to attitude: find_centroids, match_stars, calculate_attitude."""
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(
             "frame does not fit the camera",
@@ -231,7 +230,7 @@ def solve_centroids(
     clock: Callable[[], float] | None = None,
     trace: Trace | None = None,
 ) -> SolveResult:
-    """As :func:`solve` for centroids that are already known, brightest first; no regions."""
+    """As :func:`solve`, from given centroids, brightest first; the result has no regions."""
     kept = trace if trace is not None else Trace(clock)
     with kept.stage("match"):
         matching = match_stars(centroids, camera, catalogue, parameters, mode, hint)

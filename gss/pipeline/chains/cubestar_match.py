@@ -1,4 +1,4 @@
-"""Names for centroids as CubeStar finds them: votes over pairs, or the nearest predicted star (Erlank 2013 §4.3–4.5)."""
+"""Star identification of CubeStar: votes over pairs, or the nearest predicted star (Erlank 2013 §4.3–4.5)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def unit_vectors(centroids: Centroids, camera: Camera, undistort: str = "exact")
 
 
 def document_distortion(camera: Camera) -> BrownUndistort:
-    """The device's own approximation: Brown's polynomial from measured to ideal with the toolbox signs inverted."""
+    """Return the device's approximation: Brown's polynomial from measured to ideal with inverted toolbox signs."""
     d = camera.distortion
     if not isinstance(d, Brown):
         raise BadInput(
@@ -47,9 +47,9 @@ def document_distortion(camera: Camera) -> BrownUndistort:
 
 @dataclass(frozen=True)
 class Matching:
-    """MATCH_STARS. Per centroid used, (n,): ``row`` most voted catalogue row or −1, ``first_votes``, ``verification_votes``.
-    ``selected``: centroids that go into the attitude, empty with a ``reason``. ``searched``: stars in the (reduced)
-    catalogue; ``hits``: table entries met; ``predicted_cam`` only while tracking."""
+    """Result of MATCH_STARS. Per centroid used, (n,): ``row``, the catalogue row with the most votes or −1, ``first_votes``,
+    ``verification_votes``. ``selected``: centroids used for the attitude, empty with a ``reason``. ``searched``: number of stars in
+    the (reduced) catalogue; ``hits``: number of matching table entries."""
 
     mode: Mode
     unit_cam: Array
@@ -68,12 +68,12 @@ class Matching:
 
     @property
     def operations(self) -> int:
-        """Table entries met."""
+        """Number of matching table entries."""
         return self.hits
 
     @property
     def confidence(self) -> float:
-        """Mean verification votes of the selected stars over the most possible, 0 without any."""
+        """Mean verification votes of the selected stars divided by the maximum possible; 0 if none is selected."""
         most = len(self.row) - 1
         return float(np.mean(self.verification_votes[self.selected]) / most) if len(self.selected) and most else 0.0
 
@@ -86,11 +86,11 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: Hint | None = None,
 ) -> Matching:
-    """Names for centroids (Erlank 2013 §4.3–4.5). Only the first ``max_centroids`` are looked at."""
+    """Identify centroids (Erlank 2013 §4.3–4.5). Only the first ``max_centroids`` are used."""
     _check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = unit_vectors(used, camera, parameters.undistort)
-    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     allowed = _allowed(catalogue, mode, hint, parameters)
     pairs = pairs_of(unit[good])
@@ -121,7 +121,7 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
 
 
 def _allowed(catalogue: OnboardCatalogue, mode: Mode, hint: Hint | None, parameters: CubestarParameters) -> Mask:
-    """The reduced catalogue: stars within D_max of the rough boresight (Erlank 2013 §4.3.4); all when lost."""
+    """Mask of the reduced catalogue: stars within D_max of the approximate boresight (Erlank 2013 §4.3.4); all when lost."""
     if mode is Mode.LOST_IN_SPACE or hint is None:
         return np.ones(len(catalogue), bool)
     boresight = np.asarray(hint.boresight_icrs, float)

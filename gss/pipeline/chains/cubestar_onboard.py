@@ -1,4 +1,4 @@
-"""CubeStar's chain as a device runs it: what was commanded goes into its parameters, durations are the document's."""
+"""CubeStar's chain on the device: commanded values replace its parameters, and durations are from the document."""
 
 from __future__ import annotations
 

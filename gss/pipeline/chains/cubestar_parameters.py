@@ -1,4 +1,4 @@
-"""The constants of CubeStar's chain, where each comes from, and their values for a camera."""
+"""Constants of CubeStar's chain, their sources, and their values for a camera."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class CubestarParameters:
-    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's black level."""
+    """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's black level."""
 
     threshold_dn: float
     tolerance_rad: float
@@ -76,14 +76,14 @@ class CubestarParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Fewest verified stars for an attitude."""
+        """Minimum number of verified stars for an attitude."""
         if mode is Mode.TRACKING:
             return self.min_verified_tracking if self.proves else DOCUMENT_TRACKING
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
 
     @property
     def proves(self) -> bool:
-        """Whether the chain checks handedness and focal length."""
+        """True if the chain checks handedness and focal length."""
         return self.acceptance == "proved"
 
 
@@ -97,7 +97,7 @@ HINT_ERROR_RAD = float(np.radians(5.0))
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> CubestarParameters:
-    """Parameters for a camera: the document's numbers where they are pixels and counts, scaled where they are angles."""
+    """Return the parameters for a camera: the document's values for pixels and counts, scaled values for angles."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn

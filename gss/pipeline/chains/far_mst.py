@@ -1,7 +1,7 @@
-"""The chain of FAR-MST (Huffman 2006 ch. 4–6): attitude from matched stars, and the single steps in a row.
+"""The chain of FAR-MST (Huffman 2006 ch. 4–6): attitude from matched stars, and the sequence of steps.
 
-What the document leaves open, and what we add against false attitudes, is said for each parameter in
-``far_mst_parameters.SOURCES``.
+``far_mst_parameters.SOURCES`` documents, for each parameter, what the document leaves open and the tests added against
+false attitudes.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def calculate_attitude(
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
 ) -> Solution:
-    """Attitude of the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36); none where one star does not fit, or the
-    field fits another focal length."""
+    """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). No attitude is given if one
+    star does not fit or the field fits another focal length."""
     probability = matching.false_match_probability
     if matching.reason:
         return Solution(None, None, probability, matching.reason)

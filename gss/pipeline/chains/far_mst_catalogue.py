@@ -1,6 +1,6 @@
-"""What FAR-MST's processor has of a bank when it has read it: the sin²θ directory of the brightest stars of every field.
+"""Catalogue in the memory of FAR-MST's processor: the sin²θ directory of the brightest stars of every field.
 
-A bank in the far-mst format brings the directory; of any other the processor makes it.
+A bank in the far-mst format contains the directory; for any other format the processor builds it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ BRIGHTEST = 8
 
 @dataclass(frozen=True)
 class FarMstCatalogue:
-    """``icrs``: (n, 3) unit vectors in full width, ``reduced``: (n,) which stars the directory is about; all of them serve
-    to confirm."""
+    """``icrs``: (n, 3) unit vectors in full precision, ``reduced``: (n,) mask of the stars in the directory; all stars are used
+    for confirmation."""
 
     bank: OnboardCatalogue
     icrs: Array
@@ -35,8 +35,8 @@ class FarMstCatalogue:
 
 
 def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
-    """The bank's directory, or one of its reduced catalogue or of the ``brightest`` per field (0: of all stars). The bank's own
-    distances are used, none is made up."""
+    """Return the bank's directory, or build one from its reduced catalogue or the ``brightest`` per field (0: all stars). Only the
+    bank's own distances are used."""
     bank.need_distances()
     icrs = bank.icrs.astype(float)
     icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
@@ -50,7 +50,7 @@ def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = B
         reduced = brightest_per_field(icrs, brightness_order(bank), min(fov_h, fov_v) / 2, brightest)
     table = bank.distances
     right_angle = float(np.nextafter(np.float32(np.pi / 2), np.float32(0)))
-    # Pairs beyond 90° are in no frame of this camera; sin² could not tell them.
+    # Pairs beyond 90° do not occur in a frame of this camera, and sin² is ambiguous there.
     keep = np.flatnonzero(reduced[table.first] & reduced[table.second] & (table.distance_rad <= right_angle))
     kept = DistanceTable(
         table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, min(table.max_rad, right_angle)
@@ -59,7 +59,7 @@ def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = B
 
 
 def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) -> FarMstCatalogue:
-    """The directory that is in the bank, its k-vector with it."""
+    """Return the directory and k-vector stored in the bank."""
     reduced = np.ones(len(bank), bool) if bank.tables.reduced is None else bank.tables.reduced.kept
     first, second = bank.distances.first.astype(np.intp), bank.distances.second.astype(np.intp)
     index = bank.tables.index
@@ -72,7 +72,7 @@ def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) 
 
 
 def brightness_order(bank: OnboardCatalogue) -> NDArray[np.intp]:
-    """(n,) rows, brightest first; a bank without magnitudes is written in that order."""
+    """(n,) rows, brightest first; a bank without magnitudes is already in that order."""
     if not np.isfinite(bank.v_mag).all():
         return np.arange(len(bank))
     return np.argsort(bank.v_mag, kind="stable")

@@ -1,4 +1,4 @@
-"""Where a star is: weighted sum with second moments, or Winick's maximum likelihood (Huffman 2006 §4.2.2)."""
+"""Star centroids by weighted sum with second moments, or by Winick's maximum likelihood (Huffman 2006 §4.2.2)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.regions import Blobs, Pixels
 
 PIXEL_PX2 = 1 / 12
-# Measured on rendered frames: what the ragged cut at the threshold adds for a star whose peak is the threshold, per px of the
-# spot's σ; what the block grid's straight cuts add, which fall off with the root only; and what stays without noise.
+# Errors measured on rendered frames: CUT_PER_SIGMA is added by the irregular threshold cut for a star whose peak equals the
+# threshold, per px of the spot's σ; the straight cuts of the block grid add BLOCK_PX, which decreases only with the square root,
+# up to BLOCK_MOST_PX.
 CUT_PER_SIGMA = 0.42
 BLOCK_PX, BLOCK_MOST_PX = 0.85, 0.35
 FLOOR_PX = 0.02
@@ -28,22 +29,22 @@ FARTHEST_PX = 2.0
 
 @dataclass(frozen=True)
 class Signal:
-    """A frame above its dark level, read where it is needed. ``dark_dn``: scalar array or (rows, columns)."""
+    """A frame above its dark level, computed only where needed. ``dark_dn``: scalar array or (rows, columns)."""
 
     pixels: Pixels
     dark_dn: Array
 
     def at(self, index: NDArray[np.intp]) -> Array:
-        """Values of flat pixel numbers, of the same shape."""
+        """Return the values at flat pixel indices, in the same shape."""
         dark = self.dark_dn if self.dark_dn.ndim == 0 else self.dark_dn.ravel()[index]
         return np.asarray(self.pixels.ravel()[index] - dark, float)
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """Moments of m clusters, (m,) each: weighted-sum position, flux, peak, ``aspect`` √(λ1/λ2) of the second moments (a pixel's
-    own extent included, so that a line of pixels has a finite one), ``length_px`` of a streak with that longer moment,
-    and ``spread_px2`` Σ (x − x̄)² v and ``lever_px2`` Σ (x − x̄)², both per axis and meant for error propagation."""
+    """Moments of m clusters, (m,) each: weighted-sum position, flux, peak, ``aspect`` √(λ1/λ2) of the second moments (including
+    the size of a pixel, so that it is finite for a line of pixels), ``length_px`` of a streak with the longer moment,
+    and ``spread_px2`` Σ (x − x̄)² v and ``lever_px2`` Σ (x − x̄)², both averaged over the axes, for error propagation."""
 
     col_px: Array
     row_px: Array
@@ -57,7 +58,7 @@ class Shapes:
 
 
 def shapes_of(signal: Signal, blobs: Blobs) -> Shapes:
-    """Every pixel of a cluster counts with its whole value above dark (eq. 4.1)."""
+    """Compute the moments; every pixel of a cluster is weighted with its full value above dark (eq. 4.1)."""
     n, owner = len(blobs), blobs.owner
     row, col = (x.astype(float) for x in np.divmod(blobs.index, blobs.columns))
     value = signal.at(blobs.index)
@@ -87,7 +88,7 @@ def _sum(values: Array, owner: NDArray[np.intp], n: int) -> Array:
 
 
 def weighted_sum(shapes: Shapes, threshold_dn: float, noise_dn: float, p: FarMstParameters) -> Centroids:
-    """Centroids of the clusters, in their order; ``sigma_px`` per axis after ``p.sigma_model``."""
+    """Centroids of the clusters, in their order; ``sigma_px`` per axis according to ``p.sigma_model``."""
     if p.sigma_model == "document":
         sigma = document_sigma_px(shapes.peak_dn / noise_dn)
     else:
@@ -101,17 +102,17 @@ def weighted_sum(shapes: Shapes, threshold_dn: float, noise_dn: float, p: FarMst
 
 
 def document_sigma_px(snr: Array) -> Array:
-    """One standard deviation of a weighted-sum centroid by the star's peak signal-to-noise (eq. 4.2, "psfWidth" misprinted)."""
+    """Standard deviation of a weighted-sum centroid for a star's peak signal-to-noise ratio (eq. 4.2, "psfWidth" is misprinted)."""
     return np.asarray(0.11 + 0.5 * np.maximum(snr, 1e-3) ** -1.3)
 
 
 def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParameters) -> Centroids:
-    """The centroids moved to the likelihood's maximum (eq. 4.5–4.8, 4.11), all stars at once.
+    """Move the centroids to the maximum of the likelihood (eq. 4.5–4.8, 4.11), all stars at once.
 
-    Q = 0 is solved by Fisher's scoring, which also gives the Cramér–Rao bound (eq. 4.3) as ``sigma_px``. λ_s is estimated too.
-    λ_N is, as in Winick's model, the mean noise count of a pixel (the document says standard deviation): with read
-    noise R its square goes into counts and mean alike, which gives a Poisson variable of the right variance. Saturated
-    pixels are left out; a star that runs away keeps its weighted sum.
+    Q = 0 is solved by Fisher scoring, which also gives the Cramér–Rao bound (eq. 4.3) as ``sigma_px``. λ_s is estimated too.
+    λ_N is, as in Winick's model, the mean noise count of a pixel (the document says standard deviation): the square of the read
+    noise R is added to both counts and mean, which gives a Poisson variable of the right variance. Saturated
+    pixels are not used; a star that diverges keeps its weighted sum.
     """
     if not len(stars):
         return stars
@@ -140,7 +141,7 @@ def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParam
 
 
 def _stamps(signal: Signal, stars: Centroids, p: FarMstParameters) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-    """(n, w, w) electrons above dark round each star, which of them can be used, and (w,) offsets in columns and rows."""
+    """Return (n, w, w) electrons above dark around each star, a mask of usable ones, and (w,) offsets in columns and rows."""
     rows, columns = signal.pixels.shape
     half = int(np.ceil(STAMP_SIGMAS * p.psf_sigma_px))
     offset = np.arange(-half, half + 1)
@@ -175,7 +176,7 @@ def _score(
 
 
 def _share(distance_px: Array, sigma_px: float) -> tuple[Array, Array]:
-    """Share of a one-dimensional Gaussian in a pixel at that distance (eq. 4.7), and its derivative by the star's place."""
+    """Share of a one-dimensional Gaussian in a pixel at that distance (eq. 4.7), and its derivative by the star's position."""
     scale = 1 / (np.sqrt(2) * sigma_px)
     low, high = (distance_px - 0.5) * scale, (distance_px + 0.5) * scale
     density = np.exp(-low * low) - np.exp(-high * high)

@@ -1,4 +1,4 @@
-"""Stars as FAR-MST finds them: dark frame, n·σ, 5x5 pre-filter, 8-connected clusters (Huffman 2006 §4.1–4.2)."""
+"""Star detection of FAR-MST: dark frame, n·σ threshold, 5x5 pre-filter, 8-connected clusters (Huffman 2006 §4.1–4.2)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def median_dark_dn(frames: Sequence[Pixels]) -> Array:
 
 
 def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
-    """Stars in a (rows, columns) frame, brightest first."""
+    """Find the stars in a (rows, columns) frame, brightest first."""
     if pixels.ndim != 2 or min(pixels.shape) < PREFILTER_PX:
         raise BadInput("not a frame", expected="rows and columns of at least 5 pixels", got=f"shape {pixels.shape}")
     if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
@@ -67,7 +67,7 @@ def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
 
 
 def _levels(pixels: Pixels, p: FarMstParameters) -> tuple[Array, float]:
-    """Dark level, a scalar array or (rows, columns), and the noise that the frame itself shows about it."""
+    """Return the dark level, a scalar array or (rows, columns), and the noise measured in the frame about it."""
     sample = pixels[::3, ::3].astype(float)
     if p.dark_dn is not None:
         if p.dark_dn.shape != pixels.shape:
@@ -80,19 +80,19 @@ def _levels(pixels: Pixels, p: FarMstParameters) -> tuple[Array, float]:
 
 
 def _above(pixels: Pixels, dark_dn: Array, threshold_dn: float, p: FarMstParameters) -> Mask:
-    """Pixels above dark level and threshold."""
+    """Mask of pixels above dark level plus threshold."""
     if dark_dn.ndim == 0 and np.issubdtype(pixels.dtype, np.integer):
-        # whole numbers above a level are those above its floor: no conversion of the frame
+        # Comparing integers with the floor of the level avoids converting the frame to float.
         level = int(np.floor(float(dark_dn) + threshold_dn))
         return np.asarray(pixels > level) if level < int(pixels.max()) else np.zeros(pixels.shape, bool)
     return np.asarray(pixels - dark_dn > threshold_dn)
 
 
 def prefiltered(lit: Mask, kind: str, count: int) -> Mask:
-    """Lit pixels with enough lit company (§4.1, §4.2.2).
+    """Return the lit pixels with enough lit neighbours (§4.1, §4.2.2).
 
-    sliding: at least ``count`` of the 25 pixels round it, itself included. block: at least ``count`` in its block of a
-    regular 5x5 grid, cut off at the right and lower edges.
+    sliding: at least ``count`` of the 25 pixels around it, itself included. block: at least ``count`` in its block of a
+    regular 5x5 grid, truncated at the right and lower edges.
     """
     if kind == "none":
         return lit
@@ -102,7 +102,7 @@ def prefiltered(lit: Mask, kind: str, count: int) -> Mask:
 
 
 def _sliding_counts(lit: Mask) -> NDArray[np.uint8]:
-    """(rows, columns) lit pixels in the 5x5 square round each; outside the frame is dark."""
+    """(rows, columns) number of lit pixels in the 5x5 square around each; pixels outside the frame count as dark."""
     rows, columns = lit.shape
     padded = np.zeros((rows + 2 * HALF, columns + 2 * HALF), np.uint8)
     padded[HALF:-HALF, HALF:-HALF] = lit
@@ -116,7 +116,7 @@ def _sliding_counts(lit: Mask) -> NDArray[np.uint8]:
 
 
 def _block_counts(lit: Mask, count: int) -> Mask:
-    """(rows, columns) whether each pixel's block has at least ``count`` lit pixels."""
+    """(rows, columns) True where the pixel's block has at least ``count`` lit pixels."""
     rows, columns = lit.shape
     high, wide = -(-rows // PREFILTER_PX), -(-columns // PREFILTER_PX)
     padded = np.zeros((high * PREFILTER_PX, wide * PREFILTER_PX), np.uint8)
@@ -159,7 +159,7 @@ def clusters(lit: Mask) -> Blobs:
 def _verdicts(
     shape: tuple[int, ...], blobs: Blobs, shapes: Shapes, p: FarMstParameters
 ) -> tuple[tuple[str, ...], float]:
-    """Why each cluster is no star, or "", and the aspect ratio allowed in this frame."""
+    """Return why each cluster is rejected, or "", and the aspect ratio allowed in this frame."""
     area = blobs.area_px
     row, col = np.divmod(blobs.index, blobs.columns)
     border = (row == 0) | (row == shape[0] - 1) | (col == 0) | (col == shape[1] - 1)

@@ -1,7 +1,7 @@
-"""Names for centroids as FAR-MST finds them: n-vertex or pyramid when lost, rate match while tracking (Huffman 2006 ch. 5).
+"""Star identification of FAR-MST: n-vertex or pyramid when lost, rate match while tracking (Huffman 2006 ch. 5).
 
-The selector follows Fig. 8.2 as far as it is known: by the number of stars and by what is known before; when one matcher
-fails the next is tried.
+The selector follows Fig. 8.2 as far as it is known: it depends on the number of stars and on the prior knowledge; if one matcher
+fails, the next is tried.
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ NONE = np.empty(0, np.intp)
 
 @dataclass(frozen=True)
 class FarMstMatching:
-    """MATCH_STARS. Per centroid used, (n,): ``row`` catalogue row or −1, ``weight`` 1/σ² in 1/px². ``selected``: centroids that
-    go into the attitude, empty with a ``reason``. ``method``: matcher that found it. ``operations``: directory entries met;
-    ``figures``: figures looked at. ``false_match_probability``: bound for what is in ``row``, NaN without any."""
+    """Result of MATCH_STARS. Per centroid used, (n,): ``row`` catalogue row or −1, ``weight`` 1/σ² in 1/px². ``selected``:
+    centroids used for the attitude, empty with a ``reason``. ``method``: matcher that succeeded. ``operations``: number of matching
+    directory entries; ``figures``: number of figures tested. ``false_match_probability``: bound for the identification in ``row``,
+    NaN if there is none."""
 
     mode: Mode
     method: str
@@ -54,13 +55,13 @@ class FarMstMatching:
 
     @property
     def confidence(self) -> float:
-        """Share of the centroids used that have a name, 0 without an answer."""
+        """Share of the used centroids that are identified; 0 without a result."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
 @dataclass
 class _Search:
-    """One frame's task and what it cost so far."""
+    """State of the search on one frame: inputs, best result and work done so far."""
 
     unit: Array
     sigma_rad: Array
@@ -88,11 +89,11 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: Hint | None = None,
 ) -> FarMstMatching:
-    """Names for centroids. Only the first ``max_centroids`` are looked at."""
+    """Identify centroids. Only the first ``max_centroids`` are used."""
     _check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = camera.unproject(used.pixels) if len(used) else np.empty((0, 3))
-    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     sigma_rad = np.maximum(used.sigma_px[good], 1e-3) * camera.pixel_rad
     search = _Search(unit[good], sigma_rad, camera, catalogue, parameters, mode, hint)
@@ -111,7 +112,7 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
 
 
 def _find_figures(s: _Search) -> bool:
-    """n-vertex or pyramid over the directory, whole or of the stars near the hint."""
+    """Search with n-vertex or pyramid over the directory, complete or restricted to the stars near the hint."""
     n = min(len(s.unit), s.p.max_vertex_stars)
     tolerance = pair_tolerance_rad(s.sigma_rad[:n], s.camera.pixel_rad, s.p)
     s.table = baselines(s.unit[:n], tolerance, _directory(s))
@@ -130,7 +131,7 @@ def _find_figures(s: _Search) -> bool:
 
 
 def _hypotheses(s: _Search, n: int) -> Iterator[tuple[str, Rows, Rows]]:
-    """Figures with names, by the matchers in their order."""
+    """Yield identified figures from the matchers in their order."""
     if s.table is None:
         return
     icrs, document = s.catalogue.icrs, s.p.acceptance == "document"
@@ -154,7 +155,7 @@ def _vertices(matcher: str, n: int) -> tuple[int, ...]:
 
 
 def _directory(s: _Search) -> Sin2Directory:
-    """The directory, or the part of it near the hint."""
+    """Return the directory, or the part of it near the hint."""
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return s.catalogue.directory
     cosine = s.catalogue.icrs @ _expected_boresight(s.hint, s.mode)
@@ -162,7 +163,7 @@ def _directory(s: _Search) -> Sin2Directory:
 
 
 def _lost_hypotheses(s: _Search) -> float:
-    """Every directory entry met is two ways to place a pair of centroids; a hint leaves the share of boresights it allows."""
+    """Number of hypotheses: two per matching directory entry, reduced by a hint to the share of boresights it allows."""
     ways = 2.0 * max(1, s.hits)
     if s.mode is Mode.ASSISTED:
         ways *= (1 - np.cos(hint_error_rad(s.camera, s.p))) / (1 - np.cos(s.p.assisted_radius_rad))
@@ -170,12 +171,13 @@ def _lost_hypotheses(s: _Search) -> float:
 
 
 def hint_error_rad(camera: Camera, p: FarMstParameters) -> float:
-    """How far the boresight may be from the hint: what the radius leaves beyond the field's half diagonal."""
+    """Maximum angle of the boresight from the hint: the radius minus the field's half diagonal."""
     return max(p.assisted_radius_rad - camera.half_diagonal_rad, HINT_ERROR_RAD)
 
 
 def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bool:
-    """Enough names, unlikely by accident, and not contradicted by the rest of the field. The best so far is kept for the reason."""
+    """True if enough stars are identified, an accident is unlikely and the rest of the field does not contradict it. The best
+    result so far is kept for the reason text."""
     bound = found.bound(hypotheses)
     if s.best is None or found.count > s.best.count:
         s.best, s.best_bound, s.method = found, bound, method
@@ -201,14 +203,14 @@ def _off_hint(s: _Search, found: Identified) -> bool:
 
 
 def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified:
-    """The document's answer: the figure's own names and nothing else."""
+    """Return the document's result: only the stars of the figure."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
     return Identified(row, len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
 
 
 def _track(s: _Search) -> bool:
-    """Rate match with the catalogue: stars turned forward at a constant rate, and, in case it stopped, not turned."""
+    """Rate match with the catalogue: stars predicted at a constant rate and, in case the rotation stopped, without rotation."""
     predictions = _predictions(s.hint)
     for rotation in predictions:
         in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)
@@ -228,7 +230,7 @@ def _track(s: _Search) -> bool:
 
 
 def _predictions(hint: Hint | None) -> list[Array]:
-    """(3, 3) attitudes to expect: turned on at the last interval's rate, where there is one, and unchanged."""
+    """Expected (3, 3) attitudes: extrapolated at the last interval's rate, if there is one, and unchanged."""
     if hint is None or hint.quaternion is None:
         return []
     still = [matrix_from_quaternion(hint.quaternion)]
@@ -236,7 +238,7 @@ def _predictions(hint: Hint | None) -> list[Array]:
 
 
 def _expected_boresight(hint: Hint, mode: Mode) -> Array:
-    """(3,) where the camera should look: the hint's boresight, while tracking carried on at constant rate."""
+    """(3,) expected boresight: the hint's boresight, in tracking extrapolated at constant rate."""
     if mode is Mode.TRACKING and hint.quaternion is not None:
         return np.asarray(_predictions(hint)[0][2])
     boresight = np.asarray(hint.boresight_icrs, float)
@@ -244,7 +246,7 @@ def _expected_boresight(hint: Hint, mode: Mode) -> Array:
 
 
 def _agreeing(s: _Search, met: Rows, names: Rows) -> Rows:
-    """The pairs, by number, of which all angles agree with the catalogue's."""
+    """Return the indices of the pairs whose angles all agree with the catalogue's."""
     off = np.abs(angle_matrix_rad(s.unit[met]) - angle_matrix_rad(s.catalogue.icrs[names]))
     agree = (off <= pair_tolerance_rad(s.sigma_rad[met], s.camera.pixel_rad, s.p)).astype(np.int64)
     np.fill_diagonal(agree, 0)

@@ -1,4 +1,4 @@
-"""The constants of the FAR-MST chain, where each comes from, and their values for a camera."""
+"""Constants of the FAR-MST chain, their sources, and their values for a camera."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class FarMstParameters:
-    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the dark level.
+    """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the dark level.
     ``dark_dn``: (rows, columns) dark frame or None. ``noise_dn``: standard deviation of a dark pixel."""
 
     threshold_sigma: float
@@ -119,7 +119,7 @@ HINT_ERROR_RAD = float(np.radians(5.0))
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> FarMstParameters:
-    """Parameters for a camera."""
+    """Return the parameters for a camera."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     return FarMstParameters(
@@ -144,7 +144,7 @@ def least_count(threshold_sigma: float, pixels: int) -> int:
 
 
 def limiting_magnitude(sensor: Sensor, parameters: FarMstParameters, exposure_s: float) -> float:
-    """V of the star whose noise-free spot has just ``prefilter_count`` pixels above the threshold: 2πσ² ln(peak / level)."""
+    """V magnitude of a star whose noise-free spot has ``prefilter_count`` pixels above the threshold: 2πσ² ln(peak / level)."""
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     level_e = parameters.threshold_sigma * parameters.noise_dn * sensor.gain_e_per_dn
     star_e = level_e * spread_px2 * float(np.exp(parameters.prefilter_count / spread_px2))

@@ -1,7 +1,7 @@
-"""FAR-MST without a catalogue: the turn between two frames, the attitudes chained from it, and the rate (Huffman 2006 §5.5, §7.2).
+"""FAR-MST without a catalogue: rotation between two frames, attitudes chained from it, and rate (Huffman 2006 §5.5, §7.2).
 
-Which matcher is tried follows Fig. 8.2 as reconstructed: rate match where a turn is expected, else triangles; pairs where
-only two stars are seen. Nothing is remembered: the caller gives both frames.
+The choice of matcher follows the reconstructed Fig. 8.2: rate match if a rotation is expected, else triangles; pairs if
+there are only two stars. The module has no state: the caller passes both frames.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ METHODS = ("auto", "pair", "triangle", "rate")
 
 @dataclass(frozen=True)
 class Relative:
-    """Turn from one frame to the next. ``quaternion``: new camera from old, or None with a ``reason``. ``covariance_rad2``: (3, 3)
-    of the small rotation vector in the new camera. ``pairs``: (m, 2) stars (before, after). ``false_match_probability``:
-    bound, 1 for two stars, whose distance may be an accident."""
+    """Rotation from one frame to the next. ``quaternion``: new camera from old, or None with a ``reason``. ``covariance_rad2``:
+    (3, 3) of the small rotation vector in the new camera frame. ``pairs``: (m, 2) stars (before, after).
+    ``false_match_probability``: upper bound; 1 for two stars, whose distance may agree by chance."""
 
     quaternion: Array | None
     covariance_rad2: Array
@@ -47,10 +47,11 @@ def relative_attitude(
     method: str = "auto",
     expected: Array | None = None,
 ) -> Relative:
-    """The turn between two frames. ``expected``: (4,) quaternion new from old for the rate match, the turn of the interval before.
+    """Return the rotation between two frames. ``expected``: (4,) quaternion new from old for the rate match, e.g. the rotation of
+    the previous interval.
 
-    With ``acceptance`` "document" the matcher's pairs are the answer; else they are completed to all stars that agree,
-    and a bound on an accident must hold, which two stars alone never reach.
+    With ``acceptance`` "document" the matcher's pairs are the result; otherwise they are extended to all stars that agree,
+    and the false-match bound must be met, which is impossible with two stars alone.
     """
     if method not in METHODS:
         raise BadInput("unknown frame-to-frame matcher", expected=" | ".join(METHODS), got=method)
@@ -76,9 +77,9 @@ def chained(attitude: Attitude, relative: Relative) -> Attitude:
 
 
 def rate_rad_s(relative: Relative, interval_s: float) -> tuple[Array, Array]:
-    """(3,) angular velocity of the camera in its own axes, the turn taken as uniform, and its (3, 3) covariance.
+    """Return the (3,) angular velocity in camera axes, assuming uniform rotation, and its (3, 3) covariance.
 
-    A camera that turns by ω·t sees the sky turn by −ω·t: the rotation vector of ``quaternion`` with the other sign.
+    If the camera rotates by ω·t, the sky rotates by −ω·t in its frame, so the rotation vector of ``quaternion`` changes sign.
     """
     if relative.quaternion is None or not interval_s > 0:
         raise BadInput(
@@ -91,7 +92,7 @@ def rate_rad_s(relative: Relative, interval_s: float) -> tuple[Array, Array]:
 
 
 def _stars(centroids: Centroids, camera: Camera, p: FarMstParameters) -> tuple[Array, Array]:
-    """(n, 3) directions and (n,) σ in rad of the stars used."""
+    """Return (n, 3) directions and (n,) σ in rad of the stars used."""
     used = centroids.take(np.arange(min(len(centroids), p.max_centroids)))
     unit = camera.unproject(used.pixels) if len(used) else np.empty((0, 3))
     if not np.isfinite(unit).all():
@@ -119,7 +120,7 @@ def _pairs(
     expected: Array | None,
 ) -> Rows:
     (old, old_sigma), (new, new_sigma) = frames
-    # Two measured angles differ by the noise of four places.
+    # The difference of two measured angles has the noise of four positions.
     tolerance = float(p.sigmas * np.sqrt(2 * (np.median(old_sigma) ** 2 + np.median(new_sigma) ** 2)))
     if method == "rate" and expected is not None:
         return rate_match(old, new, matrix_from_quaternion(expected), camera, p.tracking_radius_rad)
@@ -161,7 +162,7 @@ def _solved(
 def _fit(
     pairs: Rows, frames: tuple[tuple[Array, Array], tuple[Array, Array]], p: FarMstParameters
 ) -> tuple[Array, Array]:
-    """(4,) quaternion new from old of the pairs, and (m,) σ of each pair's difference."""
+    """Return the (4,) quaternion, new from old, of the pairs, and (m,) σ of each pair's difference."""
     (old, old_sigma), (new, new_sigma) = frames
     sigma = np.hypot(old_sigma[pairs[:, 0]], new_sigma[pairs[:, 1]])
     return attitude_of(new[pairs[:, 1]], old[pairs[:, 0]], 1 / sigma**2, p.attitude_method), sigma

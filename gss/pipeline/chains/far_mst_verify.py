@@ -1,4 +1,4 @@
-"""From a few names to all: predict the bank's stars, meet the centroids, and say how likely that is by accident."""
+"""Extend a partial identification: predict the bank's stars, match the centroids, and bound the false-match probability."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from gss.pipeline.identify.accidental import accidental_bound, chance_within
 from gss.pipeline.identify.sin2_directory import Rows
 from gss.pipeline.track.rate_match import mutual_nearest
 
-# The first attitude rests on a few stars, perhaps close together: look wider first, then where the fit says.
+# The first attitude comes from a few stars, perhaps close together, so the search radius starts wider and then shrinks.
 WIDENINGS = (3.0, 1.5, 1.0)
-# The fit follows the stars it collects, so an accident has more room than the last radius.
+# The fit adapts to the stars it collects, so the effective radius for accidental matches is larger than the last radius.
 ROOM = 1.5
 
 
 @dataclass(frozen=True)
 class Identified:
-    """``row``: (n,) catalogue rows, −1 without; ``count`` of them, of ``in_view`` stars of the bank in this field, ``per_sr`` per
-    steradian; ``cam_from_icrs`` of their fit; ``chance``: that a random direction meets one."""
+    """``row``: (n,) catalogue rows, −1 if not identified; ``count``: number identified, of ``in_view`` stars of the bank in this
+    field, with density ``per_sr``; ``cam_from_icrs``: fitted attitude; ``chance``: probability that a random direction matches."""
 
     row: Rows
     count: int
@@ -37,21 +37,21 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """Identified stars of those that could be: all centroids, or all stars of the bank, whichever are fewer."""
+        """Share of identified stars among those possible: all centroids or all stars of the bank, whichever is fewer."""
         return self.count / max(1, min(len(self.row), self.in_view))
 
     def bound(self, hypotheses: float) -> float:
-        """Upper bound on the expected number of accidents this good among so many hypotheses."""
+        """Upper bound on the expected number of accidental matches this good among ``hypotheses``."""
         return accidental_bound(hypotheses, self.count, len(self.row), self.chance)
 
 
 def pair_tolerance_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
-    """(n, n) by how much the angle of two stars may differ from the catalogue's (dossier §3.15)."""
+    """(n, n) tolerance of the angle between two stars relative to the catalogue's (dossier §3.15)."""
     return np.asarray(p.sigmas * np.hypot(sigma_rad[:, None], sigma_rad[None]) + p.floor_px * pixel_rad)
 
 
 def star_radius_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
-    """(n,) how far a star may be from its predicted place, both axes together."""
+    """(n,) maximum distance of a star from its predicted position, both axes combined."""
     return np.asarray(p.sigmas * 1.15 * sigma_rad + p.floor_px * pixel_rad)
 
 
@@ -64,7 +64,7 @@ def complete(
     camera: Camera,
     p: FarMstParameters,
 ) -> Identified | None:
-    """All names that go with the first few (``centroid`` has the name ``row``), or None where those do not fit one attitude."""
+    """Extend a few matches (``centroid`` is catalogue ``row``) to all consistent ones; None if the few do not fit one attitude."""
     radius = star_radius_rad(sigma_rad, camera.pixel_rad, p)
     weight = 1.0 / sigma_rad**2
     rotation = matrix_from_quaternion(quest(unit_cam[centroid], catalogue.icrs[row], weight[centroid]))
@@ -92,7 +92,7 @@ def complete(
 
 
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
-    """Names of which the last fit is within the radius."""
+    """Return the catalogue rows whose residual in the last fit is within the radius; −1 for the others."""
     met = np.flatnonzero(names >= 0)
     off = np.linalg.norm(icrs[names[met]] @ rotation.T - unit_cam[met], axis=1)
     names[met[off > radius[met]]] = -1

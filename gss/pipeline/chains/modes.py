@@ -1,4 +1,4 @@
-"""What a chain of the sensor may know before: modes, how they follow one another, and the hint (Erlank 2013 §5.3.4)."""
+"""Prior knowledge of a sensor's chain: modes, their transitions, and the hint (Erlank 2013 §5.3.4)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gss.domain.rotation import matrix_from_quaternion
 
 
 class Mode(StrEnum):
-    """How much is known before. ``state`` is the flag in the device's flash (Erlank 2013 §5.3.4)."""
+    """Amount of prior knowledge. ``state`` is the flag in the device's flash memory (Erlank 2013 §5.3.4)."""
 
     LOST_IN_SPACE = "lost_in_space"
     ASSISTED = "assisted"
@@ -26,7 +26,7 @@ class Mode(StrEnum):
 
     @classmethod
     def from_state(cls, state: int) -> Mode:
-        """The mode of a flag."""
+        """Return the mode of a flag."""
         try:
             return (cls.TRACKING, cls.ASSISTED, cls.LOST_IN_SPACE)[state]
         except IndexError:
@@ -34,10 +34,10 @@ class Mode(StrEnum):
 
 
 def next_mode(mode: Mode, solved: bool) -> Mode:
-    """The mode of the next iteration: an attitude leads to tracking, each failure one step back.
+    """Return the mode of the next iteration: an attitude leads to tracking, each failure goes back one step.
 
-    The document says only that the result of the attitude determination sets the flag (§5.3.4) and asks for better rules
-    (§7.2); a failed tracking frame still has a good boresight from before, hence assisted before lost.
+    The document only says that the result of the attitude determination sets the flag (§5.3.4) and asks for better rules
+    (§7.2). After a failed tracking frame the previous boresight is still good, so assisted is tried before lost in space.
     """
     if solved:
         return Mode.TRACKING
@@ -46,7 +46,7 @@ def next_mode(mode: Mode, solved: bool) -> Mode:
 
 @dataclass(frozen=True)
 class Hint:
-    """What is known about the attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if all of it.
+    """Prior attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if the full attitude is known.
     ``earlier``: quaternions of the iterations before that one, newest first, for predictors."""
 
     boresight_icrs: Array
@@ -55,6 +55,6 @@ class Hint:
 
     @classmethod
     def from_quaternion(cls, quaternion: Array, earlier: tuple[Array, ...] = ()) -> Hint:
-        """Full attitude."""
+        """Return a hint with the full attitude."""
         q = np.asarray(quaternion, float)
         return cls(matrix_from_quaternion(q)[2], q, earlier)

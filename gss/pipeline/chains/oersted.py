@@ -1,8 +1,8 @@
-"""The chain of the Oersted star imager (Liebe 1992): brightest stars to a fraction of a pixel, triplets, predicted image.
+"""The chain of the Oersted star imager (Liebe 1992): sub-pixel centroids of the brightest stars, triplets, predicted image.
 
-The initial estimate knows stars by the distances to their two nearest neighbours and the angle between them; the predictional
-estimate lays the predicted image over the measured one. What the document leaves open, and what we add against false
-attitudes, is said for each parameter in ``oersted_parameters.SOURCES``.
+The initial estimate identifies stars by the distances to their two nearest neighbours and the angle between them; the
+predictional estimate fits the predicted image to the measured one. ``oersted_parameters.SOURCES`` documents, for each parameter,
+what the document leaves open and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_re
 from gss.pipeline.track.constant_rate import average_estimates
 from gss.pipeline.track.differential import differential_attitude
 
-# Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. How they divide is ours.
+# Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. The division into steps is estimated.
 DETECT_MS, REGION_MS = 250.0, 0.5
 INITIAL_MS, CANDIDATE_MS, PREDICTIONAL_MS, ATTITUDE_MS, STAR_MS = 700.0, 2.5, 120.0, 80.0, 1.0
 MAX_REGIONS = 1000
@@ -39,7 +39,7 @@ COMPANION = 3.0
 
 
 def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: float) -> Detection:
-    """The stars brighter than the limit that the data base is made for, each in its window."""
+    """Find the stars brighter than the limit of the triplet table, each located in its window."""
     p = parameters
     black_dn = grid_median_dn(pixels)
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, MAX_REGIONS, True)
@@ -72,8 +72,8 @@ def calculate_attitude(
     parameters: OerstedParameters,
     hint: Hint | None = None,
 ) -> Solution:
-    """Least squares over the selected stars by differential correction, and the checks that keep a false attitude from
-    leaving the chain: residuals, the hint, and the false-match bound."""
+    """Compute the least-squares attitude of the selected stars by differential correction, and reject false attitudes by
+    residuals, hint and false-match bound."""
     chosen, nan = matching.selected, float("nan")
     if matching.reason or matching.cam_from_icrs is None:
         return Solution(None, None, nan, matching.reason)
@@ -98,7 +98,7 @@ def calculate_attitude(
 
 
 def _averaged(quaternion: Array, mode: Mode, hint: Hint | None, parameters: OerstedParameters) -> Array:
-    """The newest of the last ``averaged`` estimates, smoothed; itself where nothing is averaged."""
+    """Return the newest of the last ``averaged`` estimates, smoothed; unchanged if nothing is averaged."""
     if mode is not Mode.TRACKING or hint is None or hint.quaternion is None or parameters.averaged == 1:
         return quaternion
     return average_estimates([quaternion, hint.quaternion, *hint.earlier][: parameters.averaged])
@@ -114,7 +114,7 @@ def _objection(
     sigma_rad: Array,
     probability: float,
 ) -> str:
-    """Why this attitude should not be believed, or ""."""
+    """Return why this attitude should be rejected, or ""."""
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
@@ -123,7 +123,7 @@ def _objection(
     sound = errors_objection(miss_rad, sigma_rad, parameters.uncertainty_rad, camera.pixel_rad)
     if sound:
         return sound
-    # Two stars have no handedness; in tracking the bound alone decides about them.
+    # Two stars have no handedness; in tracking, only the bound tests them.
     if len(chosen) > 2 and not is_handed(matching.unit_cam[chosen], reference, parameters.uncertainty_rad):
         return f"{len(chosen)} stars in a pattern that is its own mirror image"
     if matching.mode is Mode.ASSISTED and hint is not None:
@@ -162,11 +162,11 @@ def false_match_probability(
 ) -> float:
     """Bound on the expected number of accidental identifications with as many stars as this one.
 
-    A triplet that was found says nothing against accident: its stars were chosen because they fit. So every place counts where
-    any pair of centroids could lie on any pair of stars, whether the data base led there or not.
+    A matching triplet is not evidence against an accident, because its stars were chosen to fit. Therefore every attitude that
+    maps a pair of centroids to a pair of stars counts as a hypothesis, whether the triplet table led there or not.
     """
     tolerance = parameters.uncertainty_rad
-    # Companions within reach of each other's tolerance are one proof.
+    # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * tolerance)
     seen = catalogue.icrs[catalogue.seen]
     in_view = max(1, int(np.count_nonzero(camera.contains(camera.project(seen @ cam_from_icrs.T)))))
@@ -182,7 +182,7 @@ def false_match_probability(
 
 
 def pair_placements(unit_cam: Array, stars: int, tolerance_rad: float) -> float:
-    """Expected number of ways to lay any two of (n, 3) directions on any two of so many stars all over the sky."""
+    """Expected number of ways to map any two of (n, 3) directions to any two of ``stars`` stars over the whole sky."""
     good = unit_cam[np.isfinite(unit_cam).all(axis=1)]
     i, j = np.triu_indices(len(good), 1)
     sine = np.linalg.norm(np.cross(good[i], good[j]), axis=1)
@@ -212,7 +212,7 @@ class OerstedChain:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
-        """Two modes: the predictional estimate while it succeeds, else the initial one (Liebe 1992, "Algorithms")."""
+        """Return the next mode: the predictional estimate while it succeeds, else the initial one (Liebe 1992, "Algorithms")."""
         return Mode.TRACKING if solved else Mode.LOST_IN_SPACE
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:

@@ -1,4 +1,4 @@
-"""Names for centroids as the Oersted star imager finds them: triplets and a vote, or the predicted image (Liebe 1992)."""
+"""Star identification of the Oersted star imager: triplets and a vote, or the predicted image (Liebe 1992)."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ FURTHEST_STEP_RAD = float(np.radians(10.0))
 
 @dataclass(frozen=True)
 class OerstedCatalogue:
-    """A bank as the imager uses it: the star list with unit vectors at full width (n, 3), the data base of triplets over it, and
-    the rows bright enough to be seen."""
+    """A bank prepared for the imager: the star list with unit vectors in full precision (n, 3), its triplet table, and the rows
+    bright enough to be detected."""
 
     stars: OnboardCatalogue
     icrs: Array
@@ -52,7 +52,7 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """The bank with the triplets given, else with its own, else with those that follow from its stars."""
+    """Prepare the bank with the given triplets, else its own, else triplets computed from its stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):
@@ -79,8 +79,8 @@ def prepare(
 
 
 def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
-    """Magnitude down to which stars of a list of (n,) ``v_mag`` are used: it must reach deeper by the uncertainty of brightness
-    (the document has 1539 stars for the 1107 it uses), and the detector must find them. Without magnitudes the profile's limit."""
+    """Magnitude limit for using stars of a list of (n,) ``v_mag``. The list must be deeper by the brightness uncertainty (the
+    document has 1539 stars for the 1107 it uses), and the detector must detect them. Without magnitudes, the profile's limit."""
     known = v_mag[np.isfinite(v_mag)]
     if not len(known):
         return profile.sensor.faint_limit_mag
@@ -89,9 +89,9 @@ def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
 
 @dataclass(frozen=True)
 class Matching:
-    """MATCH_STARS. Per centroid, (n,): ``row`` or −1, ``votes`` of other triplets (1 in tracking). ``selected``: centroids for the
-    attitude, empty with a ``reason``; ``cam_from_icrs`` the attitude near which they fit. ``triplets`` measured in the image,
-    ``candidates`` met in the data base, ``compared`` distances looked at."""
+    """Result of MATCH_STARS. Per centroid, (n,): ``row`` or −1, ``votes`` of other triplets (1 in tracking). ``selected``:
+    centroids for the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. Numbers of ``triplets``
+    measured in the image, matching ``candidates`` in the triplet table, and distances ``compared``."""
 
     mode: Mode
     unit_cam: Array
@@ -106,12 +106,12 @@ class Matching:
 
     @property
     def weight(self) -> Array:
-        """(n,) one for every star: the least distances of the document are not weighted."""
+        """(n,) ones, because the document's least distances are not weighted."""
         return (self.row >= 0).astype(float)
 
     @property
     def operations(self) -> int:
-        """References met and distances compared."""
+        """Number of matching references and distances compared."""
         return self.candidates + self.compared
 
     @property
@@ -128,13 +128,13 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: Hint | None = None,
 ) -> Matching:
-    """Names for centroids: initial estimate when lost or assisted, predictional estimate in tracking (Liebe 1992, "Algorithms").
+    """Identify centroids: initial estimate when lost or assisted, predictional estimate in tracking (Liebe 1992, "Algorithms").
 
-    The predicted image also completes the initial estimate, whose triplets leave out the stars near the rim.
+    The predicted image also completes the initial estimate, whose triplets omit the stars near the edge.
     """
     _check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
-    # A centroid outside the distortion's domain has no direction; it keeps its place but takes no part.
+    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     if mode is Mode.TRACKING and hint is not None:
         return _track(unit, good, camera, catalogue, parameters, hint)
@@ -170,8 +170,8 @@ def _allowed(
 def _initial_fit(
     unit: Array, ballot: TripletVote, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters
 ) -> Fit | None:
-    """Least squares over the stars the vote named, and over the predicted image from there; where the candidates do not
-    support each other, the best that one of them leads to by itself."""
+    """Fit the stars identified by the vote, then the image predicted from them. If too few match, use the best fit that starts
+    from a single triplet."""
     radii = shrinking_radii_rad(2 * parameters.uncertainty_rad, parameters.uncertainty_rad)
 
     def fit_from(attitude: Array) -> Fit | None:
@@ -196,7 +196,7 @@ def _initial_fit(
 def _track(
     unit: Array, good: Index, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters, hint: Hint
 ) -> Matching:
-    """The predicted image at the attitude extrapolated from the last two; at the last one where that does not fit."""
+    """Match the image predicted at the attitude extrapolated from the last two, or at the last one if that does not fit."""
     radii = shrinking_radii_rad(parameters.capture_rad, parameters.uncertainty_rad)
     best, compared = None, 0
     for attitude in predicted_attitudes(hint):
@@ -211,7 +211,7 @@ def _track(
 
 
 def predicted_attitudes(hint: Hint) -> list[Array]:
-    """Attitudes to look at, (3, 3) each: going on at the rate of the last two estimates, and standing still."""
+    """Attitudes to try, (3, 3) each: extrapolated at the rate of the last two estimates, and unchanged."""
     if hint.quaternion is None:
         return []
     last = matrix_from_quaternion(hint.quaternion)

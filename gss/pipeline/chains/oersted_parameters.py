@@ -1,4 +1,4 @@
-"""The constants of the Oersted star imager's chain, where each comes from, and their values for a camera."""
+"""Constants of the Oersted star imager's chain, their sources, and their values for a camera."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class OerstedParameters:
-    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above the frame's black level."""
+    """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above the frame's black level."""
 
     threshold_dn: float
     dn_at_mag_0: float
@@ -83,14 +83,14 @@ class OerstedParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Fewest verified stars for an attitude."""
+        """Minimum number of verified stars for an attitude."""
         if self.acceptance == "document" or mode is Mode.TRACKING:
             return self.min_verified_tracking
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost
 
     @property
     def proves(self) -> bool:
-        """Whether the chain checks what it found."""
+        """True if the chain verifies its result."""
         return self.acceptance == "proved"
 
 
@@ -107,7 +107,7 @@ FAINTEST_AREA_PX = 6.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> OerstedParameters:
-    """Parameters for a camera: the document's numbers as pixels where they are errors of positions."""
+    """Return the parameters for a camera; the document's position errors are converted to pixels."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -137,6 +137,6 @@ def detectable_mag(profile: CameraProfile) -> float:
 
 
 def _full_dn(profile: CameraProfile) -> float:
-    """Where a pixel's value ends: the converter's or the well's, a little below."""
+    """Saturation level of a pixel: slightly below the limit of the converter or the full well, whichever is lower."""
     s = profile.sensor
     return min(float(s.saturation_dn), s.bias_dn + s.full_well_e / s.gain_e_per_dn) * 0.99

@@ -1,7 +1,7 @@
-"""What every chain of a sensor offers: three stages as commands of the device, their parameters, and how long they take.
+"""Interface of a sensor's chains: three stages, which are commands of the device, their parameters and durations.
 
-The simulator's firmware, the replay on the ground and ``gss solve`` run chains through this and nothing else, so that the
-same frame, bank, settings and prior give the same bits in all three.
+The simulator's firmware, the replay on the ground and ``gss solve`` run chains only through this interface, so that the
+same frame, bank, settings and prior give bit-identical results in all three.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from gss.pipeline.trace import Trace
 
 @dataclass(frozen=True)
 class Detection:
-    """FIND_CENTROIDS. ``regions`` in order of discovery, ``centroids`` brightest first and at most as many as the system
-    keeps; ``invalid``: too large regions; ``black_dn``: the level the threshold was counted from."""
+    """Result of FIND_CENTROIDS. ``regions``: in order of discovery, ``centroids``: brightest first, limited to the number the
+    system keeps; ``invalid``: number of too large regions; ``black_dn``: level that the threshold is relative to."""
 
     regions: tuple[Region, ...]
     centroids: Centroids
@@ -38,8 +38,8 @@ class Detection:
 
 @dataclass(frozen=True)
 class Solution:
-    """CALCULATE_ATTITUDE. ``attitude`` and ``matches`` are None with a ``reason``. ``false_match_probability``: bound on
-    the chance that an accidental identification of this quality turns up; NaN where nothing was identified."""
+    """Result of CALCULATE_ATTITUDE. ``attitude`` and ``matches`` are None with a ``reason``. ``false_match_probability``: bound on
+    the probability of an accidental identification of this quality; NaN if nothing was identified."""
 
     attitude: Attitude | None
     matches: Matches | None
@@ -48,9 +48,9 @@ class Solution:
 
 
 class Matched(Protocol):
-    """MATCH_STARS. ``row``: (n,) catalogue row per centroid looked at, −1 without. ``selected``: indices of the centroids
-    that go into the attitude, empty with a ``reason``. ``weight``: (n,) as the attitude would use it. ``operations``:
-    counted table look-ups or comparisons. ``confidence``: 0–1."""
+    """Result of MATCH_STARS. ``row``: (n,) catalogue row per centroid used, −1 if not identified. ``selected``: indices of the
+    centroids used for the attitude, empty with a ``reason``. ``weight``: (n,) weight in the attitude. ``operations``:
+    number of table look-ups or comparisons. ``confidence``: 0–1."""
 
     @property
     def mode(self) -> Mode: ...
@@ -70,7 +70,7 @@ class Matched(Protocol):
 
 @dataclass(frozen=True)
 class Commanded:
-    """What the operator can set on board. None leaves the chain's own value. ``threshold_dn`` is above black."""
+    """Values that the operator can set on board. None keeps the chain's value. ``threshold_dn`` is above black."""
 
     threshold_dn: float | None = None
     min_area_px: int | None = None
@@ -82,7 +82,7 @@ P = TypeVar("P")
 
 
 def with_detection(base: P, commanded: Commanded) -> P:
-    """A chain's parameters with the commanded threshold and sizes in their place; the largest never below the smallest."""
+    """Return a chain's parameters with the commanded threshold and areas; the maximum area is never below the minimum."""
     own: Any = base
     smallest = own.min_area_px if commanded.min_area_px is None else commanded.min_area_px
     largest = own.max_area_px if commanded.max_area_px is None else commanded.max_area_px
@@ -92,7 +92,7 @@ def with_detection(base: P, commanded: Commanded) -> P:
 
 
 def with_commanded(base: P, camera: Camera, commanded: Commanded, mode: Mode) -> P:
-    """As :func:`with_detection`, and an assisted catalogue that reaches as far as the field and the hint's radius."""
+    """As :func:`with_detection`, and in assisted mode a catalogue radius of the field's half diagonal plus the hint's radius."""
     changed: Any = with_detection(base, commanded)
     if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
         reach_rad = min(float(np.pi), camera.half_diagonal_rad + commanded.hint_radius_rad)
@@ -103,7 +103,7 @@ def with_commanded(base: P, camera: Camera, commanded: Commanded, mode: Mode) ->
 
 @dataclass(frozen=True)
 class Work:
-    """One frame's task: ``catalogue`` as ``prepare`` made it, ``parameters`` as ``parameters`` made them, the ``mode`` and,
+    """Input for processing one frame: ``catalogue`` from ``prepare``, ``parameters`` from ``parameters``, the ``mode`` and,
     unless lost in space, the ``hint``."""
 
     camera: Camera
@@ -114,31 +114,31 @@ class Work:
 
 
 class OnboardChain(Protocol):
-    """One system's whole path. All methods are pure."""
+    """The complete chain of one system. All methods are pure."""
 
     @property
     def name(self) -> str: ...
 
     def parameters(self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode) -> Any:
-        """The chain's constants for a camera with what was commanded put in."""
+        """Return the chain's constants for a camera, with the commanded values."""
 
     def prepare(self, catalogue: OnboardCatalogue, profile: CameraProfile) -> Any:
-        """What the processor makes of a bank when it reads it: the bank itself, or tables derived from it."""
+        """Return the bank as prepared by the processor after reading it: the bank itself, or tables derived from it."""
 
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
-        """Stars in a (rows, columns) frame."""
+        """Find the stars in a (rows, columns) frame."""
 
     def match_stars(self, centroids: Centroids, work: Work) -> Any:
-        """Names for centroids: a ``Matched``."""
+        """Identify centroids; returns a ``Matched``."""
 
     def calculate_attitude(self, matching: Any, centroids: Centroids, work: Work) -> Solution:
-        """Attitude from a ``Matched``, or why not."""
+        """Compute the attitude from a ``Matched``, or the reason why there is none."""
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
-        """The mode of the next iteration."""
+        """Return the mode of the next iteration."""
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:
-        """How long the system's processor takes, by its document's figures and counted work."""
+        """Duration on the system's processor, from its document's figures and the counted work."""
 
     def match_ms(self, matching: Any) -> float:
         """As ``detect_ms``."""
@@ -154,7 +154,7 @@ def solve(
     clock: Callable[[], float] | None = None,
     trace: Trace | None = None,
 ) -> SolveResult:
-    """One frame from pixels to attitude: exactly the steps that the device offers as commands."""
+    """Process one frame from pixels to attitude, with exactly the steps that the device offers as commands."""
     camera = work.camera
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(

@@ -1,4 +1,4 @@
-"""A chain's constants by name: which there are, and others in their place, for reruns that try another method or limit."""
+"""Listing and replacing a chain's constants by name, for reruns with another method or limit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ TRUE, FALSE = ("true", "yes", "1"), ("false", "no", "0")
 
 
 def names(parameters: Any) -> tuple[str, ...]:
-    """The constants of a chain that a text can replace: numbers, words, yes or no, and short rows of numbers."""
+    """Return the names of the constants that can be given as text: numbers, words, booleans and short tuples of numbers."""
     return tuple(
         f.name for f in fields(parameters) if _is_plain(getattr(parameters, f.name)) or f.name == "threshold_dn"
     )
 
 
 def with_options(parameters: P, options: Mapping[str, str]) -> P:
-    """The parameters with those constants in the place of their own; BadInput names what there is, or what the chain says of it."""
+    """Return the parameters with the given constants replaced. Raises BadInput for an unknown name, listing the valid ones, or for
+    a value that the chain rejects."""
     changed: Any = parameters
     known = names(parameters)
     for name, text in options.items():
@@ -65,7 +66,7 @@ def _row(own: Sequence[float], text: str) -> tuple[float, ...]:
 
 
 def parse(pairs: Sequence[str]) -> dict[str, str]:
-    """``NAME=VALUE`` as the command line has them."""
+    """Parse ``NAME=VALUE`` pairs from the command line."""
     found: dict[str, str] = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")

@@ -1,7 +1,7 @@
-"""The best we know: robust detection, Gaussian centroids, k-vector pyramid or blind figures, least squares with covariance.
+"""Reference chain: robust detection, Gaussian centroids, k-vector pyramid or blind figures, least squares with covariance.
 
-Every answer carries the probability that it is an accident, and none is given above the limit. It shares no
-identification code with the replicas of the documents' systems.
+Every solution has a false-match probability, and none is returned above the limit. The chain shares no identification
+code with the replicas of the documents' systems.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from gss.pipeline.trace import Clock, Trace
 NAME = "reference"
 MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
-BESIDE_RAD = 0.05  # stars so far outside the field may still lend light to it
-CENSUS_PX = 1.0  # the census of focal lengths has steps of half as much
-DEEPER_ACCEPT = ACCEPT / 2  # a second search is a second chance of an accident
+BESIDE_RAD = 0.05  # stars this far outside the field may still contribute light to it
+CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
+DEEPER_ACCEPT = ACCEPT / 2  # because a second search is a second chance of a false match
 EXPLAINED = 0.3
-"""Share of the stars that are both expected and seen in number which must be named. Chance agrees with a fourth of them once in
-some thousand lists (mirrored ones, above all), whatever the odds of the single figure say; a true place with nearly all."""
+"""Minimum share of identified stars, relative to the smaller of the numbers of detected and expected stars. An accidental match
+reaches a quarter once in a few thousand frames (mostly mirrored ones), whatever its computed probability; a true one nearly all."""
 MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
 
 
 @dataclass(frozen=True)
 class KnownSky:
-    """What the known-camera path needs of the catalogue: the stars a camera identifies by and their pair distances, and
-    ``deep``, the whole table, brightest first, by which it names the rest. ``deep_row``: where each star of ``sky`` is in it."""
+    """Catalogue data for a known camera: the stars used for identification and their pair distances, and ``deep``, the whole
+    table, brightest first, for identifying the remaining detections. ``deep_row``: row in ``deep`` of each star of ``sky``."""
 
     sky: Sky
     pairs: PairTable
@@ -55,7 +55,7 @@ class KnownSky:
 
 
 def known_sky(sky: Sky, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
-    """Stars to the camera's limit, without the fainter of pairs that it cannot separate, and their pair table."""
+    """Prepare the stars to the camera's limit, without the fainter of pairs that it cannot resolve, and their pair table."""
     order = np.argsort(sky.v_mag, kind="stable")
     deep = Sky(sky.hip[order], sky.icrs[order], sky.v_mag[order])
     bright = np.arange(np.searchsorted(deep.v_mag, faint_limit_mag, side="right"))
@@ -81,11 +81,11 @@ def solve_known(
     fast: bool | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
-    """Solve a (rows, cols) frame of a calibrated camera; ``sensor`` None leaves photometry to the frame itself.
+    """Solve a (rows, cols) frame of a calibrated camera; with ``sensor`` None, photometry is derived from the frame.
 
-    ``deeper`` gives fainter stars, asked for only when the frame shows many more stars than ``stars`` holds. ``velocity_c``: of
-    the observer against the barycentre, ICRS, in units of c: stars are taken where it sees them. ``exposure_s``: trails then give
-    the rate. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    ``deeper`` returns fainter stars; it is only called if the frame shows many more stars than ``stars`` contains.
+    ``velocity_c``: velocity of the observer relative to the barycentre, ICRS, in units of c, for aberration. ``exposure_s``:
+    if given, the rate is measured from trails. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(
@@ -120,14 +120,14 @@ def solve_centroids(
     velocity_c: Array | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
-    """The same from centroids alone, brightest first."""
+    """As :func:`solve_known`, from given centroids, brightest first."""
     return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c)
 
 
 def turning_of(
     pixels: NDArray[Any], found: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
 ) -> Turning | None:
-    """The rate that the trails of a frame show."""
+    """Return the rate measured from the trails of a frame, if any."""
     return measure_turning(
         pixels,
         found.centroids,
@@ -142,7 +142,7 @@ def turning_of(
 
 
 def _apparent(sky: Sky, camera: Camera, cam_from_icrs: Array, velocity_c: Array | None) -> Sky:
-    """The sky with the stars near the field where a moving observer sees them."""
+    """Return the sky with aberration applied to the stars near the field."""
     if velocity_c is None:
         return sky
     near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi)))
@@ -152,7 +152,7 @@ def _apparent(sky: Sky, camera: Camera, cam_from_icrs: Array, velocity_c: Array 
 
 
 def as_velocity(velocity_c: Array | None) -> tuple[float, float, float] | None:
-    """Plain numbers of a velocity, for the result."""
+    """Return a velocity as plain numbers, for the result."""
     if velocity_c is None:
         return None
     x, y, z = (float(v) for v in velocity_c)
@@ -202,7 +202,7 @@ def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evide
     places = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     met = int((((places - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
     if plenty(met, evidence.predicted, len(view)):
-        return ""  # the proof has counted already what the census would
+        return ""  # the verification already counted the matches that the census would count
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
@@ -215,9 +215,9 @@ def _name_all(
     found: Detections | None,
     velocity_c: Array | None,
 ) -> Named:
-    """Attitude from the stars of the proof, then from every star that can be named.
+    """Compute the attitude from the verified stars, then from every star that can be identified.
 
-    Identification needs no aberration: across a field it differs by a tenth of a pixel at most. The attitude does.
+    Identification does not need aberration, which varies by at most a tenth of a pixel over a field, but the attitude does.
     """
     deep = _apparent(stars.deep, camera, evidence.cam_from_icrs, velocity_c)
     picked = stars.deep_row[evidence.stars]
@@ -227,7 +227,7 @@ def _name_all(
     def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
         return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, start)
 
-    # The search takes no star for better than a lens is known; the fit weighs each by its own error.
+    # The search limits errors to the accuracy of the lens calibration; the fit weights each star by its own error.
     sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs
@@ -237,12 +237,12 @@ def _name_all(
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:
-    """Stars of the catalogue that an average frame holds."""
+    """Number of catalogue stars in an average frame."""
     return len(stars.sky) * camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
 
 
 def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> bool:
-    """Whether the left-right reverse of a frame would solve: then the file or the optics are reversed."""
+    """True if the left-right mirrored frame can be solved, i.e. the file or the optics are mirrored."""
     if len(centroids) < 5:
         return False
     view = field_of(mirrored(centroids, camera.columns), camera)
@@ -250,12 +250,12 @@ def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> b
 
 
 def mirrored(centroids: Centroids, columns: int) -> Centroids:
-    """Centroids as the left-right reverse of their frame would show them."""
+    """Return the centroids of the left-right mirrored frame."""
     return replace(centroids, col_px=columns - 1 - centroids.col_px)
 
 
 def unsolved(camera: Camera, centroids: Centroids, found: Detections | None, notes: tuple[str, ...]) -> SolveResult:
-    """A result without an answer, to which a reason or an answer is added."""
+    """Return a result without a solution, to which a reason or a solution is added."""
     regions = found.regions if found else ()
     versions = {"detect": found.loops} if found else {}
     base = SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
@@ -265,7 +265,7 @@ def unsolved(camera: Camera, centroids: Centroids, found: Detections | None, not
 def solved(
     base: SolveResult, fit: Refined, rows: NDArray[np.intp], hip: NDArray[np.int32], false_match_probability: float
 ) -> SolveResult:
-    """A result with its answer: the fit, and which (m,) rows of the centroids are which (m,) stars."""
+    """Return the result with its solution: the fit, and the matching (m,) rows of the centroids and (m,) stars."""
     matches = Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
     attitude = Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
     return replace(
@@ -279,7 +279,7 @@ def solved(
 
 
 def _where(view: Field, camera: Camera, stars: KnownSky, hint: Hint | None) -> tuple[Found, tuple[str, ...]]:
-    """Near the hint if there is one, then the whole sky."""
+    """Identify near the hint if there is one, then over the whole sky."""
     if hint is None:
         return identify_lost(view, stars.sky, stars.pairs, camera), ()
     near = identify_near(view, stars.sky, camera, hint)

@@ -1,4 +1,4 @@
-"""The reference chain on frames of a camera that nobody has calibrated: place, focal length and lens from the frame itself."""
+"""Reference chain for uncalibrated cameras: attitude, focal length and lens from the frame itself."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def solve_foreign(
 
 
 def _moving(place: Solved, centroids: Centroids, sky: Sky, velocity_c: Array | None) -> Refined:
-    """The fit of a foreign frame again, with its stars where a moving observer sees them."""
+    """Repeat the fit with aberration applied to the stars."""
     fit = place.fit
     if velocity_c is None:
         return fit

@@ -1,7 +1,7 @@
 """The chain of the Sunsat star sensor (Jacobs 1995 ch. 2–4): region growing, match groups, tracking in windows, TRIAD.
 
-Nothing is remembered between calls: what the tracker knows from before comes in as the hint. What the document leaves open,
-and what we add against false attitudes, is said for each parameter in ``sunsat_parameters.SOURCES``.
+No state is kept between calls: the tracker's prior knowledge is passed in the hint. ``sunsat_parameters.SOURCES`` documents, for
+each parameter, what the document leaves open and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FOCAL_TOLERANCES = 2.0
 
 
 def find_in_frame(pixels: Pixels, parameters: SunsatParameters) -> Detection:
-    """Stars in a whole frame (Jacobs 1995 §2.2)."""
+    """Find the stars in a whole frame (Jacobs 1995 §2.2)."""
     dark_dn = dark_rows_dn(pixels, parameters.dark_clip_dn, parameters.search_step_px)
     found = find_stars(pixels.astype(np.float32) - dark_dn.astype(np.float32)[:, None], parameters)
     centroids = found.centroids.take(brightest(found.centroids))
@@ -45,10 +45,10 @@ def match_stars(
     mode: Mode,
     hint: Hint | None,
 ) -> SunsatMatching:
-    """Names for stars, lost in space or assisted (Jacobs 1995 ch. 3).
+    """Identify stars, lost in space or assisted (Jacobs 1995 ch. 3).
 
-    The document takes the brightest eight and the largest group. With acceptance by bound, a group whose attitude does not
-    stand up to it is not the answer: other groups as large are looked at, then the next eight stars, half of them new.
+    The document uses the brightest eight stars and the largest group. With acceptance by bound, a group whose attitude does not
+    meet the bound is rejected: other groups of the same size are tried, then the next eight stars, half of them new.
     """
     p = parameters
     every: list[SunsatMatching] = []
@@ -71,7 +71,7 @@ def match_stars(
 
 
 def _same_attitude(sure: list[SunsatMatching]) -> bool:
-    """Do they name two stars alike?"""
+    """True if the matchings have two identified stars in common."""
     names = [set(zip(m.selected.tolist(), m.row[m.selected].tolist(), strict=True)) for m in sure]
     return all(len(names[0] & other) > 1 for other in names[1:])
 
@@ -84,10 +84,10 @@ def calculate_attitude(
     parameters: SunsatParameters,
     hint: Hint | None = None,
 ) -> Solution:
-    """TRIAD on the two matched stars farthest apart (§4.1.6.1), and the checks that keep a false attitude from leaving the
-    chain: every matched star must fit, the boresight must be where the hint allows, an accident must be improbable.
+    """Compute the attitude by TRIAD on the two matched stars farthest apart (§4.1.6.1), and reject false attitudes: every matched
+    star must fit, the boresight must agree with the hint, and an accidental match must be improbable.
 
-    Matches hold the group, of which TRIAD's pair has weight one, and, with no weight, the stars that only confirm it.
+    The matches contain the group, in which TRIAD's pair has weight one, and, with zero weight, the stars that only confirm it.
     """
     p, chosen = parameters, matching.selected
     if matching.reason:
@@ -121,7 +121,8 @@ def calculate_attitude(
 def _another_focal_length(
     matching: SunsatMatching, centroids: Centroids, catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters
 ) -> str:
-    """Ours: three stars in a corner fit another focal length too, with a boresight that is off."""
+    """Return why the focal length may be wrong, or "". Not in the document; added because three stars in a corner also fit
+    another focal length, with a wrong boresight."""
     if p.acceptance == "document":
         return ""
     good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
@@ -136,7 +137,8 @@ def _another_focal_length(
 def _triad(
     matching: SunsatMatching, centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue
 ) -> tuple[Array, Array]:
-    """Attitude from the pair with weight, and its covariance; the better measured star first, since TRIAD meets it exactly."""
+    """Return the attitude from the pair with weight, and its covariance. The better measured star is first, because TRIAD maps it
+    exactly."""
     sigma_rad = centroids.sigma_px * camera.pixel_rad
     pair = sorted(np.flatnonzero(matching.weight > 0).tolist(), key=lambda k: (sigma_rad[k], k))
     unit = matching.unit_cam[pair]
@@ -145,7 +147,7 @@ def _triad(
 
 
 def triad_covariance_rad2(first: Array, second: Array, sigma_first_rad: float, sigma_second_rad: float) -> Array:
-    """(3, 3) covariance of the rotation vector, camera frame, of TRIAD with ``first`` met exactly (Shuster and Oh 1981)."""
+    """(3, 3) covariance of the rotation vector, camera frame, of TRIAD with ``first`` mapped exactly (Shuster and Oh 1981)."""
     across2 = float(np.sum(np.cross(first, second) ** 2))
     mixed = np.outer(first, second) + np.outer(second, first)
     about = sigma_first_rad**2 * float(first @ second) * mixed
@@ -163,9 +165,11 @@ def _too_probable(probability: float, matching: SunsatMatching, confirming: int,
 
 
 def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p: SunsatParameters) -> str:
-    """A few stars may fit by a symmetry of the sky, above all in a mirrored picture; then others that should be there are
-    not. Many that fit need no such test, so that missing stars do not spoil them. Stars that are there but not in their
-    places tell of another camera, however many fit in one corner."""
+    """Return why the census of expected stars contradicts the match, or "".
+
+    A few stars may fit by a symmetry of the sky, above all in a mirrored frame; then other expected stars are missing. With many
+    matches a few missing stars are tolerated. Displaced stars indicate another camera, however many match in one corner.
+    """
     named = len(matching.selected) + confirming
     if p.acceptance == "document":
         return ""
@@ -184,7 +188,7 @@ def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p:
 def _off_hint(
     mode: Mode, hint: Hint | None, cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters
 ) -> str:
-    """Why the attitude is not where it was expected, or ""."""
+    """Return why the attitude disagrees with the hint, or ""."""
     if mode is Mode.LOST_IN_SPACE or hint is None:
         return ""
     if mode is Mode.TRACKING:

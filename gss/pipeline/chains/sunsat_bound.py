@@ -1,4 +1,4 @@
-"""How improbable an accident is: what Sunsat's chain adds to the document's "largest group" before it gives an attitude."""
+"""Bound on the false-match probability, which Sunsat's chain adds to the document's "largest group" criterion."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from gss.pipeline.identify.accidental import accidental_bound
 
 Rows = NDArray[np.intp]
 # A star that confirms an attitude lies within two distance tolerances of a guide star of its magnitude. Directions that
-# keep two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
-# circle unless the angle is below 20°; the mirrored one falls in the mirror test.
+# satisfy two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
+# circle unless the angle is below 20°; the mirrored solution is rejected by the mirror test.
 CONFIRM_TOLERANCES = 2.0
-# A centroid this near a predicted star shows it, even in a blend; one within so many distance tolerances is where it
-# belongs; a star this near the border may be cut.
+# A centroid within SEEN_PX of a predicted star shows it, even in a blend; one within THERE_TOLERANCES distance tolerances is in
+# the right position; a star within SURE_MARGIN_PX of the border may be cut off.
 SEEN_PX, SURE_MARGIN_PX, THERE_TOLERANCES = 6.0, 10.0, 3.0
 
 
@@ -37,8 +37,8 @@ def confirmed(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
 ) -> tuple[Rows, Rows]:
-    """Centroids that were not matched but lie where one of the ``visible`` guide stars is predicted: their numbers, and the
-    rows of those stars. Nearest first, each guide star once."""
+    """Return the indices of unmatched centroids that coincide with predicted ``visible`` guide stars, and the rows of those
+    stars. Nearest first, each guide star once."""
     others = np.setdiff1d(np.arange(len(centroids)), matching.selected)
     visible = np.setdiff1d(visible, matching.row[matching.selected])
     if not len(others) or not len(visible):
@@ -57,15 +57,15 @@ def confirmed(
 
 
 def in_view(catalogue: SunsatCatalogue, camera: Camera, cam_from_icrs: Array) -> Rows:
-    """Guide stars on the detector."""
+    """Rows of the guide stars on the detector."""
     near = np.flatnonzero(near_boresight(catalogue, cam_from_icrs[2], camera.half_diagonal_rad))
     return near[camera.contains(camera.project(catalogue.guides.unit[near] @ cam_from_icrs.T))]
 
 
 @dataclass(frozen=True)
 class Census:
-    """Of ``expected`` bright guide stars that must show: ``absent`` without any centroid near, ``displaced`` with one that is
-    near but not there."""
+    """Numbers of bright guide stars: ``expected`` to be detected, ``absent`` without any centroid nearby, and ``displaced`` with a
+    centroid nearby but not at the right position."""
 
     expected: int
     absent: int
@@ -80,8 +80,8 @@ def census(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
 ) -> Census:
-    """Are the stars there? Of the guide stars ``looked_for`` those of sure brightness count, off the border and not behind
-    the end of a scan that stopped at its last star."""
+    """Count the expected guide stars that are absent or displaced. Of the guide stars ``looked_for``, only those that are
+    certainly detectable count: of suitable brightness, away from the border and not after the end of a scan that stopped early."""
     guides = catalogue.guides
     bright = (guides.v_mag[looked_for] <= p.sure_mag) & (guides.v_mag[looked_for] >= p.saturating_mag)
     pixels = camera.project(guides.unit[looked_for[bright]] @ cam_from_icrs.T)
@@ -107,10 +107,10 @@ def false_match_probability(
 ) -> float:
     """Bound on the expected number of accidental identifications with as many matched and ``confirming`` stars.
 
-    Each matching pair of stars places a hypothesis on the sky. Each other star of the frame then finds by accident a guide
-    star of its magnitude, with a probability from the density of guide stars: the larger of that in view, ``visible``
-    stars, and that round an average pair, since hypotheses come from where stars are dense. While tracking,
-    ``hypotheses`` already holds the matched stars.
+    Each matching pair of stars defines a hypothesis. Each other star of the frame then coincides by chance with a guide star of
+    its magnitude, with a probability from the density of guide stars: the larger of that in view (``visible`` stars) and that
+    around an average pair, because hypotheses come from dense parts of the sky. In tracking, ``hypotheses`` already
+    accounts for the matched stars.
     """
     p, guides, n = parameters, catalogue.guides, len(centroids)
     cap_sr = 2 * np.pi * (1 - np.cos(guides.table.max_rad))
@@ -133,6 +133,6 @@ def magnitude_share(observed_mag: Array, guide_mag: Array, tolerance_mag: float)
 
 @lru_cache(maxsize=16)
 def solid_angle_sr(camera: Camera) -> float:
-    """Solid angle of the field."""
+    """Solid angle of the field of view."""
     fov_h, fov_v = camera.fov_rad
     return float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

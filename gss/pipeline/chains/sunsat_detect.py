@@ -1,6 +1,8 @@
-"""Stars in a frame as Sunsat finds them (Jacobs 1995 §2.2): dark average per row, scan, region growing, shape, centroid,
-magnitude. Works on a whole frame and, for tracking, on a window of one; nothing in the frame is ever erased, which is what
-the document's restoring of the search area is for."""
+"""Star detection of Sunsat (Jacobs 1995 §2.2): dark average per row, scan, region growing, shape, centroid, magnitude.
+
+Works on a whole frame and, for tracking, on a window. The frame is not modified, so the document's step of restoring the
+search area is not needed.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from gss.pipeline.regions import Blobs, Pixels, SearchLimits, SearchResult, regi
 
 Levels = NDArray[np.floating]
 NO_LIMIT = 1 << 40
-# What the cut at the threshold adds to the error of a star whose peak is the threshold; measured on rendered frames.
+# Error added by the threshold cut for a star whose peak equals the threshold; measured on rendered frames.
 CUT_PX = 0.15
 
 
@@ -39,7 +41,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Found:
-    """Stars of a search area in order of discovery, and the regions met."""
+    """Stars of a search area in order of discovery, and all regions found."""
 
     centroids: Centroids
     regions: tuple[Region, ...]
@@ -51,8 +53,8 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
     """(rows,) dark average of each row.
 
     The document averages 43 covered columns of the same row, because the video amplifier's offset drifts while a frame
-    is read (§2.2.1.2). Our frames hold no covered columns; the sky between the stars stands in: the mean of every third
-    pixel of the row that is within ``clip_dn`` of their median. Sky light is in it, so Δth is above sky, not above dark.
+    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead: the mean of every
+    third pixel of the row that is within ``clip_dn`` of their median. It includes sky light, so Δth is above sky, not above dark.
     """
     sample = pixels[:, ::step_px]
     middle = np.partition(sample, sample.shape[1] // 2, axis=1)[:, sample.shape[1] // 2].astype(float)
@@ -61,7 +63,7 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
 
 
 def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | None = None) -> Found:
-    """Stars of a (rows, columns) search area whose ``level_dn`` is above each row's dark average."""
+    """Find the stars of a (rows, columns) search area; ``level_dn``: pixel values above each row's dark average."""
     p = parameters
     limits = SearchLimits(p.min_area_px, p.max_area_px, NO_LIMIT, NO_LIMIT, p.edge_rule)
     found = search(level_dn, p.threshold_dn, limits, p.search_step_px)
@@ -74,7 +76,7 @@ def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | 
 
 
 def moved(found: Found, first_col: int, first_row: int) -> Found:
-    """The result of a window in the pixels of its frame."""
+    """Convert the result of a window to the pixel coordinates of its frame."""
     c = found.centroids
     shifted = replace(c, col_px=c.col_px + first_col, row_px=c.row_px + first_row)
     regions = tuple(
@@ -91,9 +93,9 @@ def moved(found: Found, first_col: int, first_row: int) -> Found:
 
 
 def shapes(blobs: Blobs) -> Shape:
-    """Second moments about the middle of the region's base, and the lengths through it (eq. 2.4–2.8).
+    """Second moments about the centre of the region's base, and the lengths through it (eq. 2.4–2.8).
 
-    The pixels are taken as square: they are to 4 %. "Located along the axis" are the pixels that the axis passes through.
+    The pixels are assumed square, which is true to 4 %. Pixels "located along the axis" are those that the axis passes through.
     """
     owner, n = blobs.owner, len(blobs)
     row, col = np.divmod(blobs.index, blobs.columns)
@@ -102,7 +104,7 @@ def shapes(blobs: Blobs) -> Shape:
     du = u - (np.bincount(owner, u, n) / area)[owner]
     dv = v - (np.bincount(owner, v, n) / area)[owner]
     m20, m02, m11 = (np.bincount(owner, w, n) for w in (du * du, dv * dv, du * dv))
-    # Half the two-argument arctangent is eq. 2.8 with its three cases.
+    # Half the two-argument arctangent covers the three cases of eq. 2.8.
     direction = 0.5 * np.arctan2(2 * m11, m20 - m02)
     c, s = np.cos(direction)[owner], np.sin(direction)[owner]
     along, across = c * du + s * dv, c * dv - s * du
@@ -132,7 +134,7 @@ def _without_bad_shapes(found: SearchResult, p: SunsatParameters, streak: Streak
 
 
 def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameters, streak: Streak | None) -> str:
-    """Why a region of that elongation is no star, or "" (eq. 2.9–2.10; without history the largest elongation)."""
+    """Return why a region of that elongation is not a star, or "" (eq. 2.9–2.10; without history, the maximum elongation)."""
     if streak is None:
         if elongation_px < p.max_elongation_px:
             return ""
@@ -146,7 +148,7 @@ def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameter
 
 
 def _first_stars(found: SearchResult, p: SunsatParameters) -> SearchResult:
-    """The first stars of the scan (§2.3), and what was met until then."""
+    """Truncate the search after the first stars of the scan (§2.3)."""
     if len(found.accepted) < p.max_found:
         return found
     end = int(found.accepted[p.max_found - 1]) + 1
@@ -164,7 +166,7 @@ def _first_stars(found: SearchResult, p: SunsatParameters) -> SearchResult:
 def gravity_centroids(level_dn: Levels, blobs: Blobs, parameters: SunsatParameters) -> Centroids:
     """Centre of gravity of the brightness above threshold (eq. 2.1–2.2), one star per blob, in the blobs' order.
 
-    ``flux_dn`` is brightness_star of eq. C.1: above threshold, with k_area times the light below it.
+    ``flux_dn`` is brightness_star of eq. C.1: the light above threshold plus k_area times that below it.
     """
     p = parameters
     if not len(blobs):
@@ -185,14 +187,14 @@ def gravity_centroids(level_dn: Levels, blobs: Blobs, parameters: SunsatParamete
 
 
 def magnitudes(flux_dn: Array, parameters: SunsatParameters) -> Array:
-    """(n,) Mv of star brightnesses (eq. 2.12–2.13); NaN for none."""
+    """(n,) magnitudes Mv of star brightnesses (eq. 2.12–2.13); NaN for zero brightness."""
     flux = np.asarray(flux_dn, float)
     lux = parameters.k_illum_lux * np.where(flux > 0, flux, np.nan)
     return np.asarray(np.log(ZERO_LUX / lux) / np.log(MAGNITUDE_RATIO))
 
 
 def brightness_dn(v_mag: Array | float, parameters: SunsatParameters) -> Array:
-    """Brightness of stars of that magnitude: the inverse of :func:`magnitudes`."""
+    """Brightness of stars of that magnitude; the inverse of :func:`magnitudes`."""
     return np.asarray(ZERO_LUX * MAGNITUDE_RATIO ** -np.asarray(v_mag, float) / parameters.k_illum_lux)
 
 
@@ -200,5 +202,5 @@ Index = NDArray[np.intp]
 
 
 def brightest(centroids: Centroids) -> Index:
-    """Order by falling brightness; equal ones keep their order."""
+    """Return the indices that sort by decreasing brightness; equal ones keep their order."""
     return np.argsort(-centroids.flux_dn, kind="stable")

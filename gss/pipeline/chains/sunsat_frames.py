@@ -1,16 +1,16 @@
-"""Sunsat's own coordinates (Jacobs 1995 ch. 1) and the way to the project's frames and back, exactly inverse.
+"""Sunsat's coordinate frames (Jacobs 1995 ch. 1) and exact conversions to the project's frames and back.
 
 colrow, horvert   pixels and millimetres from the lower left corner of the frame with its dummy and dark columns.
 uv                millimetres on the detector from the optical axis, u = horoptcen − hor, v = vert − vertoptcen (eq. 1.3).
 ss                star sensor, +y boresight (eq. 1.4–1.9).   body, orbit, celestial: §1.3–1.5.
 
-Is the picture mirrored? Eqs. 1.3 and 1.6 together give x_ss growing with the columns and z_ss falling with v. Drawn with v
-upwards that *is* a mirror image, as it must be: the document draws the detector from its front, where the lens turns
-left and right as well as up and down, so that only one of the two looks right. The row at the bottom of that drawing is
-the first to be clocked out (§2.2.1.2), and what a television reads first it shows at the top. Our rows count in the order
-of reading: v = +y of the camera, u = −x, and ``SS_FROM_CAM`` is a rotation, not a reflection. Tests hold both.
-(The camera profile reads the calibration of app. F with v = −y. With v = +y its optical centre would lie as far below the
-middle as it now lies above, and its tilt at 234° instead of 126°. Either is a possible camera; none is mirrored here.)
+Handedness: eqs. 1.3 and 1.6 together give x_ss increasing with the columns and z_ss decreasing with v. Drawn with v upwards
+that *is* a mirror image, as expected: the document draws the detector from its front, where the lens inverts both left and
+right and up and down, so that only one of the two looks right. The bottom row of that drawing is the first to be clocked
+out (§2.2.1.2), and a television shows the first row at the top. Rows are counted here in read-out order: v = +y of the
+camera, u = −x, and ``SS_FROM_CAM`` is a rotation, not a reflection. Tests check both.
+(The camera profile interprets the calibration of app. F with v = −y. With v = +y its optical centre would be as far below the
+middle as it is now above, and its tilt 234° instead of 126°. Both are possible cameras, and neither is mirrored here.)
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from gss.domain.rotation import rotation_x, rotation_y, rotation_z
 
 # §1.1: dummy and dark columns before the image, dummy and dark rows below it.
 DUMMY_COLUMNS, DUMMY_ROWS = 25, 12
-# Camera (+z boresight, +x columns, +y rows) to star sensor (+y boresight, x as the columns, z against v).
+# Camera (+z boresight, +x columns, +y rows) to star sensor (+y boresight, x along the columns, z opposite to v).
 SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-# §1.3 in words: 180° about x, then −45° about z. Eq. 1.14 prints only the second (errata).
+# According to the text of §1.3: 180° about x, then −45° about z. Eq. 1.14 has only the second rotation (errata).
 BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
 BODY_FROM_CAM = BODY_FROM_SS @ SS_FROM_CAM
 
 
 @dataclass(frozen=True)
 class Plate:
-    """The detector in millimetres. ``centre_*_px``: where the optical axis meets it, our pixels."""
+    """The detector in millimetres. ``centre_*_px``: position of the optical axis in the project's pixel coordinates."""
 
     hunit_mm: float
     vunit_mm: float
@@ -45,7 +45,7 @@ class Plate:
 
     @classmethod
     def of(cls, camera: Camera, focal_mm: float) -> Plate:
-        """The plate of a camera whose lens has that focal length."""
+        """Return the plate of a camera whose lens has that focal length."""
         return cls(
             focal_mm / camera.focal_col_px,
             focal_mm / camera.focal_row_px,
@@ -61,7 +61,7 @@ class Plate:
         return float(h), float(v)
 
     def horvert_from_pixels(self, pixels: Array) -> Array:
-        """(n, 2) hor, vert in mm of (n, 2) pixels (col, row): eq. 2.1–2.2 put a pixel's centre at column − 0.5."""
+        """(n, 2) hor, vert in mm of (n, 2) pixels (col, row); in eq. 2.1–2.2 a pixel's centre is at column − 0.5."""
         p = np.asarray(pixels, float) + 0.5 + np.array([DUMMY_COLUMNS, DUMMY_ROWS])
         return np.asarray(p * np.array([self.hunit_mm, self.vunit_mm]))
 
@@ -84,7 +84,7 @@ class Plate:
 
 
 def corrected_uv(uv_mm: Array, camera: Camera, focal_mm: float) -> Array:
-    """(n, 2) u, v in mm without tilt and lens aberration (eq. 6.13–6.20); the camera's own distortion, whose axes are −u
+    """(n, 2) u, v in mm corrected for tilt and lens aberration (eq. 6.13–6.20) with the camera's distortion, whose axes are −u
     and +v in units of the focal length."""
     flip = np.array([-1.0, 1.0])
     return np.asarray(camera.distortion.undistort(np.asarray(uv_mm, float) * flip / focal_mm) * focal_mm * flip)
@@ -111,7 +111,7 @@ def celestial_from_sphere(ra_rad: Array | float, dec_rad: Array | float) -> Arra
 
 
 def sphere_from_celestial(unit: Array) -> tuple[Array, Array]:
-    """Right ascension and declination (``ctocs``, eq. 1.22); by arctangents, since its arcsine of z loses half the
+    """Right ascension and declination (``ctocs``, eq. 1.22); with arctangents, because its arcsine of z loses half the
     digits at the poles."""
     return ra_dec_from_unit(unit)
 
@@ -124,8 +124,8 @@ def euler_123(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
 def roll_pitch_yaw_rad(body_from_orbit: Array) -> tuple[float, float, float]:
     """Roll, pitch [−π/2, π/2] and yaw of a rotation (eq. 4.17–4.19).
 
-    The document's arcsines stay within ±90° of roll and lose digits near it; two-argument arctangents give the same
-    numbers there and the right quadrant everywhere. At a pitch of exactly ±90° yaw is taken as zero.
+    The document's arcsines limit roll to ±90° and lose precision near it; two-argument arctangents give the same
+    values in that range and the right quadrant everywhere. At a pitch of exactly ±90° yaw is set to zero.
     """
     m = np.asarray(body_from_orbit, float)
     in_plane = np.hypot(m[2, 1], m[2, 2])
@@ -138,8 +138,8 @@ def roll_pitch_yaw_rad(body_from_orbit: Array) -> tuple[float, float, float]:
 def orbit_from_celestial(raan_rad: float, inclination_rad: float, latitude_rad: float) -> Array:
     """(3, 3) A_c→o of eq. 1.18: 90° + Ω about z, −i about y′, −90° about x″, −ω′ about y‴.
 
-    The text has +ω′ about y‴. That axis is opposite to the orbit normal (§1.4), about which the satellite goes round with
-    rising ω′, so that with the plus sign it would fly backwards from the node.
+    The text has +ω′ about y‴. That axis is opposite to the orbit normal (§1.4), about which the satellite moves with
+    increasing ω′, so that with the plus sign it would move backwards from the node.
     """
     first = rotation_y(-inclination_rad) @ rotation_z(np.pi / 2 + raan_rad)
     return np.asarray(rotation_y(-latitude_rad) @ rotation_x(-np.pi / 2) @ first)
@@ -159,15 +159,15 @@ class OrbitElements:
 
     @property
     def orbit_from_icrs(self) -> Array:
-        """(3, 3) rotation into orbit axes."""
+        """(3, 3) rotation from ICRS to orbit axes."""
         return orbit_from_celestial(self.raan_rad, self.inclination_rad, self.latitude_rad)
 
 
 def cam_from_icrs_of(orbit: OrbitElements, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
-    """(3, 3) camera attitude from orbit and attitude angles: the transpose of eq. 1.23, and the mounting."""
+    """(3, 3) camera attitude from orbit and attitude angles: the transpose of eq. 1.23, combined with the mounting."""
     return np.asarray(BODY_FROM_CAM.T @ euler_123(roll_rad, pitch_rad, yaw_rad) @ orbit.orbit_from_icrs)
 
 
 def attitude_angles_rad(cam_from_icrs: Array, orbit: OrbitElements) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a camera attitude over that orbit; inverse of :func:`cam_from_icrs_of`."""
+    """Roll, pitch and yaw of a camera attitude relative to that orbit; inverse of :func:`cam_from_icrs_of`."""
     return roll_pitch_yaw_rad(BODY_FROM_CAM @ np.asarray(cam_from_icrs) @ orbit.orbit_from_icrs.T)

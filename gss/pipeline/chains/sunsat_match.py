@@ -1,5 +1,5 @@
-"""Naming stars as Sunsat does (Jacobs 1995 ch. 3): up to eight observed stars against the bank, the whole of it when lost,
-the uncertainty area round the a-priori boresight when assisted."""
+"""Star identification of Sunsat (Jacobs 1995 ch. 3): up to eight observed stars are matched with the whole bank when lost, and
+with the uncertainty area around the a-priori boresight when assisted."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class SunsatCatalogue:
-    """A bank as the processor uses it: full-width unit vectors and table, right ascension and declination."""
+    """A bank prepared for the processor: unit vectors and table in full precision, right ascension and declination."""
 
     bank: OnboardCatalogue
     guides: Guides
@@ -38,10 +38,10 @@ class SunsatCatalogue:
 
 @dataclass(frozen=True)
 class SunsatMatching:
-    """MATCH_STARS. (n,) per centroid looked at: ``unit_cam``, ``v_mag`` measured, ``row`` of the catalogue or −1.
-    ``selected``: matched centroids, empty with a ``reason``. ``looked_for``: guide stars that a centroid was looked for, None
-    if it was for all. ``hypotheses``: how many guesses an accident had to be right in
-    one; ``searched``: stars of the uncertainty area; ``rivals``: largest groups, ``pairs``: matching star pairs."""
+    """Result of MATCH_STARS. (n,) per centroid used: ``unit_cam``, measured ``v_mag``, catalogue ``row`` or −1.
+    ``selected``: matched centroids, empty with a ``reason``. ``looked_for``: guide stars for which a centroid was searched, None
+    for all. ``hypotheses``: number of hypotheses for the false-match bound; ``searched``: number of stars in the uncertainty
+    area; ``rivals``: number of largest groups, ``pairs``: number of matching star pairs."""
 
     mode: Mode
     unit_cam: Array
@@ -59,12 +59,12 @@ class SunsatMatching:
 
     @property
     def confidence(self) -> float:
-        """Share of the stars looked at that are matched."""
+        """Share of the used stars that are matched."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
 def prepare(bank: OnboardCatalogue) -> SunsatCatalogue:
-    """Widen a bank once. Magnitudes are needed: a bank without them is refused."""
+    """Prepare a bank in full precision. Raises :class:`BadInput` for a bank without magnitudes, which are required."""
     if len(bank) and not np.isfinite(bank.v_mag).all():
         raise BadInput(
             "Sunsat's matching needs magnitudes",
@@ -90,8 +90,11 @@ def candidates(
     hint: Hint | None,
     first: int = 0,
 ) -> tuple[SunsatMatching, ...]:
-    """The Matching algorithm on the eight centroids from number ``first`` on: its answer; of several different answers
-    that are as large, where acceptance is by bound, each; or one without stars and with a reason."""
+    """Run the Matching algorithm on the eight centroids from index ``first``.
+
+    Returns its result; if there are several largest groups that disagree and acceptance is by bound, one result for each; or a
+    single result without stars and with a reason.
+    """
     p = parameters
     used = centroids.take(np.arange(min(len(centroids), first + p.max_observed)))
     unit = camera.unproject(used.pixels)
@@ -149,7 +152,7 @@ def _named(empty: SunsatMatching, group: Group, first: int) -> SunsatMatching:
 
 
 def widest_pair(unit: Array, selected: Rows) -> tuple[int, ...]:
-    """The two selected stars farthest apart, for TRIAD (Jacobs 1995 §4.1.6.1); () with fewer than two."""
+    """Return the two selected stars farthest apart, for TRIAD (Jacobs 1995 §4.1.6.1); () with fewer than two."""
     if len(selected) < 2:
         return ()
     i, j = np.triu_indices(len(selected), 1)
@@ -175,7 +178,7 @@ def last_attitude(hint: Hint | None) -> Array:
 def _uncertainty_area(
     catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: Hint | None
 ) -> Mask:
-    """The guide stars that may be in view: all, or those round the expected boresight (§3.3, §4)."""
+    """Mask of the guide stars that may be in view: all, or those around the expected boresight (§3.3, §4)."""
     if mode is Mode.LOST_IN_SPACE:
         return np.ones(len(catalogue), bool)
     known = check_hint(mode, hint)
@@ -183,7 +186,7 @@ def _uncertainty_area(
 
 
 def near_boresight(catalogue: SunsatCatalogue, boresight_icrs: Array, radius_rad: float) -> Mask:
-    """Which guide stars are within the radius of a direction."""
+    """Mask of the guide stars within the radius of a direction."""
     boresight = np.asarray(boresight_icrs, float)
     cosine = catalogue.guides.unit @ (boresight / np.linalg.norm(boresight))
     return np.asarray(cosine >= np.cos(min(radius_rad, np.pi)))

@@ -1,4 +1,4 @@
-"""Sunsat's chain as a device runs it: what was commanded goes into its parameters, durations are the document's."""
+"""Sunsat's chain on the device: commanded values replace its parameters, and durations are from the document."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from gss.pipeline.chains.sunsat_parameters import NAME, SunsatParameters, defaul
 from gss.pipeline.chains.sunsat_track import find_in_windows, match_tracking
 from gss.pipeline.regions import Pixels
 
-# Jacobs 1995 Fig. 2-7: 90 ms for a region of 900 pixels, 100 ms for three of 300; a frame without stars is 48 629 looks.
+# Jacobs 1995 Fig. 2-7: 90 ms for a region of 900 pixels, 100 ms for three of 300; a frame without stars takes 48 629 pixel tests.
 LOOK_MS, STAR_MS, STAR_PIXEL_MS = 0.005, 3.0, 0.1
-# Jacobs 1995 Table 3-7: 14 s on average for the fourth row, where the rerun of it meets 377 table entries and steps of splitting.
-# §4.3: less than 0.1 s for all of a tracking iteration but finding the stars.
+# Jacobs 1995 Table 3-7: 14 s on average for the fourth row, whose rerun needs 377 table entries and splitting steps.
+# §4.3: less than 0.1 s for a tracking iteration without star detection.
 ENTRY_MS, TRACKING_MS, ATTITUDE_MS = 37.0, 90.0, 10.0
 
 

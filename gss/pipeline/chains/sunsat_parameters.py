@@ -1,4 +1,4 @@
-"""The constants of Sunsat's chain, where each comes from, and their values for a camera."""
+"""Constants of Sunsat's chain, their sources, and their values for a camera."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ CENTROID_ERROR_PX = 0.5
 
 @dataclass(frozen=True)
 class SunsatParameters:
-    """Constants of the chain; ``SOURCES`` says where each comes from. ``threshold_dn`` is above a row's dark average."""
+    """Constants of the chain; see ``SOURCES`` for their sources. ``threshold_dn`` is above a row's dark average."""
 
     threshold_dn: float
     noise: PixelNoise
@@ -126,7 +126,7 @@ class SunsatParameters:
 
     @property
     def residual_tolerance_rad(self) -> float:
-        """Largest misfit of a matched star."""
+        """Maximum residual of a matched star."""
         return self.residual_tolerances * self.distance_tolerance_rad
 
 
@@ -136,7 +136,7 @@ def _one_of(what: str, got: str, known: tuple[str, ...]) -> None:
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:
-    """Parameters for a camera: the document's numbers where they are pixels and counts, scaled where they are angles."""
+    """Return the parameters for a camera: the document's values for pixels and counts, scaled values for angles."""
     sensor = profile.sensor
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -163,11 +163,11 @@ def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> floa
 
 
 def _illuminance_per_level_lux(sensor: Sensor, exposure_s: float, threshold_dn: float) -> float:
-    """k_illum: illuminance over brightness (eq. C.1) of Gaussian stars, mean of its logarithm over magnitudes in range."""
+    """k_illum: ratio of illuminance to brightness (eq. C.1) of Gaussian stars, geometric mean over the magnitude range."""
     v_mag = np.linspace(max(sensor.bright_limit_mag, sensor.faint_limit_mag - 3), sensor.faint_limit_mag, 31)
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     level = np.asarray(sensor.star_e(v_mag, exposure_s)) / sensor.gain_e_per_dn / spread_px2 / threshold_dn
     level = np.maximum(level, 1.001)
-    # In units of threshold times spread: light above it is level − 1 − ln level, the area ln level.
+    # In units of threshold times spread, the light above threshold is level − 1 − ln level and the area is ln level.
     brightness = (level - 1 - np.log(level) + K_AREA * np.log(level)) * spread_px2 * threshold_dn
     return float(np.exp(np.mean(np.log(ZERO_LUX * MAGNITUDE_RATIO**-v_mag / brightness))))

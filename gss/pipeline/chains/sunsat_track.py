@@ -1,5 +1,5 @@
-"""Sunsat's Tracking algorithm (Jacobs 1995 ch. 4): predict the attitude, look for each expected star in a window of its own,
-take the first three, well spread, whose distances are right."""
+"""Sunsat's Tracking algorithm (Jacobs 1995 ch. 4): predict the attitude, search each expected star in a separate window, and use
+the first three well-spread stars whose distances are right."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ FLAT_TRIANGLE = 0.1
 
 @dataclass(frozen=True)
 class Expected:
-    """k reference stars in the order in which they are looked for: catalogue ``row``, ``pixels`` (k, 2), half side of each
-    window (k,), and the streak each leaves, or None without history."""
+    """k reference stars in search order: catalogue ``row``, ``pixels`` (k, 2), half side of each window (k,), and the expected
+    streak of each, or None without history."""
 
     row: Rows
     pixels: Array
@@ -52,7 +52,7 @@ class Expected:
 
 
 def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> Expected:
-    """Which stars will be where (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
+    """Predict the stars in the field and their positions (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
     last = last_attitude(hint)
     attitude = predict_attitude(last, hint.earlier)
     row, pixels = _in_view(camera, catalogue, attitude)
@@ -60,14 +60,14 @@ def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParamete
     radius_px = np.ceil(_star_radius_px(catalogue.guides.v_mag[row], p.star_sigma_px, p) + uncertain_px + p.rotation_px)
     streak = None
     if hint.earlier:
-        # Where the same stars were at the last attitude: what moved by so much in a second leaves such a streak.
+        # The motion since the stars' positions at the last attitude determines the streaks.
         back = camera.unproject(pixels) @ (matrix_from_quaternion(last) @ attitude.T).T
         streak = _streaks(pixels - camera.project(back), catalogue.guides.v_mag[row], p)
     return Expected(row, pixels, radius_px, streak)
 
 
 def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tuple[Rows, Array]:
-    """Catalogue stars in the field, in the order of the nine boxes, and their pixels."""
+    """Return the catalogue stars in the field, in the order of the nine boxes, and their pixels."""
     field = sphere_field(camera.corners() @ attitude)
     row = stars_inside(field, catalogue.ra_rad, catalogue.dec_rad)
     pixels = camera.project(catalogue.guides.unit[row] @ attitude.T)
@@ -78,9 +78,9 @@ def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tup
 
 
 def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> float:
-    """Error of an expected position (eq. 4.20): that of another sensor's attitude in the first iteration, afterwards that of
-    TRIAD, which the distance of the pair decides that the last iteration used. That pair is worked out again as the widest
-    of the first three stars it had to look for."""
+    """Error of an expected position (eq. 4.20): from another sensor's attitude in the first iteration, afterwards from TRIAD, whose
+    error depends on the separation of the pair used in the last iteration. That pair is reconstructed as the widest of the first
+    three stars expected then."""
     if not hint.earlier:
         return p.uncertain_adcs_px
     _, pixels = _in_view(camera, catalogue, matrix_from_quaternion(last_attitude(hint)))
@@ -95,8 +95,11 @@ def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParamete
 def off_prediction_px(
     cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
 ) -> tuple[float, float]:
-    """How far an attitude moves the corners of the field from where they were expected, and how far it may: as far as the
-    windows reach, on both axes. Three stars close together may be in their windows with the field turned round."""
+    """Return the distance of the field's corners from their expected positions, and its limit, px.
+
+    The limit is the reach of the windows on both axes. The test is needed because three stars close together can be in their
+    windows although the field is rotated.
+    """
     expected = predict_attitude(last_attitude(hint), hint.earlier)
     here = camera.corners()
     step = here @ (cam_from_icrs @ expected.T).T - here
@@ -105,8 +108,8 @@ def off_prediction_px(
 
 
 def _star_radius_px(v_mag: Array, sigma_px: Array | float, p: SunsatParameters) -> Array:
-    """Half width above threshold, along an axis with that standard deviation, of a Gaussian spot whose other axis is a
-    star's own; its brightness stands in for its light, which is near enough."""
+    """Half width above threshold, along an axis with that standard deviation, of a Gaussian spot whose other axis has the normal
+    star width. The brightness is used in place of the total light, which is a sufficient approximation."""
     peak = brightness_dn(v_mag, p) / (2 * np.pi * p.star_sigma_px * _longest(sigma_px, p))
     return np.asarray(sigma_px * np.sqrt(2 * np.log(np.maximum(peak / p.threshold_dn, 1.0))))
 
@@ -116,11 +119,11 @@ def _longest(sigma_px: Array | float, p: SunsatParameters) -> Array:
 
 
 def _streaks(motion_px: Array, v_mag: Array, p: SunsatParameters) -> tuple[Streak, ...]:
-    """What a motion per iteration leaves in one exposure; u runs against the columns.
+    """Return the streaks in one exposure from the motion per iteration; u is opposite to the columns.
 
-    The document expects a region to be longer by the whole motion (§2.2.3). A motion of few pixels within a soft spot
-    lengthens its contour by less, for a faint star by next to nothing: the motion widens the spot by a twelfth of its
-    square, and the contour follows.
+    The document expects a region to be longer by the full motion (§2.2.3). A motion of a few pixels lengthens the contour of a
+    soft spot by less, and of a faint star hardly at all: the motion adds a twelfth of its square to the spot's variance, which
+    determines the contour.
     """
     moved_px = np.linalg.norm(motion_px, axis=1) * p.exposure_s / p.rate_interval_s
     along_px = np.sqrt(p.star_sigma_px**2 + moved_px**2 / 12)
@@ -132,8 +135,8 @@ def _streaks(motion_px: Array, v_mag: Array, p: SunsatParameters) -> tuple[Strea
 def find_in_windows(
     pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
 ) -> Detection:
-    """Stars in the windows of expected stars, one after the other until three fit (§4.1.4.1), and a few more that tell whether
-    these are right. Every window is cut from the untouched frame; a star met in two windows counts once."""
+    """Find stars in the windows of expected stars, one window at a time until three fit (§4.1.4.1), then a few more for
+    confirmation. Every window is cut from the unmodified frame; a star found in two windows counts once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
     every: list[Found] = []
@@ -188,7 +191,7 @@ def _three_stars(
     expected: Expected,
     windows: int,
 ) -> tuple[ThreeStars, list[int]]:
-    """The test over the first ``windows`` expected stars, and how many candidates each had until it ended."""
+    """Run the three-star test over the first ``windows`` expected stars; also return the number of candidates of each star used."""
     unit = camera.unproject(centroids.pixels)
     v_mag = magnitudes(centroids.flux_dn, p)
     off_px = np.abs(centroids.pixels[None] - expected.pixels[:windows, None])
@@ -209,7 +212,7 @@ def _three_stars(
 def match_tracking(
     centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
 ) -> SunsatMatching:
-    """Names for stars found where others were expected; two where there are no three (§4.1.4.1)."""
+    """Identify the stars found in the windows of expected ones; two stars if there are no three (§4.1.4.1)."""
     expected = expected_stars(camera, catalogue, p, hint)
     test, counts = _three_stars(centroids, camera, catalogue, p, expected, len(expected))
     chosen = sorted(test.found or test.pair)
@@ -239,9 +242,9 @@ def match_tracking(
 def _accidents(counts: list[int], expected: Expected, reference: Array, p: SunsatParameters, camera: Camera) -> float:
     """Expected number of sets of three (or two) that fit by accident.
 
-    False stars per window: those above one that were met, and one more for the unknown. A false candidate is anywhere in
-    its window, so that a distance fits with the share of the window that the tolerance covers; in a flat triangle the
-    third distance follows from the others.
+    The number of false stars per window is estimated as the candidates beyond the first, plus one for unknown ones. A false
+    candidate can be anywhere in its window, so the probability that a distance fits is the share of the window covered by the
+    tolerance; in a flat triangle the third distance follows from the others.
     """
     if not len(reference) or not counts:
         return 1.0

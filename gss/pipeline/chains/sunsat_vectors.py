@@ -1,5 +1,5 @@
-"""What Sunsat's star sensor hands to the attitude control: matching vectors, corrected for aberration (Jacobs 1995 §3.4,
-§4.1.7, §7.5). Both velocities that matter are worked out here: the satellite's round the Earth, the Earth's round the Sun."""
+"""Output of Sunsat's star sensor to the attitude control: matched vectors, corrected for aberration (Jacobs 1995 §3.4, §4.1.7,
+§7.5). Both relevant velocities are computed here: the satellite's around the Earth and the Earth's around the Sun."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gss.domain.stars import Ids
 from gss.pipeline.chains.sunsat_frames import BODY_FROM_CAM, OrbitElements, euler_123
 
 LIGHT_M_S = 299_792_458.0
-# Jacobs 1995 eq. 7.6 rounds the speed of a circular orbit of 700 km to this.
+# Speed of a circular orbit at 700 km as rounded in Jacobs 1995 eq. 7.6.
 SATELLITE_M_S = 7400.0
 # Mean elements of the Earth–Moon barycentre in the ecliptic of J2000, degrees and degrees per Julian century (Standish).
 MEAN_LONGITUDE_DEG = (100.46457166, 35999.37244981)
@@ -27,9 +27,9 @@ OBLIQUITY_RAD = float(np.radians(23.43929111))
 
 @dataclass(frozen=True)
 class MatchedVectors:
-    """k pairs. (k, 3) unit vectors: ``observed_body`` of the measured stars in body axes, ``reference_orbit`` of the same
-    catalogue stars in orbit axes, shifted by aberration to where they are seen. ``observed_orbit``: the measured ones
-    turned by the given roll, pitch and yaw (eq. 3.4), which lie on the reference as well as these angles are right."""
+    """k pairs of (k, 3) unit vectors: ``observed_body``: measured stars in body axes; ``reference_orbit``: the same catalogue
+    stars in orbit axes, with aberration applied. ``observed_orbit``: the measured stars rotated by the given roll, pitch and yaw
+    (eq. 3.4); they agree with the reference as far as these angles are correct."""
 
     hip: Ids
     observed_body: Array
@@ -47,10 +47,10 @@ def matched_vectors(
     days_since_j2000: float,
     satellite_m_s: float = SATELLITE_M_S,
 ) -> MatchedVectors:
-    """The vectors of a solution; none where there is none, as the document sends a zero. Stars that TRIAD left out go along:
-    the control's filter weighs them itself.
+    """Return the vectors of a solution; an empty set without a solution, for which the document sends zero. Stars not used by
+    TRIAD are included, because the control's filter weights them itself.
 
-    Catalogue directions are found again from the residuals, in which the chain left them exactly.
+    Catalogue directions are recovered from the residuals, which are exact.
     """
     if result.attitude is None or result.matches is None:
         nothing = np.empty((0, 3))
@@ -65,16 +65,16 @@ def matched_vectors(
 
 
 def velocity_orbit_m_s(orbit: OrbitElements, days_since_j2000: float, satellite_m_s: float = SATELLITE_M_S) -> Array:
-    """(3,) velocity of the satellite against the Sun in orbit axes (eq. 7.5–7.11)."""
+    """(3,) velocity of the satellite relative to the Sun in orbit axes (eq. 7.5–7.11)."""
     earth = orbit.orbit_from_icrs @ earth_velocity_m_s(days_since_j2000)
     return np.asarray(np.array([satellite_m_s, 0.0, 0.0]) + earth)
 
 
 def earth_velocity_m_s(days_since_j2000: float) -> Array:
-    """(3,) velocity of the Earth round the Sun, ICRS axes.
+    """(3,) velocity of the Earth around the Sun, ICRS axes.
 
-    The document takes a circle (eq. 7.9–7.10); this is the ellipse, whose velocity is a circle with its centre moved by
-    the eccentricity. Good to 30 m/s, which is 0.02″: the Sun's own motion and the Moon's pull are left out.
+    The document uses a circle (eq. 7.9–7.10); this is the ellipse, whose hodograph is a circle with its centre shifted by
+    the eccentricity. Accurate to 30 m/s, or 0.02″, because the Sun's motion and the Moon's perturbation are neglected.
     """
     century = days_since_j2000 / 36525.0
     longitude, perihelion = (np.radians(a + b * century) for a, b in (MEAN_LONGITUDE_DEG, PERIHELION_DEG))
@@ -87,9 +87,9 @@ def earth_velocity_m_s(days_since_j2000: float) -> Array:
 
 
 def aberrated(unit: Array, velocity_m_s: Array) -> Array:
-    """(n, 3) directions as seen by an observer with that velocity: turned towards it by arcsin(v/c · sin a) (eq. 7.2, 7.22).
+    """(n, 3) directions as seen by an observer with that velocity: rotated towards it by arcsin(v/c · sin a) (eq. 7.2, 7.22).
 
-    Written with the part of the velocity across the line of sight; eq. 7.14 divides by the wrong product (errata).
+    Uses the component of the velocity perpendicular to the line of sight; eq. 7.14 divides by the wrong product (errata).
     """
     u = np.asarray(unit, float)
     beta = np.asarray(velocity_m_s, float) / LIGHT_M_S

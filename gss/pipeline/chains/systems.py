@@ -1,4 +1,4 @@
-"""The chains of the systems by name. A new one is one line here."""
+"""Registry of the chains by name. A new chain needs one line here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SYSTEMS: dict[str, OnboardChain] = {
 
 
 def system(name: str) -> OnboardChain:
-    """The chain of that name."""
+    """Return the chain with that name."""
     try:
         return SYSTEMS[name]
     except KeyError:
@@ -24,5 +24,5 @@ def system(name: str) -> OnboardChain:
 
 
 def on_board(profile_name: str) -> OnboardChain:
-    """The chain that a unit with that camera runs: its own system's, CubeStar's where it has none."""
+    """Return the chain that a unit with that camera runs: that of its system, or CubeStar's if it has none."""
     return SYSTEMS.get(profile_name, SYSTEMS["cubestar"])
